@@ -1,0 +1,1 @@
+"""Physics and mathematics of marine vessels: no configuration, no database, no plots."""
