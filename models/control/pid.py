@@ -1,0 +1,118 @@
+"""PID control with model feedforward. Jervan (2020), eqs. (2.9)-(2.14)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models.basis import N_VARIABLES, Array, features_kernel
+from models.compiled import kernel
+from models.errors import ConfigurationError
+from models.simulation import CONTROLLERS, COS_PSI, SIN_PSI
+from models.vessel import (
+    PLANAR,
+    ForceTable,
+    Vessel,
+    fill_variables_kernel,
+    weighted_sum_kernel,
+)
+
+
+class PidTable(NamedTuple):
+    """Parameters of the compiled step."""
+
+    kp: Array  # (n_dof,)
+    ki: Array
+    kd: Array
+    feedback: bool
+    feedforward: bool
+    model: ForceTable
+    planar: bool
+    period_s: float
+    z: Array  # work space of the model: variables and their magnitudes
+    phi: Array
+
+
+def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
+    """e = R(psi)' (eta_d - eta), the heading error wrapped to (-pi, pi]. Jervan (2.11)."""
+    for i in range(e.shape[0]):
+        e[i] = eta_d[i] - eta[i]
+    if planar:
+        c, s = np.cos(eta[2]), np.sin(eta[2])
+        north, east = e[0], e[1]
+        e[0] = c * north + s * east
+        e[1] = c * east - s * north
+        e[2] = np.pi - (np.pi - e[2]) % (2.0 * np.pi)
+
+
+body_error_kernel = kernel(body_error)
+
+
+@kernel
+def _step(
+    pid: PidTable, integral: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); the integral follows after."""
+    tau[:] = 0.0
+    tau_fb[:] = 0.0
+    if pid.feedforward:
+        fill_variables_kernel(pid.z, pid.model.acceleration_index, nu_dot_d)
+        fill_variables_kernel(pid.z, pid.model.velocity_index, nu_d)
+        if pid.planar:
+            pid.z[COS_PSI], pid.z[SIN_PSI] = np.cos(eta_d[2]), np.sin(eta_d[2])
+            pid.z[N_VARIABLES + COS_PSI] = abs(pid.z[COS_PSI])
+            pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
+        features_kernel(pid.model.codes, pid.z, pid.phi)
+        weighted_sum_kernel(pid.model.theta, pid.phi, tau)
+    if pid.feedback:
+        e = np.empty(eta.shape[0])
+        body_error_kernel(pid.planar, eta_d, eta, e)
+        for i in range(e.shape[0]):
+            tau_fb[i] = pid.kp[i] * e[i] + pid.ki[i] * integral[i] + pid.kd[i] * (nu_d[i] - nu[i])
+            integral[i] += pid.period_s * e[i]
+            tau[i] += tau_fb[i]
+
+
+CONTROLLERS[PidTable] = _step
+
+
+@dataclass(frozen=True)
+class PidFeedforward:
+    """PID on the body-frame error with the model's force as feedforward.
+
+    Gains in SI, one a degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
+    """
+
+    kp: tuple[float, ...]
+    ki: tuple[float, ...]
+    kd: tuple[float, ...]
+    feedback: bool = True
+    feedforward: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "ki", "kd"):
+            gains = getattr(self, name)
+            if len(gains) != len(self.kp) or min(gains, default=0.0) < 0.0:
+                raise ConfigurationError(
+                    f"{name} must be {len(self.kp)} numbers that are not negative, got {list(gains)}"
+                )
+        if not (self.feedback or self.feedforward):
+            raise ConfigurationError("feedback and feedforward are both off: nothing would move")
+
+    def build(self, model: Vessel, period_s: float) -> tuple[PidTable, Array]:
+        """Parameters and initial state of the compiled step, for a model and control period."""
+        if len(self.kp) != len(model.dofs):
+            raise ConfigurationError(
+                f"controller.kp: got {len(self.kp)} gains, expected {len(model.dofs)} "
+                f"for {', '.join(model.dofs)}"
+            )
+        table = model.force_table()
+        z = np.zeros(2 * N_VARIABLES)
+        z[0] = z[N_VARIABLES] = 1.0
+        gains = (np.array(g, dtype=np.float64) for g in (self.kp, self.ki, self.kd))
+        parameters = PidTable(
+            *gains, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s, z,
+            np.empty(len(table.codes)),
+        )  # fmt: skip
+        return parameters, np.zeros(len(model.dofs))

@@ -1,0 +1,139 @@
+"""Guidance: way-points on a timetable, line of sight, and the reference filter."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from models.basis import Array
+from models.compiled import kernel
+from models.errors import ConfigurationError
+from models.simulation import GUIDANCE, FilterTable
+
+
+@dataclass(frozen=True)
+class ReferenceFilter:
+    """Third-order filter of every axis, Jervan (2020), eq. (2.15).
+
+    eta''' + (2 D + 1) W eta'' + (2 D + 1) W^2 eta' + W^3 eta = W^3 r, bandwidth W [rad/s] and
+    damping D.
+    """
+
+    bandwidth_rad_s: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth_rad_s", "damping"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def table(self, period_s: float) -> FilterTable:
+        """Exact zero-order-hold discretisation for a control period [s]."""
+        w, gain = self.bandwidth_rad_s, 2.0 * self.damping + 1.0
+        block = np.zeros((4, 4))
+        block[0, 1] = block[1, 2] = 1.0
+        block[2] = [-(w**3), -gain * w * w, -gain * w, w**3]
+        exact = expm(block * period_s)
+        return FilterTable(np.ascontiguousarray(exact[:3, :3]), exact[:3, 3].copy())
+
+
+class Timetable(NamedTuple):
+    """Set-points known in advance, one row a control instant, shape (N, n_dof)."""
+
+    setpoints: Array
+
+
+@kernel
+def _follow_timetable(table: Timetable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    setpoint[:] = table.setpoints[k]
+
+
+GUIDANCE[Timetable] = _follow_timetable
+
+
+class SightTable(NamedTuple):
+    """Parameters of line-of-sight guidance; way-points (n, 2) in NED [m], radius [m]."""
+
+    waypoints: Array
+    radius: float
+
+
+@kernel
+def _sight_step(table: SightTable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    """Where the circle about the vessel cuts the leg ahead. Jervan (2020), eqs. (2.16)-(2.18).
+
+    state = (next way-point, unrolled heading). The circle grows to the distance from the leg
+    when it does not reach it.
+    """
+    last = table.waypoints.shape[0] - 1
+    target = int(state[0])
+    goal = table.waypoints[target]
+    if target < last and np.hypot(goal[0] - eta[0], goal[1] - eta[1]) <= table.radius:
+        target += 1
+        state[0] = target
+        goal = table.waypoints[target]
+    origin = table.waypoints[target - 1]
+    length = np.hypot(goal[0] - origin[0], goal[1] - origin[1])
+    north, east = (goal[0] - origin[0]) / length, (goal[1] - origin[1]) / length
+    along = (eta[0] - origin[0]) * north + (eta[1] - origin[1]) * east
+    across = (eta[1] - origin[1]) * north - (eta[0] - origin[0]) * east
+    ahead = along + np.sqrt(max(table.radius**2 - across**2, 0.0))
+    if ahead < length:
+        setpoint[0], setpoint[1] = origin[0] + ahead * north, origin[1] + ahead * east
+        heading = np.arctan2(setpoint[1] - eta[1], setpoint[0] - eta[0])
+    else:  # arrived: stand at the last way-point, along the last leg
+        setpoint[0], setpoint[1] = goal[0], goal[1]
+        heading = np.arctan2(east, north)
+    turn = heading - state[1]
+    state[1] += np.pi - (np.pi - turn) % (2.0 * np.pi)
+    setpoint[2] = state[1]
+
+
+GUIDANCE[SightTable] = _sight_step
+
+
+@dataclass(frozen=True)
+class LineOfSight:
+    """Line-of-sight guidance through way-points (north, east) [m]; acceptance radius [m]."""
+
+    waypoints: tuple[tuple[float, ...], ...]
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        points = np.array(self.waypoints, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ConfigurationError("waypoints: expected at least two of (north, east)")
+        if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
+            raise ConfigurationError("waypoints: two that follow each other are equal")
+        if not self.radius_m > 0.0:
+            raise ConfigurationError(f"radius_m must be positive, got {self.radius_m}")
+
+    def build(self, start: Array) -> tuple[SightTable, Array]:
+        """Parameters and initial state of the compiled step, from a starting pose (3,)."""
+        points = np.array(self.waypoints, dtype=np.float64)
+        return SightTable(points, self.radius_m), np.array([1.0, start[2]])
+
+
+def straight_line_setpoints(
+    waypoints: Array, interval_s: float, t: Array, speed_m_s: float, turn_rate_rad_s: float
+) -> Array:
+    """Set-points that move on straight lines between way-points, shape (N, 3).
+
+    A new way-point (x, y, psi; unwrapped) is given every `interval_s` from t = 0, the first
+    reached from the origin. The set-point moves there in T = max(distance / speed, |turn| /
+    turn rate), x, y and psi together, and waits.
+    """
+    points = np.vstack([np.zeros(3), waypoints])
+    leg = np.minimum((t / interval_s + 1e-9).astype(int), len(waypoints) - 1)
+    change = np.diff(points, axis=0)[leg]
+    distance, turn = np.hypot(change[:, 0], change[:, 1]), np.abs(change[:, 2])
+    duration = np.maximum(distance / speed_m_s, turn / turn_rate_rad_s)
+    share = np.clip((t - leg * interval_s) / np.maximum(duration, 1e-12), 0.0, 1.0)
+    return np.asarray(points[leg] + share[:, None] * change, dtype=np.float64)
+
+
+def step_setpoints(waypoints: Array, interval_s: float, t: Array) -> Array:
+    """Way-points given as steps, one every `interval_s`, shape (N, 3)."""
+    leg = np.minimum((t / interval_s + 1e-9).astype(int), len(waypoints) - 1)
+    return np.asarray(waypoints[leg], dtype=np.float64)

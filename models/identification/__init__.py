@@ -1,0 +1,1 @@
+"""Identifiers: from a recording and a nominal model to an identified one."""

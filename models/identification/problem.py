@@ -1,0 +1,94 @@
+"""What every identifier is given, and what it gives back."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from models import basis
+from models.basis import Array, Term
+from models.errors import ConfigurationError
+from models.recording import FORCES, Recording
+from models.thruster import SecondOrderLag
+from models.vessel import PLANAR, Vessel
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A recording to learn from and what is believed of the vessel.
+
+    `training` is what an identifier may use. `validation` is held out: it serves only a
+    selection that says so in its name (the thesis's `selection: test`).
+    """
+
+    training: Recording
+    validation: Recording
+    nominal: Vessel
+    thruster: SecondOrderLag | None  # the lag, where it is known
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number of an identifier's diagnostics, stored as a `diagnostic` row.
+
+    For example name="order_mse", dof="surge", i=order; or a Pareto point: i=point, j=parameter.
+    """
+
+    name: str
+    dof: str
+    value: float
+    unit: str = ""
+    i: int | None = None
+    j: int | None = None
+    label: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The identified model F1 = F0 + residual, with its uncertainty and diagnostics."""
+
+    model: Vessel
+    residual: Vessel
+    std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
+    findings: tuple[Finding, ...] = field(default=())
+
+
+class Identifier(Protocol):
+    """An identifier: frozen options; fitting returns a new object."""
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the vessel; raises IdentificationError when the data do not determine it."""
+        ...
+
+
+def choose_basis(
+    choice: str | tuple[str, ...], extra_terms: Sequence[str], nominal: Vessel
+) -> tuple[Term, ...]:
+    """`full` (Jervan's 31 terms), `physical` (the nominal model's own), or a list of terms.
+
+    For a vessel that is not surge-sway-yaw `full` is its own terms too.
+    """
+    if choice == "full" and nominal.dofs == PLANAR:
+        chosen = basis.full_basis(nominal.dofs)
+    elif choice in ("full", "physical"):
+        chosen = nominal.terms
+    elif isinstance(choice, str):
+        raise ConfigurationError(
+            f"identifier.basis: got {choice!r}, expected full, physical or a list of terms"
+        )
+    else:
+        chosen = basis.terms(choice)
+    return chosen + tuple(t for t in basis.terms(extra_terms) if t not in chosen)
+
+
+def check_force(kind: str | None) -> None:
+    """Refuse an unknown kind of force."""
+    if kind is not None and kind not in FORCES:
+        raise ConfigurationError(f"force: got {kind!r}, expected one of {', '.join(FORCES)}")
+
+
+def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array:
+    """epsilon = tau - F(nu_dot, nu) [N, Nm], shape (N, n_dof). Jervan (2020), eq. (3.20)."""
+    fitted = model.inverse(recording.nu_dot, recording.nu, recording.attitude)
+    return recording.force(force) - fitted

@@ -1,0 +1,47 @@
+"""What a vessel's YAML says: derivatives, thrusters, limits and what suits its size."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from models.errors import ConfigurationError
+from models.thruster import SecondOrderLag
+from models.vessel import PLANAR, Vessel, from_derivatives
+
+
+@dataclass(frozen=True)
+class VesselParameters:
+    """A vessel as configured.
+
+    `defaults` holds what other groups take from the vessel they sail with (gains, noise, force
+    sizes) by interpolation; the vessel itself does not read it.
+    """
+
+    name: str
+    dofs: tuple[str, ...]
+    inertia: tuple[tuple[float, ...], ...]  # [kg, kg m, kg m^2], added mass included
+    derivatives: dict[str, float]  # hydrodynamic derivatives, SI
+    velocity_limits: tuple[float, ...]  # [m/s, rad/s]; beyond them a simulation has diverged
+    coriolis: bool = True
+    plant_scale: float = 1.0
+    thruster: SecondOrderLag | None = None
+    defaults: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.velocity_limits) != len(self.dofs) or min(self.velocity_limits) <= 0.0:
+            raise ConfigurationError(
+                f"velocity_limits must be {len(self.dofs)} positive numbers, "
+                f"got {list(self.velocity_limits)}"
+            )
+        self.nominal().plant_table()
+
+    def nominal(self) -> Vessel:
+        """The believed model F0."""
+        inertia = np.array(self.inertia, dtype=np.float64)
+        return from_derivatives(self.name, self.dofs, inertia, self.derivatives, self.coriolis)
+
+    @property
+    def planar(self) -> bool:
+        """Whether the vessel moves in surge, sway and yaw."""
+        return self.dofs == PLANAR

@@ -1,0 +1,284 @@
+"""A vessel is a coefficient table: the force a motion needs is linear in its coefficients.
+
+    tau[dof] = sum_k theta[k, dof] phi_k(nu_dot, nu, attitude)
+
+The nominal model, the true plant, a residual model and the improved model F1 = F0 + Theta Phi
+(Jervan (2020), eq. (3.22)) are the same type; improving again is addition. Inverse dynamics
+evaluates the table, forward dynamics solves its inertia columns for nu_dot.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from models import basis
+from models.basis import ACCELERATIONS, DOFS, INDEX, N_VARIABLES, VELOCITIES, Array, Codes, Term
+from models.compiled import kernel
+from models.errors import ConfigurationError
+
+PLANAR = ("surge", "sway", "yaw")
+FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
+POSE_NAMES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
+
+
+class ForceTable(NamedTuple):
+    """Inverse dynamics for the kernels: codes (n, 3), theta (n, n_dof), indices (n_dof,)."""
+
+    codes: Codes
+    theta: Array
+    acceleration_index: Codes
+    velocity_index: Codes
+
+
+class PlantTable(NamedTuple):
+    """Forward dynamics for the kernels: the terms without acceleration and inv(M)."""
+
+    codes: Codes
+    theta: Array
+    inverse_inertia: Array
+    velocity_index: Codes
+
+
+@dataclass(frozen=True, eq=False)
+class Vessel:
+    """A coefficient table: rows are `terms`, columns `dofs`, entries `theta` in SI units."""
+
+    name: str
+    dofs: tuple[str, ...]
+    terms: tuple[Term, ...]
+    theta: Array  # shape (n_terms, n_dof), force per basis function
+
+    def __post_init__(self) -> None:
+        unknown = [dof for dof in self.dofs if dof not in DOFS]
+        if unknown:
+            raise ConfigurationError(f"dofs: got {unknown[0]!r}, expected some of {', '.join(DOFS)}")
+        theta = np.array(self.theta, dtype=np.float64)
+        if theta.shape != (len(self.terms), len(self.dofs)):
+            raise ConfigurationError(
+                f"theta: got shape {theta.shape}, expected ({len(self.terms)}, {len(self.dofs)})"
+            )
+        theta.setflags(write=False)
+        object.__setattr__(self, "theta", theta)
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """Letters of the body velocities, in the order of `dofs`."""
+        return tuple(VELOCITIES[DOFS.index(dof)] for dof in self.dofs)
+
+    @property
+    def accelerations(self) -> tuple[str, ...]:
+        """Names of the accelerations, in the order of `dofs`."""
+        return tuple(ACCELERATIONS[DOFS.index(dof)] for dof in self.dofs)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """M [kg, kg m, kg m^2], shape (n_dof, n_dof): the coefficients of the accelerations."""
+        return np.array([self.row(name) for name in self.accelerations]).T
+
+    def row(self, name: str) -> Array:
+        """Coefficients of one term over `dofs`, zero where the table does not have it."""
+        one = basis.term(name)
+        if one not in self.terms:
+            return np.zeros(len(self.dofs))
+        return self.theta[self.terms.index(one)]
+
+    def coefficient(self, dof: str, name: str) -> float:
+        """theta of one term in one degree of freedom."""
+        return float(self.row(name)[self.dofs.index(dof)])
+
+    def variables(self, nu_dot: Array, nu: Array, attitude: Array | None = None) -> Array:
+        """Variables of sampled motion, shape (N, N_VARIABLES); attitude defaults to level north."""
+        level = np.zeros((len(nu), 3)) if attitude is None else attitude
+        return basis.variables(nu_dot, nu, level, self.dofs)
+
+    def inverse(self, nu_dot: Array, nu: Array, attitude: Array | None = None) -> Array:
+        """Force that the motion needs [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
+        x = self.variables(nu_dot, nu, attitude)
+        return np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
+
+    def forward(self, tau: Array, nu: Array, attitude: Array | None = None) -> Array:
+        """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu))."""
+        rest = self.inverse(np.zeros_like(nu), nu, attitude)
+        return np.linalg.solve(self.inertia, (tau - rest).T).T
+
+    def __add__(self, other: "Vessel") -> "Vessel":
+        """Sum of the tables over the union of their terms. Jervan (2020), eq. (3.26)."""
+        if other.dofs != self.dofs:
+            raise ConfigurationError(f"cannot add a model of {other.dofs} to one of {self.dofs}")
+        union = self.terms + tuple(one for one in other.terms if one not in self.terms)
+        return replace(self, terms=union, theta=self.on(union).theta + other.on(union).theta)
+
+    def __mul__(self, factor: float) -> "Vessel":
+        return replace(self, theta=factor * self.theta)
+
+    __rmul__ = __mul__
+
+    def __sub__(self, other: "Vessel") -> "Vessel":
+        return self + (-1.0) * other
+
+    def on(self, union: Sequence[Term]) -> "Vessel":
+        """The same table with its rows in the order of `union`; rows not in it are dropped."""
+        rows = [
+            self.theta[self.terms.index(one)] if one in self.terms else np.zeros(len(self.dofs))
+            for one in union
+        ]
+        theta = np.array(rows).reshape(len(rows), len(self.dofs))
+        return replace(self, terms=tuple(union), theta=theta)
+
+    def unit(self, one: Term, dof: str) -> str:
+        """SI unit of a coefficient (radians have none), such as kg, kg/s, kg/m, kg m^2, N."""
+        return coefficient_unit(one, dof)
+
+    def force_table(self) -> ForceTable:
+        """The table for the kernels, terms that are zero in every degree of freedom left out."""
+        kept = [i for i in range(len(self.terms)) if np.any(self.theta[i] != 0.0)]
+        return ForceTable(
+            basis.codes([self.terms[i] for i in kept]),
+            np.ascontiguousarray(self.theta[kept]),
+            np.array([INDEX[name] for name in self.accelerations]),
+            np.array([INDEX[name] for name in self.velocities]),
+        )
+
+    def plant_table(self) -> PlantTable:
+        """Forward dynamics for the kernels.
+
+        Raises ConfigurationError when the inertia matrix is not positive definite or an
+        acceleration stands in a product: then nu_dot does not follow from a constant matrix.
+        """
+        eigenvalues = np.linalg.eigvals(self.inertia)
+        if np.min(eigenvalues.real) <= 0.0:
+            raise ConfigurationError(
+                f"{self.name}: the inertia matrix must be positive definite, "
+                f"got an eigenvalue of {np.min(eigenvalues.real):.3g}"
+            )
+        accelerated = set(range(1, 1 + len(ACCELERATIONS)))
+        kept = []
+        for i, one in enumerate(self.terms):
+            factors = {code % N_VARIABLES for code in one.codes}
+            if not factors & accelerated:
+                kept.append(i)
+            elif one.name not in ACCELERATIONS and np.any(self.theta[i] != 0.0):
+                raise ConfigurationError(f"{self.name}: term {one} cannot be solved for nu_dot")
+        kept = [i for i in kept if np.any(self.theta[i] != 0.0)]
+        return PlantTable(
+            basis.codes([self.terms[i] for i in kept]),
+            np.ascontiguousarray(self.theta[kept]),
+            np.ascontiguousarray(np.linalg.inv(self.inertia)),
+            np.array([INDEX[name] for name in self.velocities]),
+        )
+
+
+def coefficient_unit(one: Term, dof: str) -> str:
+    """SI unit of the coefficient of a term in a degree of freedom; radians count as 1."""
+    metres, seconds = (1, -2) if FORCE_UNIT[dof] == "N" else (2, -2)
+    for code in one.codes:
+        name = basis.VARIABLES[code % N_VARIABLES]
+        if name in VELOCITIES or name in ACCELERATIONS:
+            metres -= 1 if name[0] in VELOCITIES[:3] else 0
+            seconds += 2 if name in ACCELERATIONS else 1
+    if (metres, seconds) in ((1, -2), (2, -2)):
+        return "N" if metres == 1 else "Nm"
+    above = ["kg"] + [_power(u, n) for u, n in (("m", metres), ("s", seconds)) if n > 0]
+    below = [_power(u, -n) for u, n in (("m", metres), ("s", seconds)) if n < 0]
+    bottom = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return " ".join(above) + (f"/{bottom}" if below else "")
+
+
+def _power(unit: str, exponent: int) -> str:
+    return unit if exponent == 1 else f"{unit}^{exponent}"
+
+
+def coriolis(inertia: Array, dofs: Sequence[str]) -> Vessel:
+    """C(nu) nu as a table, from the inertia matrix (n_dof, n_dof).
+
+    Kirchhoff's equations: with momenta p1 = M_1 nu (linear) and p2 = M_2 nu (angular),
+    C(nu) nu = [omega x p1, omega x p2 + v x p1], hence nu' C(nu) nu = 0. For a planar vessel
+    this is Jervan (2020), eq. (2.5), with the terms in m12 and m13 that it leaves out.
+    """
+    full = np.zeros((6, 6))
+    index = [DOFS.index(dof) for dof in dofs]
+    full[np.ix_(index, index)] = inertia
+    products: dict[Term, Array] = {}
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # cross product: a_j b_k - a_k b_j
+        for row, left, right in ((i, 3, 0), (3 + i, 3, 3), (3 + i, 0, 0)):
+            for sign, a, b in ((1.0, j, k), (-1.0, k, j)):
+                _add_product(products, row, VELOCITIES[left + a], sign * full[right + b])
+    kept = {t: c[index] for t, c in products.items() if np.any(c[index] != 0.0)}
+    ordered = tuple(sorted(kept))
+    theta = np.array([kept[one] for one in ordered]).reshape(len(ordered), len(dofs))
+    return Vessel("coriolis", tuple(dofs), ordered, theta)
+
+
+def _add_product(products: dict[Term, Array], row: int, factor: str, momentum: Array) -> None:
+    """Add factor * (momentum' nu) to one row of the sum of products."""
+    for velocity, value in zip(VELOCITIES, momentum, strict=True):
+        if value != 0.0:
+            entry = products.setdefault(basis.term(factor + velocity), np.zeros(6))
+            entry[row] += value
+
+
+def from_derivatives(
+    name: str,
+    dofs: Sequence[str],
+    inertia: Array,
+    derivatives: Mapping[str, float],
+    with_coriolis: bool = True,
+) -> Vessel:
+    """Table of a vessel from its inertia matrix (with added mass) and hydrodynamic derivatives.
+
+    Derivatives are named as by Fossen: `X_u`, `X_|u|u`, `Y_vvv`, `N_|v|r`, the force letter
+    before the underscore. The table stands on the force side, so an entry is minus the
+    derivative. Jervan (2020), eqs. (2.3)-(2.6).
+    """
+    n = len(dofs)
+    matrix = np.asarray(inertia, dtype=np.float64)
+    if matrix.shape != (n, n):
+        raise ConfigurationError(f"inertia: got shape {matrix.shape}, expected ({n}, {n})")
+    accelerations = basis.terms(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
+    vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
+    if with_coriolis:
+        vessel = vessel + coriolis(matrix, dofs)
+    for key, value in derivatives.items():
+        dof, one = parse_derivative(key)
+        if dof not in dofs:
+            raise ConfigurationError(f"derivatives.{key}: {name} has no {dof}")
+        row = np.array([[-value if d == dof else 0.0 for d in dofs]])
+        vessel = vessel + Vessel(name, tuple(dofs), (one,), row)
+    return vessel
+
+
+def parse_derivative(key: str) -> tuple[str, Term]:
+    """`Y_|v|r` -> ("sway", the term |v|r); `X_udot` names an added mass."""
+    letter, _, rest = key.partition("_")
+    if letter not in tuple("XYZKMN") or not rest:
+        raise ConfigurationError(
+            f"derivatives.{key}: expected a name such as X_u, X_|u|u, Y_vvv or N_|v|r"
+        )
+    name = rest if rest.endswith("_dot") else rest.replace("dot", "_dot")
+    return DOFS["XYZKMN".index(letter)], basis.term(name)
+
+
+def fill_variables(z: Array, index: Codes, values: Array) -> None:
+    """Write values and their magnitudes into z = [x, |x|] at the given variables."""
+    half = z.shape[0] // 2
+    for i in range(index.shape[0]):
+        z[index[i]] = values[i]
+        z[half + index[i]] = abs(values[i])
+
+
+fill_variables_kernel = kernel(fill_variables)
+
+
+def weighted_sum(theta: Array, phi: Array, out: Array) -> None:
+    """out = theta' phi; theta (n, n_dof), phi (n,)."""
+    for i in range(theta.shape[1]):
+        total = 0.0
+        for k in range(theta.shape[0]):
+            total += theta[k, i] * phi[k]
+        out[i] = total
+
+
+weighted_sum_kernel = kernel(weighted_sum)
