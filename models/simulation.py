@@ -20,6 +20,7 @@ from models.basis import N_VARIABLES, Array, features_kernel
 from models.compiled import kernel
 from models.errors import ConfigurationError, Diverged
 from models.kinematics import reference_in_body_kernel
+from models.recording import Recording, attitude_of
 from models.thruster import LagTable, SecondOrderLag, lag_table, step_lag_kernel
 from models.vessel import (
     PLANAR,
@@ -317,4 +318,19 @@ def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:
     time = rows * period_s
     return Diverged(
         f"{plant.vessel.name}: |{name}| exceeds {limit:.3g} at t = {time:.1f} s", time, name
+    )
+
+
+def recording_of(voyage: Voyage, weather: Weather) -> Recording:
+    """What the instruments saw of a voyage: the measured motion, the command, the acting force."""
+    log = voyage.log
+    return Recording(
+        dofs=voyage.dofs,
+        t=voyage.t,
+        eta=log.eta_measured,
+        nu=log.nu_measured,
+        nu_dot=log.nu_dot + weather.acceleration_noise,
+        tau=log.tau,
+        attitude=attitude_of(voyage.dofs, log.eta_measured),
+        tau_actual=log.tau_actual,
     )

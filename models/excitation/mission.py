@@ -1,0 +1,126 @@
+"""What a vessel is sent to do: way-points on a timetable, line of sight, the same again."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from models.basis import Array
+from models.errors import ConfigurationError
+from models.excitation.guidance import (
+    LineOfSight,
+    ReferenceFilter,
+    Timetable,
+    step_setpoints,
+    straight_line_setpoints,
+)
+from models.vessel import PLANAR
+
+
+class Mission(Protocol):
+    """A guidance law with a reference filter and a duration."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the mission [s]."""
+        ...
+
+    @property
+    def reference_filter(self) -> ReferenceFilter:
+        """Filter between set-point and reference."""
+        ...
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """Parameters and initial state of the compiled guidance step."""
+        ...
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
+        ...
+
+
+def _planar_only(what: str, dofs: Sequence[str]) -> None:
+    if tuple(dofs) != PLANAR:
+        raise ConfigurationError(
+            f"{what} needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
+        )
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """A new way-point (north [m], east [m], heading [deg], unwrapped) every `interval_s`.
+
+    `reference: line` moves the set-point on straight lines at the given speed and turn rate
+    (whichever takes longer), and waits; `step` gives the way-points as steps. The recording's
+    first `train_fraction` is for training, the rest for testing. Jervan (2020), section 4.1.3.
+    """
+
+    waypoints: tuple[tuple[float, ...], ...]
+    interval_s: float
+    reference: Literal["line", "step"]
+    speed_m_s: float
+    turn_rate_rad_s: float
+    reference_filter: ReferenceFilter
+    train_fraction: float
+
+    def __post_init__(self) -> None:
+        if not self.waypoints or any(len(point) != 3 for point in self.waypoints):
+            raise ConfigurationError("waypoints: expected a list of (north, east, heading)")
+        for name in ("interval_s", "speed_m_s", "turn_rate_rad_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_fraction(self.train_fraction)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the lap [s]."""
+        return len(self.waypoints) * self.interval_s
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The set-points as a timetable; `start` is not used, the lap begins at the origin."""
+        points = np.array(self.waypoints, dtype=np.float64)
+        points[:, 2] = np.radians(points[:, 2])
+        if self.reference == "step":
+            setpoints = step_setpoints(points, self.interval_s, t)
+        else:
+            setpoints = straight_line_setpoints(
+                points, self.interval_s, t, self.speed_m_s, self.turn_rate_rad_s
+            )
+        return Timetable(np.ascontiguousarray(setpoints)), np.zeros(1)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Way-points are poses in the plane."""
+        _planar_only("excitation=waypoints", dofs)
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Line of sight through way-points with an unrolled heading. Jervan, section 4.5.4."""
+
+    sight: LineOfSight
+    reference_filter: ReferenceFilter
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        if not self.duration_s > 0.0:
+            raise ConfigurationError(f"duration_s must be positive, got {self.duration_s}")
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """Line of sight from the pose `start`."""
+        return self.sight.build(start)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Line of sight steers in the plane."""
+        _planar_only("evaluation=operation", dofs)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The identification trajectory again, under the same weather."""
+
+
+def check_fraction(fraction: float) -> None:
+    """Refuse a training share that leaves nothing to train or to test with."""
+    if not 0.0 < fraction < 1.0:
+        raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction}")
