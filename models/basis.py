@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import kernel
+from models.compiled import kernel, lean_kernel
 from models.errors import ConfigurationError
 
 Array = NDArray[np.float64]
@@ -32,7 +32,9 @@ N_VARIABLES = len(VARIABLES)
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
 FACTORS = 3
 
-_FACTOR = re.compile(r"\|(?P<abs>[a-z_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-z])")
+_FACTOR = re.compile(
+    r"\|(?P<abs>[a-z_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-z])"
+)
 _POWER = re.compile(r"\^([123])")
 
 
@@ -44,7 +46,7 @@ class Term:
 
     @cached_property
     def name(self) -> str:
-        """The canonical spelling: magnitudes first, powers as `u^2`, `u^3`; `1` for the constant."""
+        """The canonical spelling: magnitudes first, powers as `u^2`; `1` for the constant."""
         return _spell(self.codes)
 
     @property
@@ -73,7 +75,9 @@ def term(text: str) -> Term:
         code = INDEX[name] + (N_VARIABLES if match["abs"] else 0)
         codes += [code] * (int(power[1]) if power else 1)
     if len(codes) > FACTORS or not text:
-        raise ConfigurationError(f"term {text!r}: got {len(codes)} factors, expected 1 to {FACTORS}")
+        raise ConfigurationError(
+            f"term {text!r}: got {len(codes)} factors, expected 1 to {FACTORS}"
+        )
     return Term(_canonical(codes))
 
 
@@ -125,7 +129,7 @@ def features(codes: Codes, z: Array, phi: Array) -> None:
         phi[k] = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
 
 
-features_kernel = kernel(features)
+features_kernel = lean_kernel(features)
 
 
 @kernel

@@ -70,15 +70,13 @@ class Disturbance:
     noise: MeasurementNoise | None
     force: ConstantForce | None
 
-    def realise(
-        self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator
-    ) -> Weather:
+    def realise(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
         """One realisation of n control instants; the same generator gives the same weather."""
         deviations = np.zeros((3, len(dofs))) if self.noise is None else self.noise.deviations(dofs)
         draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
         force = np.zeros(len(dofs)) if self.force is None else self.force.ned(dofs)
-        parts = (np.ascontiguousarray(draws[:, i]) for i in range(3))
-        return Weather(*parts, np.tile(force, (n, 1)))
+        pose, velocity, acceleration = (np.ascontiguousarray(draws[:, i]) for i in range(3))
+        return Weather(pose, velocity, acceleration, np.tile(force, (n, 1)))
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """What the disturbance adds to the force a motion needs, as far as it is a table."""

@@ -6,11 +6,11 @@ NED is the local north-east-down frame; body axes point forward, to starboard an
 import numpy as np
 
 from models.basis import Array
-from models.compiled import kernel
+from models.compiled import lean_kernel
 
 
 def rotation(psi: float) -> Array:
-    """Body to NED rotation about the down axis, shape (3, 3); psi [rad]. Jervan (2020), eq. (2.2)."""
+    """Body to NED rotation about the down axis, shape (3, 3); psi [rad]. Jervan, eq. (2.2)."""
     c, s = np.cos(psi), np.sin(psi)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -44,10 +44,9 @@ def reference_in_body(
 
     Planar: nu_d = R(psi_d)' eta_d_dot, and its derivative. Otherwise each axis stands alone.
     """
-    eta_d[:] = filtered[:, 0]
+    for i in range(eta_d.shape[0]):
+        eta_d[i], nu_d[i], nu_dot_d[i] = filtered[i, 0], filtered[i, 1], filtered[i, 2]
     if not planar:
-        nu_d[:] = filtered[:, 1]
-        nu_dot_d[:] = filtered[:, 2]
         return
     c, s = np.cos(filtered[2, 0]), np.sin(filtered[2, 0])
     r = filtered[2, 1]
@@ -59,4 +58,4 @@ def reference_in_body(
     nu_dot_d[2] = filtered[2, 2]
 
 
-reference_in_body_kernel = kernel(reference_in_body)
+reference_in_body_kernel = lean_kernel(reference_in_body)

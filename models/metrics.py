@@ -16,7 +16,7 @@ def mean_absolute(error: Array) -> Array:
 
 
 def position_error(eta_d: Array, eta: Array) -> Array:
-    """e_pos [m], shape (N,): distance in the plane, or along the axis of a one-axis vessel. (4.6)"""
+    """e_pos [m], shape (N,): distance in the plane, or along the axis of one. (4.6)"""
     difference = (eta_d - eta)[:, :2]
     return np.asarray(np.sqrt(np.sum(np.square(difference), axis=1)))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,7 @@ class Recording:
 
     def part(self, mask: NDArray[np.bool_] | slice) -> "Recording":
         """The samples of a mask or slice."""
+
         def cut(values: Array | None) -> Array | None:
             return None if values is None else values[mask]
 
@@ -81,7 +83,9 @@ class Recording:
         options = {"filtered": self.tau_filtered, "actual": self.tau_actual}
         chosen = options.get(kind or "commanded", self.tau)
         if chosen is None:
-            missing = "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
+            missing = (
+                "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
+            )
             raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
         return chosen
 
@@ -106,12 +110,13 @@ class Recording:
             raise RecordingError(f"got {len(self)} samples, too few for a low-pass")
         sections = butter(LOWPASS_ORDER, cutoff_hz / nyquist, output="sos")
 
-        def smooth(values: Array | None) -> Array | None:
-            return None if values is None else np.asarray(sosfiltfilt(sections, values, axis=0))
+        def smooth(values: Array) -> Array:
+            return np.asarray(sosfiltfilt(sections, values, axis=0))
 
         smoothed = replace(
             self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),
-            tau_filtered=smooth(self.tau_filtered), tau_actual=smooth(self.tau_actual),
+            tau_filtered=None if self.tau_filtered is None else smooth(self.tau_filtered),
+            tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
 
@@ -128,4 +133,4 @@ def attitude_of(dofs: Sequence[str], eta: Array) -> Array:
 def blocks(n: int, count: int) -> list[slice]:
     """`count` consecutive blocks that cover n samples, for blocked cross-validation."""
     edges = np.linspace(0, n, count + 1).round().astype(int)
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]

@@ -17,7 +17,7 @@ import numpy as np
 from numba.extending import overload
 
 from models.basis import N_VARIABLES, Array, features_kernel
-from models.compiled import kernel
+from models.compiled import lean_kernel
 from models.errors import ConfigurationError, Diverged
 from models.kinematics import reference_in_body_kernel
 from models.recording import Recording, attitude_of
@@ -76,9 +76,13 @@ class Scratch(NamedTuple):
     z: Array
     phi: Array
     rest: Array
-    force: Array  # (3, n_dof): acting force at the start, middle and end of a step
-    rates: Array  # (4, 2, n_dof): eta_dot and nu_dot of the four RK4 stages
-    trial: Array  # (2, n_dof): eta and nu of a stage
+    tau: Array  # acting force at a stage
+    eta: Array  # pose and velocity at a stage, their rates, and the weighted sums of these
+    nu: Array
+    eta_dot: Array
+    nu_dot: Array
+    eta_sum: Array
+    nu_sum: Array
 
 
 def control_step(
@@ -86,9 +90,7 @@ def control_step(
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
     """One step of the controller registered for the type of `parameters`; writes tau, tau_fb."""
-    CONTROLLERS[type(parameters)](
-        parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb
-    )
+    CONTROLLERS[type(parameters)](parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
 
 
 @overload(control_step)
@@ -122,7 +124,7 @@ def _guide_step(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) ->
     return chosen
 
 
-@kernel
+@lean_kernel
 def _derivative(
     plant: PlantTable, planar: bool, eta: Array, nu: Array, tau: Array, force_ned: Array,
     scratch: Scratch, eta_dot: Array, nu_dot: Array,
@@ -138,7 +140,8 @@ def _derivative(
         eta_dot[1] = s * nu[0] + c * nu[1]
         eta_dot[2] = nu[2]
     else:
-        eta_dot[:] = nu
+        for i in range(n):
+            eta_dot[i] = nu[i]
     features_kernel(plant.codes, scratch.z, scratch.phi)
     weighted_sum_kernel(plant.theta, scratch.phi, rest)
     for i in range(n):
@@ -157,48 +160,53 @@ def _derivative(
         nu_dot[i] = total
 
 
-@kernel
+@lean_kernel
 def _rk4_step(
-    plant: PlantTable, planar: bool, eta: Array, nu: Array, force_ned: Array, h: float,
-    scratch: Scratch,
+    plant: PlantTable, planar: bool, lag: LagTable, thrust: Array, command: Array, eta: Array,
+    nu: Array, force_ned: Array, h: float, scratch: Scratch,
 ) -> None:  # fmt: skip
-    """One classical Runge-Kutta step of eta and nu in place; scratch.force holds tau(t) in it."""
-    rates, trial, force = scratch.rates, scratch.trial, scratch.force
+    """One classical Runge-Kutta step of eta, nu and (exactly) of the thrust (n_dof, 2), in place.
+
+    The stages stand at 0, h/2, h/2 and h; `lag` is the thruster's step of h/2.
+    """
     n = nu.shape[0]
-    _derivative(plant, planar, eta, nu, force[0], force_ned, scratch, rates[0, 0], rates[0, 1])
-    for stage in range(1, 4):
-        part = h if stage == 3 else 0.5 * h
-        for i in range(n):
-            trial[0, i] = eta[i] + part * rates[stage - 1, 0, i]
-            trial[1, i] = nu[i] + part * rates[stage - 1, 1, i]
-        tau = force[2] if stage == 3 else force[1]
-        _derivative(
-            plant, planar, trial[0], trial[1], tau, force_ned, scratch,
-            rates[stage, 0], rates[stage, 1],
-        )  # fmt: skip
     for i in range(n):
-        eta[i] += h / 6.0 * (rates[0, 0, i] + 2.0 * (rates[1, 0, i] + rates[2, 0, i]) + rates[3, 0, i])
-        nu[i] += h / 6.0 * (rates[0, 1, i] + 2.0 * (rates[1, 1, i] + rates[2, 1, i]) + rates[3, 1, i])
+        scratch.eta[i], scratch.nu[i] = eta[i], nu[i]
+        scratch.eta_sum[i] = scratch.nu_sum[i] = 0.0
+    for stage in range(4):
+        if stage == 1 or stage == 3:
+            step_lag_kernel(lag, thrust, command)
+        for i in range(n):
+            scratch.tau[i] = thrust[i, 0]
+        _derivative(
+            plant, planar, scratch.eta, scratch.nu, scratch.tau, force_ned, scratch,
+            scratch.eta_dot, scratch.nu_dot,
+        )  # fmt: skip
+        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+        reach = h if stage == 2 else 0.5 * h
+        for i in range(n):
+            scratch.eta_sum[i] += weight * scratch.eta_dot[i]
+            scratch.nu_sum[i] += weight * scratch.nu_dot[i]
+            scratch.eta[i] = eta[i] + reach * scratch.eta_dot[i]
+            scratch.nu[i] = nu[i] + reach * scratch.nu_dot[i]
+    for i in range(n):
+        eta[i] += scratch.eta_sum[i]
+        nu[i] += scratch.nu_sum[i]
 
 
-@kernel
+@lean_kernel
 def _advance(
     plant: PlantTable, planar: bool, lag: LagTable, thrust: Array, command: Array, eta: Array,
     nu: Array, force_ned: Array, h: float, substeps: int, scratch: Scratch,
 ) -> None:  # fmt: skip
     """Advance pose, velocity and thrust (n_dof, 2) over one control period; command held."""
     if lag.direct:
-        thrust[:, 0] = command
+        step_lag_kernel(lag, thrust, command)
     for _ in range(substeps):
-        scratch.force[0] = thrust[:, 0]
-        step_lag_kernel(lag, thrust, command)
-        scratch.force[1] = thrust[:, 0]
-        step_lag_kernel(lag, thrust, command)
-        scratch.force[2] = thrust[:, 0]
-        _rk4_step(plant, planar, eta, nu, force_ned, h, scratch)
+        _rk4_step(plant, planar, lag, thrust, command, eta, nu, force_ned, h, scratch)
 
 
-@kernel
+@lean_kernel
 def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
     """Advance the reference filter of every axis; state (n_dof, 3)."""
     for i in range(state.shape[0]):
@@ -208,28 +216,36 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
             state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.b[j] * setpoint[i]
 
 
-@kernel
+@lean_kernel
 def _sail(
     plant: PlantTable, planar: bool, lag: LagTable, weather: Weather, guidance: Any,
     guidance_state: Array, table: FilterTable, reference: Array, controller: Any,
-    controller_state: Array, eta: Array, nu: Array, limits: Array, h: float, substeps: int,
+    controller_state: Array, thrust: Array, eta: Array, nu: Array, limits: Array, h: float, substeps: int,
     scratch: Scratch, log: Log,
 ) -> int:  # fmt: skip
     """Sail all rows of the log; the number of rows written, fewer when a limit was left."""
+    n: int = log.eta.shape[0]
     n_dof = nu.shape[0]
-    thrust = np.zeros((n_dof, 2))
-    eta_dot = np.empty(n_dof)
-    for k in range(log.eta.shape[0]):
+    for k in range(n):
         for i in range(n_dof):
             if not abs(nu[i]) <= limits[i]:
                 return k
-        log.eta[k], log.nu[k], log.tau_actual[k] = eta, nu, thrust[:, 0]
+        for i in range(n_dof):
+            log.eta[k, i], log.nu[k, i], log.tau_actual[k, i] = eta[i], nu[i], thrust[i, 0]
+            log.eta_measured[k, i] = eta[i] + weather.pose_noise[k, i]
+            log.nu_measured[k, i] = nu[i] + weather.velocity_noise[k, i]
         force_ned = weather.force_ned[k]
         _derivative(
-            plant, planar, eta, nu, log.tau_actual[k], force_ned, scratch, eta_dot, log.nu_dot[k]
+            plant,
+            planar,
+            eta,
+            nu,
+            log.tau_actual[k],
+            force_ned,
+            scratch,
+            scratch.eta_dot,
+            log.nu_dot[k],
         )
-        log.eta_measured[k] = eta + weather.pose_noise[k]
-        log.nu_measured[k] = nu + weather.velocity_noise[k]
         guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
         reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
         _step_filter(table, reference, log.setpoint[k])
@@ -237,10 +253,8 @@ def _sail(
             controller, controller_state, log.eta_measured[k], log.nu_measured[k], log.eta_d[k],
             log.nu_d[k], log.nu_dot_d[k], log.tau[k], log.tau_fb[k],
         )  # fmt: skip
-        _advance(
-            plant, planar, lag, thrust, log.tau[k], eta, nu, force_ned, h, substeps, scratch
-        )
-    return log.eta.shape[0]
+        _advance(plant, planar, lag, thrust, log.tau[k], eta, nu, force_ned, h, substeps, scratch)
+    return n
 
 
 @dataclass(frozen=True)
@@ -294,20 +308,19 @@ def sail(
     table = plant.vessel.plant_table()
     z = np.zeros(2 * N_VARIABLES)
     z[0] = z[N_VARIABLES] = 1.0
-    scratch = Scratch(
-        z, np.empty(len(table.codes)), np.empty(n_dof), np.empty((3, n_dof)),
-        np.empty((4, 2, n_dof)), np.empty((2, n_dof)),
-    )  # fmt: skip
+    work = (np.empty(n_dof) for _ in range(8))
+    scratch = Scratch(z, np.empty(len(table.codes)), *work)
     h = period_s / substeps
-    rows = _sail(
+    rows: int = _sail(
         table, plant.planar, lag_table(plant.thruster, 0.5 * h), weather, *guidance,
-        reference_filter, reference, *controller, np.array(start, dtype=np.float64),
+        reference_filter, reference, *controller, np.zeros((n_dof, 2)),
+        np.array(start, dtype=np.float64),
         np.zeros(n_dof), np.array(plant.velocity_limits, dtype=np.float64), h, substeps, scratch,
         log,
     )  # fmt: skip
     if rows < n:
         raise _diverged(plant, log, rows, period_s)
-    return Voyage(period_s * np.arange(n), log, plant.vessel.dofs)
+    return Voyage(period_s * np.arange(n, dtype=np.float64), log, plant.vessel.dofs)
 
 
 def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from models.basis import Array
-from models.compiled import kernel
+from models.compiled import kernel, lean_kernel
 from models.errors import ConfigurationError
 
 
@@ -62,7 +62,7 @@ def step_lag(lag: LagTable, state: Array, command: Array) -> None:
         state[i, 1] = lag.a[1, 0] * force + lag.a[1, 1] * rate + lag.b[1] * command[i]
 
 
-step_lag_kernel = kernel(step_lag)
+step_lag_kernel = lean_kernel(step_lag)
 
 
 @kernel

@@ -16,12 +16,27 @@ import numpy as np
 
 from models import basis
 from models.basis import ACCELERATIONS, DOFS, INDEX, N_VARIABLES, VELOCITIES, Array, Codes, Term
-from models.compiled import kernel
+from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 
 PLANAR = ("surge", "sway", "yaw")
 FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
-POSE_NAMES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
+POSE_NAMES = dict(zip(DOFS, ("x", "y", "z", "phi", "theta", "psi"), strict=True))
+
+
+def poses_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Names of the pose of each degree of freedom: x, y, z, phi, theta, psi."""
+    return tuple(POSE_NAMES[dof] for dof in dofs)
+
+
+def velocities_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Letters of the body velocities: u, v, w, p, q, r."""
+    return tuple(VELOCITIES[DOFS.index(dof)] for dof in dofs)
+
+
+def accelerations_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Names of the body accelerations: u_dot and so on."""
+    return tuple(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
 
 
 class ForceTable(NamedTuple):
@@ -54,7 +69,7 @@ class Vessel:
     def __post_init__(self) -> None:
         unknown = [dof for dof in self.dofs if dof not in DOFS]
         if unknown:
-            raise ConfigurationError(f"dofs: got {unknown[0]!r}, expected some of {', '.join(DOFS)}")
+            raise ConfigurationError(f"dofs: got {unknown[0]!r}, expected some of {DOFS}")
         theta = np.array(self.theta, dtype=np.float64)
         if theta.shape != (len(self.terms), len(self.dofs)):
             raise ConfigurationError(
@@ -66,12 +81,12 @@ class Vessel:
     @property
     def velocities(self) -> tuple[str, ...]:
         """Letters of the body velocities, in the order of `dofs`."""
-        return tuple(VELOCITIES[DOFS.index(dof)] for dof in self.dofs)
+        return velocities_of(self.dofs)
 
     @property
     def accelerations(self) -> tuple[str, ...]:
         """Names of the accelerations, in the order of `dofs`."""
-        return tuple(ACCELERATIONS[DOFS.index(dof)] for dof in self.dofs)
+        return accelerations_of(self.dofs)
 
     @cached_property
     def inertia(self) -> Array:
@@ -83,7 +98,7 @@ class Vessel:
         one = basis.term(name)
         if one not in self.terms:
             return np.zeros(len(self.dofs))
-        return self.theta[self.terms.index(one)]
+        return np.asarray(self.theta[self.terms.index(one)])
 
     def coefficient(self, dof: str, name: str) -> float:
         """theta of one term in one degree of freedom."""
@@ -102,7 +117,7 @@ class Vessel:
     def forward(self, tau: Array, nu: Array, attitude: Array | None = None) -> Array:
         """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu))."""
         rest = self.inverse(np.zeros_like(nu), nu, attitude)
-        return np.linalg.solve(self.inertia, (tau - rest).T).T
+        return np.asarray(np.linalg.solve(self.inertia, (tau - rest).T).T, dtype=np.float64)
 
     def __add__(self, other: "Vessel") -> "Vessel":
         """Sum of the tables over the union of their terms. Jervan (2020), eq. (3.26)."""
@@ -269,7 +284,7 @@ def fill_variables(z: Array, index: Codes, values: Array) -> None:
         z[half + index[i]] = abs(values[i])
 
 
-fill_variables_kernel = kernel(fill_variables)
+fill_variables_kernel = lean_kernel(fill_variables)
 
 
 def weighted_sum(theta: Array, phi: Array, out: Array) -> None:
@@ -281,4 +296,4 @@ def weighted_sum(theta: Array, phi: Array, out: Array) -> None:
         out[i] = total
 
 
-weighted_sum_kernel = kernel(weighted_sum)
+weighted_sum_kernel = lean_kernel(weighted_sum)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models.basis import N_VARIABLES, Array, features_kernel
-from models.compiled import kernel
+from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 from models.simulation import CONTROLLERS, COS_PSI, SIN_PSI
 from models.vessel import (
@@ -29,8 +29,9 @@ class PidTable(NamedTuple):
     model: ForceTable
     planar: bool
     period_s: float
-    z: Array  # work space of the model: variables and their magnitudes
+    z: Array  # work space: variables and their magnitudes, basis functions, body error
     phi: Array
+    e: Array
 
 
 def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
@@ -45,17 +46,17 @@ def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
         e[2] = np.pi - (np.pi - e[2]) % (2.0 * np.pi)
 
 
-body_error_kernel = kernel(body_error)
+body_error_kernel = lean_kernel(body_error)
 
 
-@kernel
+@lean_kernel
 def _step(
     pid: PidTable, integral: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
     """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); the integral follows after."""
-    tau[:] = 0.0
-    tau_fb[:] = 0.0
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = 0.0
     if pid.feedforward:
         fill_variables_kernel(pid.z, pid.model.acceleration_index, nu_dot_d)
         fill_variables_kernel(pid.z, pid.model.velocity_index, nu_d)
@@ -66,7 +67,7 @@ def _step(
         features_kernel(pid.model.codes, pid.z, pid.phi)
         weighted_sum_kernel(pid.model.theta, pid.phi, tau)
     if pid.feedback:
-        e = np.empty(eta.shape[0])
+        e = pid.e
         body_error_kernel(pid.planar, eta_d, eta, e)
         for i in range(e.shape[0]):
             tau_fb[i] = pid.kp[i] * e[i] + pid.ki[i] * integral[i] + pid.kd[i] * (nu_d[i] - nu[i])
@@ -95,7 +96,7 @@ class PidFeedforward:
             gains = getattr(self, name)
             if len(gains) != len(self.kp) or min(gains, default=0.0) < 0.0:
                 raise ConfigurationError(
-                    f"{name} must be {len(self.kp)} numbers that are not negative, got {list(gains)}"
+                    f"{name} must be {len(self.kp)} numbers, none negative, got {list(gains)}"
                 )
         if not (self.feedback or self.feedforward):
             raise ConfigurationError("feedback and feedforward are both off: nothing would move")
@@ -110,9 +111,9 @@ class PidFeedforward:
         table = model.force_table()
         z = np.zeros(2 * N_VARIABLES)
         z[0] = z[N_VARIABLES] = 1.0
-        gains = (np.array(g, dtype=np.float64) for g in (self.kp, self.ki, self.kd))
+        kp, ki, kd = (np.array(g, dtype=np.float64) for g in (self.kp, self.ki, self.kd))
         parameters = PidTable(
-            *gains, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s, z,
-            np.empty(len(table.codes)),
+            kp, ki, kd, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s, z,
+            np.empty(len(table.codes)), np.empty(len(model.dofs)),
         )  # fmt: skip
         return parameters, np.zeros(len(model.dofs))

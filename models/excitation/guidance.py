@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from models.basis import Array
-from models.compiled import kernel
+from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 from models.simulation import GUIDANCE, FilterTable
 
@@ -44,9 +44,10 @@ class Timetable(NamedTuple):
     setpoints: Array
 
 
-@kernel
+@lean_kernel
 def _follow_timetable(table: Timetable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
-    setpoint[:] = table.setpoints[k]
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = table.setpoints[k, i]
 
 
 GUIDANCE[Timetable] = _follow_timetable
@@ -59,7 +60,7 @@ class SightTable(NamedTuple):
     radius: float
 
 
-@kernel
+@lean_kernel
 def _sight_step(table: SightTable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
     """Where the circle about the vessel cuts the leg ahead. Jervan (2020), eqs. (2.16)-(2.18).
 

@@ -119,6 +119,9 @@ class Operation:
 class Replay:
     """The identification trajectory again, under the same weather."""
 
+    def check(self, dofs: Sequence[str]) -> None:
+        """What could be sailed once can be sailed again."""
+
 
 def check_fraction(fraction: float) -> None:
     """Refuse a training share that leaves nothing to train or to test with."""

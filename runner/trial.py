@@ -1,0 +1,175 @@
+"""A trial: excite -> identify -> validate -> deploy, and the rows that are stored of it.
+
+One seed makes a trial. Its streams are spawned: excitation, measurement noise, disturbance,
+identifier. The weather's streams do not depend on the identifier or the controller, so every
+competitor meets the same weather, and the nominal and the identified model are compared in pairs.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from models.recorded import RecordedFile
+
+from models.disturbance import Disturbance
+from models.errors import ConfigurationError, Diverged
+from models.excitation.mission import Mission, Replay
+from models.identification.problem import Identified, Problem
+from models.recording import Recording
+from models.simulation import Plant, Voyage, recording_of, sail
+from models.vessel import Vessel
+from runner import rows
+from runner.config import Trial
+from runner.database.records import Results
+
+MEASURED = "measured recording: plant simulation and deployment are skipped"
+NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
+
+
+class Streams(NamedTuple):
+    """Independent seeds of one trial; making a generator of one again repeats its numbers."""
+
+    excitation: np.random.SeedSequence
+    noise: np.random.SeedSequence
+    disturbance: np.random.SeedSequence
+    identifier: np.random.SeedSequence
+
+
+class TrialDiverged(Diverged):
+    """A deployment left the limits of the vessel; `results` are what still holds."""
+
+    def __init__(self, error: Diverged, results: Results) -> None:
+        super().__init__(str(error), error.time_s, error.quantity)
+        self.results = results
+
+
+@dataclass(frozen=True, eq=False)
+class Excited:
+    """A recording with its training part, and the truth behind it where it is known."""
+
+    recording: Recording
+    training: Any  # mask of the training samples, shape (N,)
+    truth: Vessel | None  # the plant's table with the disturbance's share
+
+
+def streams(seed: int) -> Streams:
+    """The independent seeds of a trial."""
+    return Streams(*np.random.SeedSequence(seed).spawn(len(Streams._fields)))
+
+
+def check(trial: Trial) -> None:
+    """Raise ConfigurationError for a combination that cannot work, before any work."""
+    for group in ("vessel", "disturbance", "excitation", "identifier"):
+        if getattr(trial, group) is None:
+            raise ConfigurationError(f"{group}: got none, expected an option of the group")
+    dofs = trial.vessel.dofs
+    measured = isinstance(trial.excitation, RecordedFile)
+    if not measured:
+        if trial.controller is None:
+            raise ConfigurationError(
+                f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
+            )
+        trial.excitation.check(dofs)
+    if trial.evaluation is not None and not measured:
+        trial.evaluation.check(dofs)
+    if trial.controller is not None:
+        trial.controller.build(trial.vessel.nominal(), trial.sample_time_s)
+    refuse = getattr(trial.identifier, "check", None)
+    if refuse is not None:
+        refuse(trial.vessel.nominal(), trial.vessel.thruster, measured)
+
+
+def run(trial: Trial) -> Results:
+    """Run a trial that `check` accepts; raises TrialDiverged with the results that still hold."""
+    seeds = streams(trial.seed)
+    excited = excite(trial, seeds)
+    problem = Problem(
+        training=excited.recording.part(excited.training),
+        validation=excited.recording.part(~excited.training),
+        nominal=trial.vessel.nominal(),
+        thruster=trial.vessel.thruster,
+    )
+    identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
+    validation = rows.validation(problem.validation, problem.nominal, identified, excited.truth)
+    results = Results(
+        metrics=validation,
+        coefficients=rows.coefficients(problem.nominal, identified, excited.truth),
+        diagnostics=rows.diagnostics(identified),
+        series=[
+            rows.recording_series(excited.recording, excited.training),
+            rows.residual_series(excited, problem.nominal, identified),
+        ],
+        note=skipped(trial),
+    )
+    return results if results.note else deploy(trial, seeds, problem.nominal, identified, results)
+
+
+def skipped(trial: Trial) -> str | None:
+    """Why a trial has no deployment, or None when it has one."""
+    if isinstance(trial.excitation, RecordedFile):
+        return MEASURED
+    for group in ("controller", "evaluation"):
+        if getattr(trial, group) is None:
+            return NOT_DEPLOYED.format(group)
+    return None
+
+
+def excite(trial: Trial, seeds: Streams) -> Excited:
+    """Sail the excitation with the nominal model, or read the recorded file."""
+    vessel = trial.vessel
+    if isinstance(trial.excitation, RecordedFile):
+        recording, truth = trial.excitation.read(vessel.dofs), None
+    else:
+        model = vessel.nominal()
+        _, recording = sail_mission(trial, seeds, model, trial.excitation)
+        truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
+    share = (recording.t - recording.t[0]) / (recording.t[-1] - recording.t[0] + recording.period_s)
+    training = share < trial.excitation.train_fraction - 1e-9
+    return Excited(recording.with_thruster(vessel.thruster), training, truth)
+
+
+def sail_mission(
+    trial: Trial, seeds: Streams, model: Vessel, mission: Mission
+) -> tuple[Voyage, Recording]:
+    """Sail a mission with the controller built on `model`, from rest at the origin."""
+    vessel, disturbance = trial.vessel, trial.disturbance
+    assert isinstance(disturbance, Disturbance)
+    period = trial.sample_time_s
+    n = round(mission.duration_s / period)
+    start = np.zeros(len(vessel.dofs))
+    weather = disturbance.realise(n, vessel.dofs, np.random.default_rng(seeds.noise))
+    plant = Plant(trial.plant_scale * vessel.nominal(), vessel.thruster, vessel.velocity_limits)
+    voyage = sail(
+        plant,
+        weather,
+        mission.guidance(period * np.arange(n), start),
+        mission.reference_filter.table(period),
+        trial.controller.build(model, period),
+        start,
+        period,
+        trial.integration_step_s,
+    )
+    return voyage, recording_of(voyage, weather)
+
+
+def deploy(
+    trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
+) -> Results:
+    """Sail the evaluation with the nominal and with the identified model, in the same weather."""
+    mission = trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
+    metrics, series = list(results.metrics), list(results.series)
+    failure: Diverged | None = None
+    for name, model in (("nominal", nominal), ("identified", identified.model)):
+        try:
+            voyage, _ = sail_mission(trial, seeds, model, mission)
+        except Diverged as error:
+            failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
+            continue
+        metrics += rows.deployment(voyage, name, trial.sample_time_s)
+        series.append(rows.deployment_series(voyage, name))
+    complete = Results(
+        metrics, results.coefficients, results.diagnostics, series, note=results.note
+    )
+    if failure is not None:
+        raise TrialDiverged(failure, complete)
+    return complete
