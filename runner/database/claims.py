@@ -1,0 +1,131 @@
+"""Who gets to do a trial: of two processes that start it at once, exactly one.
+
+On SQLite the writers queue, so what a claim sees is so. On PostgreSQL two claims may both see
+nothing; then the unique indexes (fingerprint where the status is running; fingerprint and
+attempt) let one insert through, and the other looks again.
+"""
+
+import os
+import socket
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, Table, select, update
+from sqlalchemy.dialects import postgresql, sqlite
+
+from models.errors import LogbookError
+from runner.database.address import without_passwords
+from runner.database.liveness import STALE_AFTER_S, database_now, identity, is_gone, is_stale
+from runner.database.records import Begun, RunStart
+from runner.database.tables import Reuse, Run
+from runner.database.values import plain
+
+_TRIES = 10  # each further one needs another process to have come between
+
+_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
+
+
+def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool) -> Begun:
+    """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for."""
+    for _ in range(_TRIES):
+        attempts = _attempts(connection, start.fingerprint)
+        begun = _done_already(connection, attempts, rerun)
+        if begun is None:
+            attempt = 1 + max((run.attempt for run in attempts), default=0)
+            begun = _insert(connection, start, sweep_id, attempt)
+        if begun is not None:
+            if begun.state != "new" and sweep_id is not None:
+                _note_reuse(connection, sweep_id, begun.run_id)
+            return begun
+    raise LogbookError(f"trial {start.fingerprint[:12]}: could not be claimed in {_TRIES} tries")
+
+
+def give_up(connection: Connection, run_id: int, reason: str) -> None:
+    """Mark a run that is under way as interrupted."""
+    connection.execute(
+        update(Run)
+        .where(Run.id == run_id, Run.status == "running")
+        .values(status="interrupted", error=reason)
+    )
+
+
+def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
+    stale = is_stale(Run.heartbeat_at).label("stale")
+    return connection.execute(
+        select(Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, stale)
+        .where(Run.fingerprint == fingerprint)
+        .order_by(Run.attempt)
+    ).all()
+
+
+def _done_already(
+    connection: Connection, attempts: Sequence[Row[Any]], rerun: bool
+) -> Begun | None:
+    """The answer where nothing is to be done; a run whose process is gone is given up here."""
+    finished = [run.id for run in attempts if run.status == "finished"]
+    if finished and not rerun:
+        return Begun(finished[-1], "finished")
+    for run in attempts:
+        if run.status == "running":
+            gone = is_gone(run.process)
+            if not (gone or run.stale):
+                return Begun(run.id, "busy")
+            sign = "is gone" if gone else f"gave no sign of life for {STALE_AFTER_S:.0f} s"
+            give_up(connection, run.id, f"process {run.pid} on {run.host} {sign}")
+    return None
+
+
+def _insert(
+    connection: Connection, start: RunStart, sweep_id: int | None, attempt: int
+) -> Begun | None:
+    """The new run, or None where another process came first."""
+    table = Run.__table__
+    assert isinstance(table, Table)
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    statement = insert(table).values(_row(start, sweep_id, attempt)).on_conflict_do_nothing()
+    run_id = connection.execute(statement.returning(table.c.id)).scalar()
+    return Begun(run_id, "new") if run_id is not None else None
+
+
+def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
+    pid = os.getpid()
+    return {
+        "sweep_id": sweep_id,
+        "fingerprint": start.fingerprint,
+        "attempt": attempt,
+        "status": "running",
+        **{name: getattr(start, name) for name in _CHOICES},
+        "seed": start.seed,
+        "config": clean(start.config),
+        "overrides": clean(start.overrides),
+        "git_commit": start.git_commit,
+        "git_dirty": start.git_dirty,
+        "versions": clean(start.versions),
+        "command": clean(start.command),
+        "host": socket.gethostname(),
+        "pid": pid,
+        "started_at": datetime.now(UTC),
+        "heartbeat_at": database_now(),
+        "process": identity(pid),
+    }
+
+
+def clean(value: Any) -> Any:
+    """What goes into the database of a configuration: plain JSON, and no password."""
+    value = plain(value)
+    if isinstance(value, str):
+        return without_passwords(value)
+    if isinstance(value, dict):
+        return {key: clean(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [clean(item) for item in value]
+    return value
+
+
+def _note_reuse(connection: Connection, sweep_id: int, run_id: int) -> None:
+    table = Reuse.__table__
+    assert isinstance(table, Table)
+    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
+    row = {"sweep_id": sweep_id, "run_id": run_id}
+    connection.execute(insert(table).values(row).on_conflict_do_nothing())

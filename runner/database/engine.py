@@ -1,0 +1,168 @@
+"""Connections: one writer at a time on SQLite, and readers that cannot write.
+
+Every writer's transaction on SQLite starts with BEGIN IMMEDIATE: a deferred one that reads before
+it writes fails with "database is locked" as soon as another process has written in between, and
+no timeout helps. Readers have an engine of their own with plain BEGIN, on a connection that is
+opened read-only.
+"""
+
+import json
+import os
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.exc import (
+    DataError,
+    DBAPIError,
+    IntegrityError,
+    NotSupportedError,
+    ProgrammingError,
+)
+from sqlalchemy.pool import QueuePool
+
+from models.errors import LogbookError
+from runner.database.address import Address, without_passwords
+
+BUSY_TIMEOUT_S = 30.0
+CONNECT_TIMEOUT_S = 10
+
+_to_json = partial(json.dumps, allow_nan=False, ensure_ascii=False)
+
+
+def writer(address: Address, *, foreign_keys: bool = True) -> Engine:
+    """An engine whose every transaction may write; migrations switch `foreign_keys` off."""
+    if address.path is None:
+        return _postgresql(address, read_only=False)
+    return _sqlite(partial(_open_to_write, address.path, foreign_keys), "BEGIN IMMEDIATE")
+
+
+def reader(address: Address) -> Engine:
+    """An engine that the database itself keeps from writing."""
+    if address.path is None:
+        return _postgresql(address, read_only=True)
+    return _sqlite(partial(open_to_read, address.path), "BEGIN")
+
+
+@contextmanager
+def explained(address: Address) -> Iterator[None]:
+    """Turn what the database complains about into one LogbookError line.
+
+    What can only be a mistake of the caller (a row that breaks a constraint, SQL that does not
+    parse) stays as it is.
+    """
+    try:
+        yield
+    except (DataError, IntegrityError, NotSupportedError):
+        raise
+    except ProgrammingError as error:
+        if "permission denied" not in str(error.orig):
+            raise
+        raise LogbookError(f"{address}: {one_line(error)}") from error
+    except (DBAPIError, sqlite3.Error) as error:
+        raise LogbookError(f"{address}: {one_line(error)}") from error
+
+
+def one_line(error: Exception) -> str:
+    """The first line of what the database said, without passwords."""
+    said = str(error.orig if isinstance(error, DBAPIError) else error).strip()
+    first = without_passwords(said.splitlines()[0]) if said else type(error).__name__
+    return first.replace("unable to open database file", "cannot open the database file")
+
+
+def _sqlite(connect: Any, begin: str) -> Engine:
+    engine = create_engine(
+        "sqlite://", creator=connect, poolclass=QueuePool, json_serializer=_to_json
+    )
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        connection.exec_driver_sql(begin)
+
+    return engine
+
+
+def _open_to_write(path: Path, foreign_keys: bool) -> sqlite3.Connection:
+    # isolation_level None: Python's own BEGIN would come too late, and deferred.
+    connection = sqlite3.connect(
+        path, timeout=BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False
+    )
+    try:
+        _use_wal(connection, path)
+        connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute(f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}")
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
+    """Write-ahead log; the change itself does not heed the busy timeout, so it is repeated."""
+    deadline = time.monotonic() + BUSY_TIMEOUT_S
+    while True:
+        try:
+            (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
+            break
+        except sqlite3.OperationalError as error:
+            if "locked" not in str(error) or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+    if mode != "wal":
+        raise LogbookError(
+            f"{path}: this file system cannot hold a SQLite logbook (journal mode {mode!r},"
+            " expected 'wal'); use a local disk, or PostgreSQL"
+        )
+
+
+def open_to_read(path: Path) -> sqlite3.Connection:
+    """A connection that cannot write, also where the folder cannot be written."""
+    try:
+        return _open_uri(path, "mode=ro")
+    except sqlite3.OperationalError:
+        # A reader of a WAL file makes a file beside it. Where it may not, and no log is waiting
+        # to be read, nobody can be writing either, and the file can be taken as it stands.
+        log = path.with_name(path.name + "-wal")
+        if os.access(path.parent, os.W_OK) or (log.exists() and log.stat().st_size > 0):
+            raise
+        return _open_uri(path, "immutable=1")
+
+
+def _open_uri(path: Path, option: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(
+        f"file:{quote(str(path))}?{option}",
+        uri=True,
+        timeout=BUSY_TIMEOUT_S,
+        isolation_level=None,
+        check_same_thread=False,
+    )
+    try:
+        connection.execute("PRAGMA query_only = ON")
+        with closing(connection.execute("SELECT count(*) FROM sqlite_master")) as rows:
+            rows.fetchone()  # the file is opened only now
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _postgresql(address: Address, *, read_only: bool) -> Engine:
+    try:
+        import psycopg  # noqa: F401 - an extra, and slow to import
+    except ImportError as error:
+        raise LogbookError(
+            f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
+        ) from error
+    return create_engine(
+        address.url,
+        pool_pre_ping=True,
+        json_serializer=_to_json,
+        connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "application_name": "seatrial"},
+        execution_options={"postgresql_readonly": True} if read_only else {},
+    )

@@ -1,0 +1,90 @@
+"""Who is doing a run, and whether it still is.
+
+A run that is under way has a heartbeat in its row, every 5 s by the database's clock. One without
+a heartbeat for a minute is given up: it is shown as interrupted, and may be done again. On the
+machine that was doing it there is no need to wait: a process that is gone is gone.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import ColumnElement
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.functions import FunctionElement
+from sqlalchemy.types import Boolean, DateTime
+
+HEARTBEAT_S = 5.0
+STALE_AFTER_S = 60.0
+
+
+class database_now(FunctionElement[Any]):  # noqa: N801 - it reads as an SQL function
+    """The time of the database's clock, UTC without a zone."""
+
+    type = DateTime()
+    inherit_cache = True
+
+
+@compiles(database_now, "sqlite")
+def _sqlite_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str:
+    return "strftime('%Y-%m-%d %H:%M:%f000', 'now')"
+
+
+@compiles(database_now, "postgresql")
+def _postgresql_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str:
+    return "timezone('utc', clock_timestamp())"
+
+
+class is_stale(FunctionElement[Any]):  # noqa: N801
+    """Whether a heartbeat column is empty or older than STALE_AFTER_S by the database's clock."""
+
+    type = Boolean()
+    inherit_cache = True
+
+
+@compiles(is_stale)
+def _is_stale(element: Any, compiler: Any, **options: Any) -> str:
+    column = compiler.process(element.clauses, **options)
+    return f"({column} IS NULL OR {column} < {stale_before(compiler.dialect.name)})"
+
+
+def stale_before(dialect: str) -> str:
+    """SQL of the time before which a heartbeat is stale, on `sqlite` or `postgresql`."""
+    if dialect == "sqlite":
+        return f"strftime('%Y-%m-%d %H:%M:%f000', 'now', '-{STALE_AFTER_S:.0f} seconds')"
+    return f"timezone('utc', clock_timestamp()) - interval '{STALE_AFTER_S:.0f} seconds'"
+
+
+@cache
+def _machine() -> str | None:
+    """This boot of this machine, and within it this container; None where that is unknown."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        namespace = Path("/proc/self/ns/pid").readlink()
+    except OSError:
+        return None
+    return f"{boot}/{namespace}"
+
+
+def _state(pid: str) -> tuple[str, str] | None:
+    """State letter and start [clock ticks since boot] of a process; None where there is none."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return fields[0], fields[19]
+
+
+def identity(pid: int) -> str | None:
+    """A name of process `pid` that no other process, on this or another machine, ever has."""
+    machine, state = _machine(), _state(str(pid))
+    return f"{machine}/{pid}/{state[1]}" if machine and state else None
+
+
+def is_gone(process: str | None) -> bool:
+    """Whether `process` (an identity) ran here and runs no more; False where that is unknown."""
+    machine, pid, start = (process or "//").rsplit("/", 2)
+    if machine != _machine():
+        return False
+    state = _state(pid)
+    return state is None or state[0] in "ZX" or state[1] != start

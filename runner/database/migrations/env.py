@@ -1,0 +1,17 @@
+"""How Alembic runs here: on a connection that is handed in, within its transaction."""
+
+from alembic import context
+from sqlalchemy import Connection
+
+from runner.database.schema import VERSION_TABLE
+from runner.database.tables import Base
+
+connection: Connection = context.config.attributes["connection"]
+context.configure(
+    connection=connection,
+    target_metadata=Base.metadata,
+    version_table=VERSION_TABLE,
+    render_as_batch=connection.dialect.name == "sqlite",
+    transactional_ddl=True,
+)
+context.run_migrations()

@@ -1,0 +1,192 @@
+"""The schema's life: made on the first start, upgraded with a backup, refused where it is not ours.
+
+The revision stands in the table `seatrial_version` (Alembic's, under a name that no other program
+uses). Whether an existing logbook is up to date is one query; Alembic is imported only to upgrade.
+"""
+
+import sqlite3
+from contextlib import closing
+from datetime import UTC, datetime
+from enum import Enum
+from pathlib import Path
+
+from sqlalchemy import Connection
+
+from models.errors import LogbookError
+from runner.database import engine as engines
+from runner.database import views
+from runner.database.address import Address
+from runner.database.tables import Base
+
+VERSION_TABLE = "seatrial_version"
+REVISIONS = ("0001", "0002")  # oldest first; a test keeps them equal to the migrations
+HEAD = REVISIONS[-1]
+
+_LOCK = 0x5EA721A1  # any number that all of us, and nobody else, use for PostgreSQL's advisory lock
+
+_MAKE_VERSION_TABLE = (
+    f"CREATE TABLE {VERSION_TABLE} (version_num VARCHAR(32) NOT NULL,"
+    f" CONSTRAINT {VERSION_TABLE}_pkc PRIMARY KEY (version_num))"
+)
+
+_NAMES = {
+    "sqlite": "SELECT name FROM sqlite_master WHERE type IN ('table', 'view')"
+    " AND name NOT LIKE 'sqlite\\_%' ESCAPE '\\'",
+    "postgresql": "SELECT relname FROM pg_class WHERE relkind IN ('r', 'p', 'v', 'm', 'f')"
+    " AND relnamespace = current_schema()::regnamespace",
+}
+
+
+class Condition(Enum):
+    """What a database was found to be; one that is newer or not ours is an error instead."""
+
+    EMPTY = "empty"
+    OLDER = "older"
+    OTHER_VIEWS = "other views"
+    CURRENT = "current"
+
+
+def prepare(address: Address, *, create: bool) -> None:
+    """Make sure that a logbook of this version is at `address`: make it, or upgrade it.
+
+    Raises LogbookError, and changes nothing, where the database is not ours, of a newer version,
+    damaged or out of reach, and where it is missing and not to be made.
+    """
+    if address.path is not None and not address.path.exists():
+        if not create:
+            raise _missing(address)
+        _make_folder(address.path)
+        found = Condition.EMPTY
+    else:
+        found = inspect(address)
+    if found is Condition.CURRENT:
+        return
+    if found is Condition.EMPTY and not create:
+        raise _missing(address)
+    _bring_up_to_date(address)
+
+
+def require_current(address: Address) -> None:
+    """Raise LogbookError unless a logbook of this version can be read at `address`."""
+    if address.path is not None and not address.path.exists():
+        raise _missing(address)
+    found = inspect(address)
+    if found is Condition.EMPTY:
+        raise _missing(address)
+    if found is Condition.OLDER:
+        raise LogbookError(
+            f"{address}: of an older version of seatrial than this one (schema {HEAD});"
+            " the next run upgrades it, and keeps a backup"
+        )
+
+
+def inspect(address: Address) -> Condition:
+    """What is at `address`, found out without any way to change it."""
+    engine = engines.reader(address)
+    try:
+        with engines.explained(address), engine.connect() as connection:
+            return condition(connection, address)
+    finally:
+        engine.dispose()
+
+
+def condition(connection: Connection, address: Address) -> Condition:
+    """What the database behind `connection` is; LogbookError where it is not for us."""
+    dialect = connection.dialect.name
+    names = set(connection.exec_driver_sql(_NAMES[dialect]).scalars())
+    if not names:
+        return Condition.EMPTY
+    if VERSION_TABLE not in names:
+        some = ", ".join(sorted(names)[:5])
+        raise LogbookError(
+            f"{address}: not a seatrial logbook (it holds {some}); expected one, or an empty"
+            " database; nothing was changed"
+        )
+    revision = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalar()
+    if revision not in REVISIONS:
+        raise LogbookError(
+            f"{address}: of a newer version of seatrial: got schema {revision}, this version"
+            f" knows up to {HEAD}; update seatrial; nothing was changed"
+        )
+    if revision != HEAD:
+        return Condition.OLDER
+    if not set(views.NAMES) <= names:
+        return Condition.OTHER_VIEWS
+    digest = connection.exec_driver_sql("SELECT digest FROM view_version").scalar()
+    return Condition.CURRENT if digest == views.digest(dialect) else Condition.OTHER_VIEWS
+
+
+def _bring_up_to_date(address: Address) -> None:
+    """Create, upgrade or renew the views in one transaction, after a second look under its lock."""
+    engine = engines.writer(address, foreign_keys=False)  # a table may be rebuilt
+    try:
+        with engines.explained(address), engine.begin() as connection:
+            if not address.sqlite:
+                connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+            match condition(connection, address):
+                case Condition.EMPTY:
+                    create_all(connection)
+                case Condition.OLDER:
+                    _upgrade(connection, address)
+                case Condition.OTHER_VIEWS:
+                    views.drop(connection)
+                    views.create(connection)
+    finally:
+        engine.dispose()
+
+
+def create_all(connection: Connection) -> None:
+    """The whole schema at once; equal to running every migration."""
+    Base.metadata.create_all(connection, checkfirst=False)
+    connection.exec_driver_sql(_MAKE_VERSION_TABLE)
+    connection.exec_driver_sql(f"INSERT INTO {VERSION_TABLE} VALUES ('{HEAD}')")
+    views.create(connection)
+
+
+def _upgrade(connection: Connection, address: Address) -> None:
+    if address.path is not None:
+        backup(address.path, _backup_name(connection, address.path))
+    views.drop(connection)
+    migrate(connection, HEAD)
+    if address.sqlite and (broken := connection.exec_driver_sql("PRAGMA foreign_key_check").all()):
+        raise LogbookError(f"{address}: cannot be upgraded: {len(broken)} rows point to no run")
+    views.create(connection)
+
+
+def migrate(connection: Connection, revision: str) -> None:
+    """Run the migrations up to `revision` in the transaction of `connection`."""
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).with_name("migrations")))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    command.upgrade(config, revision)
+
+
+def _backup_name(connection: Connection, path: Path) -> Path:
+    revision = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalar()
+    moment = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    return path.with_name(f"{path.stem}-schema-{revision}-{moment}{path.suffix}")
+
+
+def backup(path: Path, to: Path) -> None:
+    """Copy the SQLite database at `path` to a new file `to`, whole, while others may read it."""
+    with (
+        closing(engines.open_to_read(path)) as source,
+        closing(sqlite3.connect(to, isolation_level=None)) as target,
+    ):
+        source.backup(target)
+        target.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogbookError(f"{path}: cannot make the folder: {error.strerror}") from error
+
+
+def _missing(address: Address) -> LogbookError:
+    return LogbookError(f"{address}: there is no logbook here; expected one that a run has made")

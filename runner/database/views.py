@@ -1,0 +1,176 @@
+"""The views: comparisons in one line of SQL, also in the plain `sqlite3` and `psql` shells.
+
+They use nothing but SQL, so no program of ours need be running. What a view says is derived, so
+it is no part of the migrations: a logbook whose views are not these gets these when it is next
+opened to write (`view_version` says which it has).
+"""
+
+from functools import cache
+from hashlib import sha256
+
+from sqlalchemy import (
+    Boolean,
+    Connection,
+    DateTime,
+    Float,
+    Integer,
+    String,
+    column,
+    table,
+)
+
+from runner.database.liveness import stale_before
+
+# A column each in metric_wide; a name that is not here is still in the table metric.
+METRIC_NAMES = (
+    "force_mse",
+    "force_mae",
+    "force_mse_filtered",
+    "below_true_model",
+    "coefficient_error",
+    "e_pos_mae",
+    "e_pos_mse",
+    "e_psi_mae",
+    "e_psi_mse",
+    "nu_mse",
+    "nu_dot_mse",
+    "tau_mean_abs",
+    "tau_fb_mean_abs",
+    "power_mean",
+    "iaew",
+)
+
+# Headline metrics in run_overview: column, stage, model, dof, name.
+HEADLINES = (
+    ("force_mse_surge_nominal", "validation", "nominal", "surge", "force_mse"),
+    ("force_mse_surge_identified", "validation", "identified", "surge", "force_mse"),
+    ("e_pos_mae_nominal", "deployment", "nominal", "position", "e_pos_mae"),
+    ("e_pos_mae_identified", "deployment", "identified", "position", "e_pos_mae"),
+    ("e_psi_mae_nominal", "deployment", "nominal", "heading", "e_psi_mae"),
+    ("e_psi_mae_identified", "deployment", "identified", "heading", "e_psi_mae"),
+)
+
+NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
+
+_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation", "seed")
+
+# A run counts unless another attempt at the same trial finished where this did not, or is later.
+_SUPERSEDED = """CASE WHEN EXISTS (
+      SELECT 1 FROM run AS other
+      WHERE other.fingerprint = run.fingerprint
+        AND (CASE WHEN other.status = 'finished' THEN 1 ELSE 0 END, other.attempt)
+          > (CASE WHEN run.status = 'finished' THEN 1 ELSE 0 END, run.attempt)
+    ) THEN 1 ELSE 0 END"""
+
+_OVERVIEW = """
+CREATE VIEW run_overview AS
+  SELECT run.id AS run_id, run.sweep_id, sweep.name AS sweep, run.attempt,
+    {status} AS status,
+    {superseded} AS superseded,
+    {choices},
+    run.started_at, run.finished_at, run.duration_s,
+    (SELECT count(*) FROM metric WHERE metric.run_id = run.id) AS metrics,
+    (SELECT count(*) FROM coefficient WHERE coefficient.run_id = run.id) AS coefficients,
+    (SELECT count(*) FROM series WHERE series.run_id = run.id) AS series,
+    {headlines},
+    (SELECT max(value) FROM metric
+      WHERE metric.run_id = run.id AND name = 'below_true_model') AS below_true_model,
+    run.error_type, run.error, run.fingerprint
+  FROM run LEFT JOIN sweep ON sweep.id = run.sweep_id"""
+
+_HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND name = '{name}'
+      AND stage = '{stage}' AND model = '{model}' AND dof = '{dof}') AS {column}"""
+
+_WIDE = """
+CREATE VIEW metric_wide AS
+  SELECT run.id AS run_id, run.sweep_id,
+    {status} AS status,
+    {superseded} AS superseded,
+    {choices},
+    wide.stage, wide.model, wide.dof, {names}
+  FROM run JOIN (
+    SELECT run_id, stage, model, dof, {columns}
+    FROM metric GROUP BY run_id, stage, model, dof
+  ) AS wide ON wide.run_id = run.id"""
+
+_ERROR = """
+CREATE VIEW coefficient_error AS
+  SELECT run.id AS run_id, run.sweep_id,
+    {superseded} AS superseded,
+    {choices},
+    coefficient.model, coefficient.dof, coefficient.term, coefficient.value,
+    coefficient.std_error, coefficient.true_value,
+    abs(coefficient.value - coefficient.true_value) / abs(coefficient.true_value)
+      AS relative_error,
+    coefficient.unit
+  FROM coefficient JOIN run ON run.id = coefficient.run_id
+  WHERE coefficient.true_value <> 0"""
+
+run_overview = table(
+    "run_overview",
+    column("run_id", Integer),
+    column("sweep_id", Integer),
+    column("sweep", String),
+    column("attempt", Integer),
+    column("status", String),
+    column("superseded", Boolean),
+    *(column(name, Integer if name == "seed" else String) for name in _CHOICES),
+    column("started_at", DateTime),
+    column("finished_at", DateTime),
+    column("duration_s", Float),
+    column("metrics", Integer),
+    column("coefficients", Integer),
+    column("series", Integer),
+    *(column(headline[0], Float) for headline in HEADLINES),
+    column("below_true_model", Float),
+    column("error_type", String),
+    column("error", String),
+    column("fingerprint", String),
+)
+
+
+@cache
+def statements(dialect: str) -> tuple[str, ...]:
+    """The CREATE VIEW statements for `sqlite` or `postgresql`."""
+    parts = {
+        "status": "CASE WHEN run.status = 'running' AND (run.heartbeat_at IS NULL OR"
+        f" run.heartbeat_at < {stale_before(dialect)})"
+        " THEN 'interrupted' ELSE run.status END",
+        "superseded": _SUPERSEDED,
+        "choices": ", ".join(f"run.{name}" for name in _CHOICES),
+    }
+    headlines = ",\n    ".join(
+        _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)
+        for column, stage, model, dof, name in HEADLINES
+    )
+    columns = ",\n      ".join(
+        f"max(CASE WHEN name = '{name}' THEN value END) AS {name}" for name in METRIC_NAMES
+    )
+    views = (
+        _OVERVIEW.format(headlines=headlines, **parts),
+        _WIDE.format(columns=columns, names=", ".join(f"wide.{n}" for n in METRIC_NAMES), **parts),
+        _ERROR.format(**parts),
+    )
+    return *views, f"CREATE VIEW view_version AS SELECT '{_digest(views)}' AS digest"
+
+
+@cache
+def digest(dialect: str) -> str:
+    """What the view `view_version` holds when the views are these."""
+    return _digest(statements(dialect)[:-1])
+
+
+def _digest(views: tuple[str, ...]) -> str:
+    return sha256("\n".join(views).encode()).hexdigest()[:16]
+
+
+def drop(connection: Connection) -> None:
+    """Remove the views, whatever they say; tables under a view cannot be changed."""
+    for name in NAMES:
+        connection.exec_driver_sql(f"DROP VIEW IF EXISTS {name}")
+
+
+def create(connection: Connection) -> None:
+    """Make the views; none of them may be there."""
+    for statement in statements(connection.dialect.name):
+        connection.exec_driver_sql(statement)
