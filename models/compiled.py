@@ -115,6 +115,7 @@ def lean_kernel(function: F) -> F:
 
 def _compile(function: F, **options: bool) -> F:
     numba_config.CACHE_DIR = str(cache_folder())
-    compiled: Any = numba.njit(error_model="numpy", cache=True, **options)(function)
+    njit: Any = numba.njit
+    compiled = njit(error_model="numpy", cache=True, **options)(function)
     compiled._cache = _SharedCache(function)  # type: ignore[no-untyped-call]
     return cast(F, compiled)

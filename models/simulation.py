@@ -220,8 +220,8 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
 def _sail(
     plant: PlantTable, planar: bool, lag: LagTable, weather: Weather, guidance: Any,
     guidance_state: Array, table: FilterTable, reference: Array, controller: Any,
-    controller_state: Array, thrust: Array, eta: Array, nu: Array, limits: Array, h: float, substeps: int,
-    scratch: Scratch, log: Log,
+    controller_state: Array, thrust: Array, eta: Array, nu: Array, limits: Array, h: float,
+    substeps: int, scratch: Scratch, log: Log,
 ) -> int:  # fmt: skip
     """Sail all rows of the log; the number of rows written, fewer when a limit was left."""
     n: int = log.eta.shape[0]

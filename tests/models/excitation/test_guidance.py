@@ -1,0 +1,113 @@
+"""Way-points, reference filter and line of sight."""
+
+import numpy as np
+import pytest
+from scipy.signal import lti, step
+
+from models.errors import ConfigurationError
+from models.excitation.guidance import (
+    LineOfSight,
+    ReferenceFilter,
+    step_setpoints,
+    straight_line_setpoints,
+)
+from models.excitation.mission import Operation, Replay, Waypoints
+from models.simulation import GUIDANCE
+from models.vessel import PLANAR
+
+POINTS = np.array([[0.0, -15.0, -np.pi / 2], [15.0, -15.0, 0.0], [15.0, -15.0, np.pi]])
+
+
+def test_the_filter_is_the_third_order_system_of_the_thesis() -> None:
+    w, d = 0.5, 0.7
+    a, b = ReferenceFilter(w, d).table(0.1)
+    state, seen = np.zeros(3), []
+    for _ in range(600):
+        seen.append(state[0])
+        state = a @ state + b
+    gain = 2 * d + 1
+    system = lti([w**3], [1.0, gain * w, gain * w * w, w**3])
+    _, exact = step(system, T=0.1 * np.arange(600))
+    np.testing.assert_allclose(seen, exact, atol=1e-9)
+    np.testing.assert_allclose(state, [1.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_the_setpoint_moves_on_straight_lines_and_waits() -> None:
+    t = 0.1 * np.arange(1800)
+    setpoints = straight_line_setpoints(POINTS, 60.0, t, 0.675, 0.795)
+    np.testing.assert_allclose(setpoints[0], 0.0)
+    np.testing.assert_allclose(setpoints[599], POINTS[0])
+    travelled = np.hypot(*setpoints[:, :2].T)
+    arrival = 15.0 / 0.675  # the way is longer than the turn
+    assert np.all(travelled[t < arrival] < 15.0)
+    np.testing.assert_allclose(travelled[(t > arrival) & (t < 60.0)], 15.0)
+    half = np.argmin(np.abs(t - arrival / 2))
+    np.testing.assert_allclose(setpoints[half], POINTS[0] / 2, atol=0.05)
+    turning = (t > 120.0) & (t < 120.0 + np.pi / 0.795)  # a turn on the spot
+    np.testing.assert_allclose(np.diff(setpoints[turning, 2]) / 0.1, 0.795, rtol=1e-6)
+
+
+def test_printed_steps() -> None:
+    setpoints = step_setpoints(POINTS, 60.0, np.array([0.0, 59.9, 60.0, 179.9]))
+    np.testing.assert_array_equal(setpoints, POINTS[[0, 0, 1, 2]])
+
+
+def follow(sight: LineOfSight, poses: np.ndarray) -> np.ndarray:
+    parameters, state = sight.build(np.zeros(3))
+    setpoints = np.empty((len(poses), 3))
+    for pose, setpoint in zip(poses, setpoints, strict=True):
+        GUIDANCE[type(parameters)](parameters, state, 0, pose, setpoint)
+    return setpoints
+
+
+def test_the_sight_point_lies_on_the_leg_and_on_the_circle() -> None:
+    sight = LineOfSight(((0.0, 0.0), (40.0, 30.0)), 6.0)
+    pose = np.array([8.0, 9.0, 0.3])  # 2.4 m off the leg
+    x, y, heading = follow(sight, pose[None])[0]
+    assert x * 30.0 == pytest.approx(y * 40.0)
+    assert np.hypot(x - 8.0, y - 9.0) == pytest.approx(6.0)
+    assert heading == pytest.approx(np.arctan2(y - 9.0, x - 8.0))
+
+
+def test_way_points_are_passed_in_turn_and_the_heading_unrolls() -> None:
+    corners = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0), (0.0, 0.0), (20.0, 0.0))
+    sight = LineOfSight(corners, 3.0)
+    legs = [np.linspace(a, b, 40) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    track = np.vstack(legs)
+    setpoints = follow(sight, np.column_stack([track, np.zeros(len(track))]))
+    assert setpoints[-1, 2] == pytest.approx(2.0 * np.pi, abs=1e-6)  # a full turn, not a jump
+    assert np.max(np.abs(np.diff(setpoints[:, 2]))) < 2.0
+    np.testing.assert_allclose(setpoints[-1, :2], corners[-1])
+
+
+@pytest.mark.parametrize(
+    ("points", "radius", "message"),
+    [
+        (((0.0, 0.0),), 6.0, "at least two"),
+        (((0.0, 0.0), (0.0, 0.0)), 6.0, "equal"),
+        (((0.0, 0.0), (1.0, 0.0)), 0.0, "radius_m must be positive"),
+    ],
+)
+def test_wrong_sight(points: tuple[tuple[float, ...], ...], radius: float, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        LineOfSight(points, radius)
+
+
+def test_missions_that_need_the_plane_refuse_one_axis() -> None:
+    reference = ReferenceFilter(0.5, 0.7)
+    lap = Waypoints(((0.0, 1.0, 90.0),), 60.0, "line", 0.675, 0.795, reference, 0.5)
+    crossing = Operation(LineOfSight(((0.0, 0.0), (1.0, 0.0)), 6.0), reference, 240.0)
+    for mission in (lap, crossing):
+        mission.check(PLANAR)
+        with pytest.raises(ConfigurationError, match="needs a vessel in surge, sway, yaw"):
+            mission.check(("surge",))
+    Replay().check(("surge",))
+    assert lap.duration_s == 60.0
+
+
+@pytest.mark.parametrize("fraction", [0.0, 1.0, -0.5])
+def test_train_fraction_leaves_both_parts(fraction: float) -> None:
+    with pytest.raises(ConfigurationError, match="train_fraction must lie between 0 and 1"):
+        Waypoints(
+            ((0.0, 1.0, 90.0),), 60.0, "line", 1.0, 1.0, ReferenceFilter(0.5, 0.7), fraction
+        )
