@@ -1,0 +1,77 @@
+# seatrial: `make demo`, `make test`, `make slow`, `make check`; each sets up .venv by itself.
+# PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
+
+.PHONY: demo test slow check clean help
+.DELETE_ON_ERROR:
+
+VENV := .venv
+BIN := $(VENV)/bin
+
+# Relative on purpose: pip splits these variables at spaces. Both names, because pip 25.3 and
+# later look at the second one for isolated builds.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+ifeq ($(origin SEATRIAL_DATA),undefined)
+ifneq ($(wildcard ../shared/data/.),)
+export SEATRIAL_DATA := $(CURDIR)/../shared/data
+endif
+endif
+
+help:
+	@echo 'make demo    a sweep of nine runs on the milliAmpere ferry, its table and its figures'
+	@echo 'make test    the test suite; make slow: the tests that take longer'
+	@echo 'make check   ruff and mypy --strict'
+	@echo 'make clean   remove .venv and the caches (results stay)'
+
+demo: $(VENV)/demo.stamp
+	$(BIN)/python -m runner -m identifier=none,ls,plsr disturbance=calm,noise,constant
+	$(BIN)/python -m runner.compare table --rows identifier --columns disturbance \
+	    --metric force_mse --dof surge --stage validation --model identified
+	$(BIN)/python -m runner.compare plot bars --metric force_mse --dof surge \
+	    --stage validation --model identified
+
+test: $(VENV)/test.stamp
+	$(BIN)/python -m pytest
+
+# pytest ends with 5 when no test is marked slow: that is no failure.
+slow: $(VENV)/test.stamp
+	$(BIN)/python -m pytest -m slow --timeout 1800 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+
+check: $(VENV)/check.stamp
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m mypy --strict
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps: installed again only when the packages asked for, or their versions, changed.
+$(VENV)/demo.stamp: EXTRAS :=
+$(VENV)/test.stamp: EXTRAS := [test]
+$(VENV)/check.stamp: EXTRAS := [test,check]
+
+$(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
+	@touch $@
+
+# The newest supported Python that can make a virtual environment.
+$(BIN)/python:
+	@found=; lacking=; \
+	for python in $(if $(PYTHON),'$(PYTHON)',python3.13 python3.12 python3.11 python3); do \
+	    version=$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null) || continue; \
+	    case $$version in 3.11|3.12|3.13) ;; *) continue ;; esac; \
+	    if "$$python" -c 'import venv, ensurepip' 2>/dev/null; then found=$$python; break; fi; \
+	    lacking=$${lacking:-$$version}; \
+	done; \
+	if [ -n "$$found" ]; then \
+	    echo "setting up $(VENV) with $$("$$found" --version)"; \
+	    "$$found" -m venv $(VENV); \
+	elif [ -n "$$lacking" ]; then \
+	    echo "seatrial: Python $$lacking has no venv module: install Debian's package python$$lacking-venv" >&2; \
+	    exit 1; \
+	else \
+	    echo "seatrial: no Python 3.11, 3.12 or 3.13 found: install one, or say make PYTHON=/path/to/python" >&2; \
+	    exit 1; \
+	fi

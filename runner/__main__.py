@@ -1,0 +1,90 @@
+"""The command line: `python -m runner`, installed as `seatrial`.
+
+Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
+option, an unreadable file, an unusable database); 130 interrupted. What is wrong is said in one
+line; HYDRA_FULL_ERROR=1 shows the traceback as well.
+"""
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
+
+import hydra
+from hydra._internal.utils import get_args_parser
+
+from models.errors import ConfigurationError
+from runner.complaints import CONF, EXPECTED, one_line
+from runner.sweep import Session, register
+
+FULL_ERROR = "HYDRA_FULL_ERROR"
+INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
+
+
+def main() -> int:
+    """Run the command in sys.argv; the answer is its exit code."""
+    traceback_wanted = os.environ.get(FULL_ERROR) == "1"
+    session = Session()
+    overrides: Sequence[str] = ()
+    try:
+        overrides = _checked_arguments()
+        with _raising():
+            register()
+            hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
+    except KeyboardInterrupt:
+        return _complain(INTERRUPTED, 130)
+    except EXPECTED as error:
+        if traceback_wanted:
+            raise
+        return _complain(one_line(error, overrides), 2)
+    except (ValueError, RuntimeError) as error:
+        # Hydra's own plain errors about the command line; later on they would be bugs.
+        if session.started or traceback_wanted:
+            raise
+        return _complain(one_line(error, overrides), 2)
+    if isinstance(session.error, Exception):
+        if traceback_wanted:
+            raise session.error
+        return _complain(one_line(session.error, overrides), session.exit_code)
+    if session.error:
+        return _complain(session.error, session.exit_code)
+    return session.exit_code
+
+
+def _complain(line: str, code: int) -> int:
+    print(f"seatrial: {line}", file=sys.stderr)
+    return code
+
+
+def _checked_arguments() -> list[str]:
+    """The overrides of the command line; ConfigurationError where its flags are wrong."""
+    parser = get_args_parser()
+    parser.error = _refuse  # type: ignore[method-assign]
+    given = parser.parse_args()
+    if not CONF.is_dir():
+        raise ConfigurationError(f"{CONF} is missing: seatrial runs from its checkout")
+    overrides: list[str] = given.overrides
+    return overrides
+
+
+def _refuse(message: str) -> NoReturn:
+    raise ConfigurationError(f"{message} (flags come before or after all options, see --help)")
+
+
+@contextmanager
+def _raising() -> Iterator[None]:
+    """Let Hydra raise its errors instead of printing them."""
+    before = os.environ.get(FULL_ERROR)
+    os.environ[FULL_ERROR] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[FULL_ERROR]
+        else:
+            os.environ[FULL_ERROR] = before
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""One trial as a run of the logbook: claimed, run, and stored with whatever came of it."""
+
+import logging
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from models.errors import Diverged
+from runner.config import GROUPS, Trial, build_trial
+from runner.fingerprint import fingerprint
+from runner.provenance import Provenance
+
+if TYPE_CHECKING:
+    from runner.database import Logbook
+    from runner.database.records import Results, RunStart
+
+log = logging.getLogger(__name__)
+
+State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to run: a resolved configuration, its options' names, and the overrides it came from."""
+
+    config: Mapping[str, Any]
+    names: Mapping[str, str]
+    overrides: Sequence[str]
+
+    def __str__(self) -> str:
+        from runner.database import without_passwords
+
+        asked = [one for one in self.overrides if not one.startswith("dry_run=")]
+        return without_passwords(" ".join(asked)) or "the default trial"
+
+    def fingerprint(self, sources: str) -> str:
+        """What makes this trial the same as another; `sources` is the digest of the models."""
+        return fingerprint(self.config, self.names, sources)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an order.
+
+    skipped: the logbook had it already; busy: another process is running it; lost: the logbook
+    could not take what came of it, so that no row says so (then `run_id` is None).
+    """
+
+    state: State
+    run_id: int | None
+    error_type: str | None = None
+    error: str | None = None
+
+
+def prepare(order: Order) -> Trial:
+    """The trial of an order, checked in full; SeatrialError where it cannot be run."""
+    from runner import trial as trials
+
+    trial = build_trial(order.config, order.names)
+    trials.check(trial)
+    return trial
+
+
+def perform(
+    trial: Trial, order: Order, provenance: Provenance, sweep_id: int | None = None
+) -> Outcome:
+    """Run a trial and store what comes of it, unless the logbook has it already.
+
+    Errors of the trial are kept in its row; those of the logbook itself are raised.
+    """
+    from runner.database import Logbook
+
+    with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+        begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
+        if begun.state == "finished":
+            log.info("%s: already in the logbook as run %d", order, begun.run_id)
+            return Outcome("skipped", begun.run_id)
+        if begun.state == "busy":
+            log.info("%s: another process is running it, as run %d", order, begun.run_id)
+            return Outcome("busy", begun.run_id)
+        return _run(trial, logbook, begun.run_id)
+
+
+def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
+    from threadpoolctl import threadpool_limits
+
+    from runner import trial as trials
+
+    try:
+        # One thread a trial: workers share the cores, and sums come out the same on every machine.
+        with threadpool_limits(1):
+            results = trials.run(trial)
+    except Diverged as error:
+        return _keep(logbook, run_id, "diverged", error, getattr(error, "results", None))
+    except Exception as error:
+        return _keep(logbook, run_id, "failed", error)
+    logbook.finish_run(run_id, results)
+    return Outcome("finished", run_id)
+
+
+def _keep(
+    logbook: "Logbook",
+    run_id: int,
+    status: Literal["diverged", "failed"],
+    error: Exception,
+    results: "Results | None" = None,
+) -> Outcome:
+    """Store a run that did not finish, with its error."""
+    kind = type(error).__name__
+    message = " ".join(str(error).split()) or kind
+    trace = "".join(traceback.format_exception(error))
+    logbook.fail_run(
+        run_id, status, error_type=kind, error=message, traceback=trace, results=results
+    )
+    return Outcome(status, run_id, kind, message)
+
+
+def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
+    from runner.database.records import RunStart
+
+    # The address of the database may hold a password, and is no part of the trial.
+    stored = {key: value for key, value in order.config.items() if key != "database"}
+    return RunStart(
+        fingerprint=order.fingerprint(provenance.sources),
+        **{group: order.names[group] for group in GROUPS},
+        seed=trial.seed,
+        config=stored,
+        overrides=list(order.overrides),
+        git_commit=provenance.git_commit,
+        git_dirty=provenance.git_dirty,
+        versions=provenance.versions,
+        command=provenance.command,
+    )

@@ -1,0 +1,171 @@
+"""How far a sweep is, while it runs: a live line on a terminal, plain lines elsewhere.
+
+The figures come from the logbook, because the runs may be in other processes.
+"""
+
+import logging
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Protocol
+
+from models.errors import LogbookError
+from runner import report
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from runner.database.records import SweepStatus
+
+log = logging.getLogger(__name__)
+
+POLL_S = 0.25  # at least; asking takes at most a twentieth of the time
+QUIET_S = 5.0  # between two plain lines
+
+ENDED = ("finished", "failed", "diverged")
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far a sweep is; `left_s` [s] is None while there is nothing to guess it from."""
+
+    done: int
+    planned: int
+    running: int
+    failed: int  # failed and diverged
+    left_s: float | None
+
+    def __str__(self) -> str:
+        left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+        return (
+            f"{self.done} of {self.planned} done, {self.running} running, "
+            f"{self.failed} failed{left}"
+        )
+
+
+class View(Protocol):
+    """Where the progress is shown."""
+
+    def show(self, standing: Standing) -> None:
+        """Show how far it is; called a few times a second."""
+
+    def failure(self, line: str) -> None:
+        """Show that a run failed; called once a run."""
+
+
+@contextmanager
+def shown(url: str, sweep_id: int) -> Iterator[None]:
+    """Show the progress of a sweep while the block runs."""
+    stop = Event()
+    with _view() as view:
+        thread = Thread(target=_watch, args=(url, sweep_id, view, stop), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+
+
+def duration(seconds: float) -> str:
+    """A time to wait, in the unit a person would use."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
+    from runner.database import Logbook
+
+    told: set[int] = set()
+    started, first = time.monotonic(), None
+    try:
+        with Logbook.read(url) as logbook:
+            wait = 0.0
+            while not stop.wait(wait):
+                asked = time.monotonic()
+                status = logbook.sweep_status(sweep_id)
+                first = _done(status) if first is None else first
+                view.show(_standing(status, first, asked - started))
+                for run in status.failed:
+                    if run.run_id not in told and run.status != "interrupted":
+                        told.add(run.run_id)
+                        view.failure(report.failure(run))
+                wait = max(POLL_S, 20.0 * (time.monotonic() - asked))
+    except LogbookError as error:
+        log.warning("the progress is not shown any more: %s", error)
+
+
+def _done(status: "SweepStatus") -> int:
+    return sum(status.counts.get(name, 0) for name in ENDED)
+
+
+def _standing(status: "SweepStatus", first: int, elapsed_s: float) -> Standing:
+    """`first` trials were done when the watch began, `elapsed_s` [s] ago."""
+    done = _done(status)
+    rate = (done - first) / elapsed_s if elapsed_s > 0.0 else 0.0
+    return Standing(
+        done=done,
+        planned=status.planned,
+        running=status.counts.get("running", 0),
+        failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
+        left_s=(status.planned - done) / rate if rate > 0.0 else None,
+    )
+
+
+@contextmanager
+def _view() -> Iterator[View]:
+    if not sys.stderr.isatty():
+        yield PlainLines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield LiveLine(progress)
+
+
+class LiveLine:
+    """One line at the bottom of the terminal."""
+
+    def __init__(self, progress: "Progress") -> None:
+        self._progress = progress
+        self._task = progress.add_task("starting", total=None)
+
+    def show(self, standing: Standing) -> None:
+        """Redraw the line."""
+        self._progress.update(
+            self._task,
+            total=standing.planned,
+            completed=standing.done,
+            description=str(standing),
+        )
+
+    def failure(self, line: str) -> None:
+        """Print above the line."""
+        self._progress.console.print(line, markup=False, highlight=False)
+
+
+@dataclass
+class PlainLines:
+    """A line in the log when there is news, but not all the time."""
+
+    _last: float = field(default=-QUIET_S)
+    _told: tuple[int, int] = (0, 0)
+
+    def show(self, standing: Standing) -> None:
+        """Log how far it is, if that has changed and the last line is some time ago."""
+        now = time.monotonic()
+        news = (standing.done, standing.failed)
+        if news != self._told and now - self._last >= QUIET_S:
+            log.info("%s", standing)
+            self._last, self._told = now, news
+
+    def failure(self, line: str) -> None:
+        """Log it."""
+        log.info("%s", line)

@@ -1,0 +1,84 @@
+"""Where a result comes from: sources, package versions, machine and command line."""
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from runner.fingerprint import source_digest
+
+ROOT = Path(__file__).resolve().parent.parent
+# Those that a number in the database can depend on.
+PACKAGES = (
+    "seatrial",
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "scikit-learn",
+    "pymoo",
+    "daqp",
+    "hydra-core",
+    "omegaconf",
+    "sqlalchemy",
+    "pyarrow",
+)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Collected once per command and handed to the workers."""
+
+    git_commit: str | None
+    git_dirty: bool | None
+    versions: dict[str, str]  # of packages; with python, platform and the number of cpus
+    command: str  # as typed
+    sources: str  # digest of the models' sources
+
+
+@cache
+def collect() -> Provenance:
+    """The provenance of this process."""
+    commit = _git("rev-parse", "HEAD")
+    changes = _git("status", "--porcelain", "--untracked-files=no")
+    return Provenance(
+        git_commit=commit,
+        git_dirty=None if changes is None else changes != "",
+        versions=_versions(),
+        command=shlex.join(sys.orig_argv),
+        sources=source_digest(),
+    )
+
+
+def _versions() -> dict[str, str]:
+    found = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": str(os.cpu_count()),
+    }
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _git(*arguments: str) -> str | None:
+    """What git says about the checkout; None where there is no git, or no checkout."""
+    try:
+        answer = subprocess.run(
+            ["git", "-C", str(ROOT), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip()

@@ -1,0 +1,251 @@
+"""Between Hydra and the runner: what runs a single trial, and the sweeper that runs many.
+
+A sweep checks every trial before it starts any, runs those that the logbook does not have, through
+whatever launcher is configured, and ends with a summary from the logbook.
+"""
+
+import logging
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.core.plugins import Plugins
+from hydra.core.utils import JobStatus
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from models.errors import ConfigurationError, SeatrialError
+from runner import progress, report
+from runner.complaints import EXPECTED, one_line
+from runner.config import GROUPS, build_trial
+from runner.job import Order, Outcome, perform, prepare
+from runner.planned import Plan, Refusal, known, listed
+from runner.provenance import Provenance, collect
+
+log = logging.getLogger(__name__)
+
+# Hydra takes plugins from its own name space only: the sweeper is made known under this name.
+PLUGIN = "hydra_plugins.seatrial.Sweeper"
+WORKER_LOST = (
+    "a worker process was killed, or ran out of memory, and that ends the sweep: "
+    "finished runs are kept, the same command runs the rest"
+)
+# Read by the libraries when a worker starts; a trial uses one thread.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Session:
+    """What Hydra calls for a single trial; carries the outcome out of Hydra.
+
+    Hydra reports an exception of a task in its own words, and returns nothing from a sweep, so the
+    exit code and the error to show are left here for `runner.__main__`.
+    """
+
+    def __init__(self) -> None:
+        self.exit_code = 0
+        self.error: Exception | str | None = None
+        self.started = False  # before, an exception is Hydra's, about the command line
+
+    def __call__(self, config: DictConfig) -> None:
+        """Run the one trial of a command without -m."""
+        self.started = True
+        try:
+            self._run(plan_of(config, HydraConfig.get()))
+        except (SeatrialError, OmegaConfBaseException) as error:
+            self.error, self.exit_code = error, 2
+
+    def _run(self, plan: Plan) -> None:
+        if plan.trial.dry_run:
+            print("\n".join(report.dry_run(listed([plan]))))
+            return
+        outcome = perform(plan.trial, plan.order, collect())
+        line = report.outcome_line(outcome, plan.trial.database_url)
+        if outcome.state in ("failed", "diverged"):
+            unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
+            self.error, self.exit_code = line, 2 if unusable else 1
+        else:
+            print(line)
+
+
+@dataclass(frozen=True)
+class SweepJob:
+    """What a launcher calls for each trial of a sweep, here or in another process."""
+
+    sweep_id: int
+    provenance: Provenance
+
+    def __call__(self, config: DictConfig) -> Outcome:
+        """Run one trial; what the logbook cannot take is lost, and said so."""
+        order = order_of(config, HydraConfig.get())
+        try:
+            trial = build_trial(order.config, order.names)
+            return perform(trial, order, self.provenance, self.sweep_id)
+        except SeatrialError as error:
+            return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
+
+
+class SeatrialSweeper(Sweeper):
+    """The grid of Hydra's basic sweeper, with the logbook."""
+
+    def __init__(self, max_batch_size: int | None, params: DictConfig | None = None) -> None:
+        self.max_batch_size = max_batch_size
+        self.params = {str(key): value for key, value in (params or {}).items()}
+
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
+        """Take what Hydra hands over; the launcher is made when there is something to launch."""
+        self._context = hydra_context
+        self._config = config
+        self.session: Any = task_function
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Run all combinations of the arguments' values."""
+        self.session.started = True
+        overrides = self._parsed(arguments)
+        (jobs,) = BasicSweeper.split_arguments(overrides, None)
+        plans = [self._planned(job) for job in jobs]
+        if any(one.key_or_group == "dry_run" and one.value() is True for one in overrides):
+            print("\n".join(report.dry_run(listed(plans))))
+        else:
+            self._run(_accepted(plans), arguments)
+
+    def _parsed(self, arguments: list[str]) -> list[Override]:
+        loader = self._context.config_loader
+        given = [f"{key}={value}" for key, value in self.params.items()]
+        return OverridesParser.create(config_loader=loader).parse_overrides([*given, *arguments])
+
+    def _planned(self, job: list[str]) -> Plan | Refusal:
+        """Compose and check one job."""
+        try:
+            config: Any = self._context.config_loader.load_sweep_config(self._config, job)
+            HydraConfig.instance().set_config(config)
+            task = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+            return plan_of(task, config.hydra)
+        except EXPECTED as error:
+            return Refusal(" ".join(job), one_line(error, job))
+
+    def _run(self, plans: Sequence[Plan], arguments: list[str]) -> None:
+        from runner.database import Logbook
+
+        trial, provenance = plans[0].trial, collect()
+        url = trial.database_url
+        with Logbook.open(url, results_dir=trial.results_dir) as logbook:
+            sweep_id = logbook.begin_sweep(
+                _sweep_name(arguments), provenance.command, arguments, len(plans)
+            )
+            job = SweepJob(sweep_id, provenance)
+            outcomes, todo = _finished_before(plans, job)
+            with progress.shown(url, sweep_id):
+                launched, bugs = self._launch(todo, job)
+            logbook.end_sweep(sweep_id)
+            status = logbook.sweep_status(sweep_id)
+        outcomes += launched
+        print("\n".join(report.sweep_summary(status, outcomes, url)))
+        self.session.exit_code = report.sweep_exit_code(status, outcomes)
+        if bugs:
+            raise bugs[0]
+
+    def _launch(
+        self, plans: Sequence[Plan], job: SweepJob
+    ) -> tuple[list[Outcome], list[Exception]]:
+        """What came of each plan, and the exceptions that no row of the logbook holds: bugs."""
+        outcomes: list[Outcome] = []
+        bugs: list[Exception] = []
+        if not plans:
+            return outcomes, bugs
+        launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=self._context, task_function=job, config=self._config
+        )
+        size = self.max_batch_size or len(plans)
+        with _single_threaded_workers():
+            for start in range(0, len(plans), size):
+                batch = [list(plan.order.overrides) for plan in plans[start : start + size]]
+                try:
+                    returns = launcher.launch(batch, initial_job_idx=start)
+                except BrokenProcessPool:
+                    self.session.error = WORKER_LOST
+                    break
+                for one in returns:
+                    done = one.status is JobStatus.COMPLETED
+                    (outcomes if done else bugs).append(one._return_value)
+        return outcomes, bugs
+
+
+def register() -> None:
+    """Make the sweeper known to Hydra, under the name that conf/hydra/sweeper uses."""
+    Plugins.instance().class_name_to_class[PLUGIN] = SeatrialSweeper
+
+
+def order_of(task: DictConfig, hydra: Any) -> Order:
+    """The order in a composed configuration; `hydra` is Hydra's own part of it."""
+    config: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+    choices = hydra.runtime.choices
+    return Order(
+        config=config,
+        names={group: str(choices.get(group) or "none") for group in GROUPS},
+        overrides=list(hydra.overrides.task),
+    )
+
+
+def plan_of(task: DictConfig, hydra: Any) -> Plan:
+    """The order in a composed configuration, built and checked."""
+    order = order_of(task, hydra)
+    return Plan(prepare(order), order, order.fingerprint(collect().sources))
+
+
+def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
+    """The plans without duplicates, if all of them can be run in one logbook."""
+    plans = list(plans)
+    refused = [plan for plan in plans if isinstance(plan, Refusal)]
+    if refused:
+        more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
+        raise ConfigurationError(f"{refused[0]}{more}")
+    accepted = {plan.fingerprint: plan for plan in plans if isinstance(plan, Plan)}
+    places = {(plan.trial.database_url, plan.trial.results_dir) for plan in accepted.values()}
+    if len(places) > 1:
+        raise ConfigurationError(
+            f"database.url, results_dir: got {len(places)} logbooks in one sweep, expected one"
+        )
+    return list(accepted.values())
+
+
+def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome], list[Plan]]:
+    """Note in the logbook what needs no run, without a worker for it; and what does need one."""
+    runs, outcomes, todo = known(plans), [], []
+    for plan in plans:
+        run = runs.get(plan.fingerprint)
+        if run is not None and run.status == "finished" and not plan.trial.rerun:
+            outcomes.append(perform(plan.trial, plan.order, job.provenance, job.sweep_id))
+        else:
+            todo.append(plan)
+    return outcomes, todo
+
+
+def _sweep_name(arguments: Sequence[str]) -> str:
+    """The experiment's name, where the sweep is one."""
+    experiments = [one.removeprefix("experiment=") for one in arguments if "experiment=" in one]
+    return experiments[-1] if experiments else "sweep"
+
+
+@contextmanager
+def _single_threaded_workers() -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
