@@ -1,0 +1,190 @@
+"""Partial least squares from covariances, all orders at once. Jervan (2020), section 3.3.
+
+    E = (X - mean X) / (beta std X),   F = (Y - mean Y) / std Y                 (3.3)-(3.4), (4.8)
+    E = T P' + rest,   F = T Q' + rest,   T chosen for the largest covariance    (3.5)-(3.10)
+    Theta_pre = W (P' W)^-1 Q'                                                   (3.11)
+    Theta = Theta_pre std Y / (beta std X),   constant = mean Y - mean X Theta   (3.12)-(3.14)
+
+beta is the number of variables multiplied in a term; (3.12) prints 2 for it. All orders come at
+once from the covariances E'E and E'F, computed once: the improved kernel algorithm of Dayal and
+MacGregor (1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives NIPALS's results.
+
+Covariances add up, so they are kept as moment matrices Z'Z of Z = [1, X, Y]: those of a fold or
+of a bootstrap sample are sums of those of its blocks.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.basis import Array
+from models.compiled import kernel
+from models.identification.design import Samples
+
+EXHAUSTED = 1e-15  # share of a variance below which there is nothing left to explain
+
+
+class Components(NamedTuple):
+    """Components of a partial least squares regression, one column an order."""
+
+    weights: Array  # W (J, orders), unit length
+    loadings: Array  # P (J, orders)
+    output_loadings: Array  # Q (K, orders)
+    coefficients: Array  # Theta_pre of every order, (orders, J, K)
+
+
+@kernel
+def partial_least_squares(
+    xx: Array, xy: Array, weights: Array, loadings: Array, output: Array, coefficients: Array
+) -> int:
+    """All orders from E'E (J, J) and E'F (J, K); writes W, P, Q, Theta_pre; the orders found.
+
+    w is the dominant left singular vector of E'F; r = w - sum_j (p_j' w) r_j, so that t = E r;
+    p = E'E r / t't, q = (E'F)' r / t't; E'F is deflated by t't p q'. Where nothing is left to
+    explain the coefficients stay as they are.
+    """
+    orders, n_x, n_y = coefficients.shape
+    left = xy.copy()
+    r = np.zeros((orders, n_x))
+    floor = EXHAUSTED * np.max(np.abs(xy)) if xy.size else 0.0
+    for a in range(orders):
+        if a > 0:
+            coefficients[a] = coefficients[a - 1]
+        if n_y == 1:
+            w = left[:, 0].copy()
+        else:
+            _, vectors = np.linalg.eigh(left.T @ left)
+            w = left @ np.ascontiguousarray(vectors[:, n_y - 1])
+        length = np.sqrt(np.sum(w * w))
+        if length <= floor:
+            coefficients[a:] = coefficients[a]
+            return a
+        w /= length
+        r[a] = w
+        for j in range(a):
+            r[a] -= np.sum(loadings[:, j] * w) * r[j]
+        e = xx @ r[a]
+        variance = np.sum(r[a] * e)
+        if variance <= EXHAUSTED * np.trace(xx) * np.sum(r[a] * r[a]):
+            coefficients[a:] = coefficients[a]
+            return a
+        p = e / variance
+        q = (left.T @ r[a]) / variance
+        for i in range(n_x):
+            for k in range(n_y):
+                left[i, k] -= variance * p[i] * q[k]
+                coefficients[a, i, k] += r[a, i] * q[k]
+        weights[:, a], loadings[:, a], output[:, a] = w, p, q
+    return int(orders)
+
+
+def components(xx: Array, xy: Array, orders: int) -> Components:
+    """Components up to an order from E'E (J, J) and E'F (J, K)."""
+    (n_x, n_y), shape = xy.shape, (xy.shape[0], orders)
+    found = Components(
+        np.zeros(shape), np.zeros(shape), np.zeros((n_y, orders)), np.zeros((orders, n_x, n_y))
+    )
+    partial_least_squares(np.ascontiguousarray(xx), np.ascontiguousarray(xy), *found)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Z = [1, X, Y] of some samples, X and Y standardised over all of them for good numerics.
+
+    X has the terms that vary; the constant is always there.
+    """
+
+    z: Array  # (N, 1 + J + K)
+    n_terms: int  # of the samples
+    constant: int  # index of the term 1 among them
+    terms: NDArray[np.int64]  # indices of the J terms that vary
+    beta: Array  # (J,) order of each term, its divisor in (4.8)
+    mean: Array  # (J + K,)
+    scale: Array  # (J + K,)
+
+    @property
+    def n_x(self) -> int:
+        """J, the number of terms."""
+        return len(self.terms)
+
+    @property
+    def y_scale(self) -> Array:
+        """Standard deviation of the K outputs."""
+        return self.scale[self.n_x :]
+
+    def like(self, samples: Samples) -> Array:
+        """Z of other samples, by the same means and scales."""
+        xy = np.hstack([samples.phi[:, self.terms], samples.epsilon])
+        return np.hstack([np.ones((len(xy), 1)), (xy - self.mean) / self.scale])
+
+    def table(self, theta: Array) -> Array:
+        """Coefficients in the units of the samples (n_terms, K) from those on Z (1 + J, K)."""
+        found = np.zeros((self.n_terms, theta.shape[1]))
+        found[self.terms] = theta[1:] * self.y_scale / self.scale[: self.n_x, None]
+        offset = self.mean[self.n_x :] + theta[0] * self.y_scale
+        found[self.constant] = offset - self.mean[: self.n_x] @ found[self.terms]
+        return found
+
+
+def columns(samples: Samples) -> Columns:
+    """Standardised columns of the samples, which have the constant among their terms."""
+    assert samples.constant is not None
+    terms = samples.varying
+    xy = np.hstack([samples.phi[:, terms], samples.epsilon])
+    mean, scale = np.mean(xy, axis=0), np.std(xy, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    z = np.hstack([np.ones((len(xy), 1)), (xy - mean) / scale])
+    beta = np.array([float(samples.terms[i].order) for i in terms])
+    return Columns(z, len(samples.terms), samples.constant, terms, beta, mean, scale)
+
+
+class Covariances(NamedTuple):
+    """Means and covariances out of a moment matrix, and the divisors of (3.3), (3.4), (4.8)."""
+
+    x_mean: Array  # (J,)
+    y_mean: Array  # (K,)
+    xx: Array  # E'E / N, (J, J)
+    xy: Array  # E'F / N, (J, K)
+    x_gain: Array  # 1 / (beta std X); zero where a column does not vary
+    y_scale: Array  # std Y
+
+
+def covariances(moment: Array, beta: Array) -> Covariances:
+    """Standardised covariances from Z'Z, whose first column is the constant."""
+    n_x = len(beta)
+    mean = moment[0] / moment[0, 0]
+    spread = (moment / moment[0, 0] - np.outer(mean, mean))[1:, 1:]
+    deviation = np.sqrt(np.clip(np.diag(spread), 0.0, None))
+    x_scale, y_scale = deviation[:n_x], deviation[n_x:]
+    varies = x_scale > 1e-9
+    gain = np.where(varies, 1.0 / np.where(varies, x_scale * beta, 1.0), 0.0)
+    y_scale = np.where(y_scale > 0.0, y_scale, 1.0)
+    xx = spread[:n_x, :n_x] * np.outer(gain, gain)
+    xy = spread[:n_x, n_x:] * gain[:, None] / y_scale
+    return Covariances(mean[1 : 1 + n_x], mean[1 + n_x :], xx, xy, gain, y_scale)
+
+
+def all_orders(moment: Array, beta: Array, orders: int) -> Array:
+    """Coefficients on Z of every order up to `orders`, shape (orders, 1 + J, K)."""
+    c = covariances(moment, beta)
+    theta = components(c.xx, c.xy, orders).coefficients * c.x_gain[:, None] * c.y_scale
+    constant = c.y_mean - np.einsum("j,ajk->ak", c.x_mean, theta)
+    return np.concatenate([constant[:, None, :], theta], axis=1)
+
+
+def output_moment(moment: Array, n_x: int, k: int) -> Array:
+    """The moments of Z with the k-th output alone."""
+    kept = np.r_[: 1 + n_x, 1 + n_x + k]
+    return np.asarray(moment[np.ix_(kept, kept)])
+
+
+def mean_squares(moment: Array, theta: Array) -> Array:
+    """Mean squared error on the samples of a moment matrix, (..., K) for theta (..., 1 + J, K)."""
+    n_x = theta.shape[-2]
+    normal, cross = moment[:n_x, :n_x], moment[:n_x, n_x:]
+    square = np.diag(moment)[n_x:]
+    fitted = np.sum(theta * (normal @ theta - 2.0 * cross), axis=-2)
+    return np.asarray(np.clip(square + fitted, 0.0, None) / moment[0, 0])

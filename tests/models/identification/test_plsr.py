@@ -1,0 +1,110 @@
+"""PLSR of the lack of fit against the thesis's figures and the plant that sailed."""
+
+import numpy as np
+import pytest
+from sklearn.cross_decomposition import PLSRegression
+
+from models.errors import ConfigurationError
+from models.identification.problem import lack_of_fit
+
+THESIS_MSE = (659.2, 1191.6, 1737.4)  # Jervan (2020), Table 4.5: N^2, N^2, (Nm)^2
+THESIS_TRACKING = 0.086  # Table 4.10 [m]
+
+
+def findings(found, name: str) -> list:
+    return [f for f in found.findings if f.name == name]
+
+
+@pytest.fixture(scope="module")
+def thesis(calm, identifier):
+    """The thesis's way: commanded force, orders chosen on the test part."""
+    plsr = identifier("plsr", force="commanded", selection="test", bootstrap=None)
+    return plsr, plsr.identify(calm.problem, np.random.default_rng(0))
+
+
+def test_reaches_the_thesis(calm, thesis) -> None:
+    rest = lack_of_fit(calm.problem.validation, thesis[1].model, "commanded")
+    assert np.all(np.mean(rest**2, axis=0) <= THESIS_MSE)
+
+
+def test_its_feedforward_reaches_the_thesis(thesis, replay) -> None:
+    log = replay(thesis[1].model).log
+    error = np.hypot(*(log.eta_d - log.eta)[:, :2].T)
+    assert np.mean(error) <= THESIS_TRACKING
+
+
+def test_the_order_is_the_minimum_on_the_test_part(calm, thesis) -> None:
+    rest = lack_of_fit(calm.problem.validation, thesis[1].model, "commanded")
+    for k, dof in enumerate(calm.problem.nominal.dofs):
+        mse = {f.i: f.value for f in findings(thesis[1], "order_mse") if f.dof == dof}
+        (order,) = [f.value for f in findings(thesis[1], "selected_order") if f.dof == dof]
+        assert sorted(mse) == list(range(1, 31))
+        assert min(mse, key=mse.get) == order
+        assert mse[int(order)] == pytest.approx(np.mean(rest[:, k] ** 2), rel=1e-9)
+    assert {f.label for f in thesis[1].findings} == {"test"}
+
+
+@pytest.mark.parametrize("joint", [True, False])
+def test_coefficients_equal_scikit_learn(calm, identifier, rng, joint) -> None:
+    plsr = identifier("plsr", force="commanded", selection="test", joint=joint, bootstrap=None)
+    problem = calm.problem
+    found = plsr.identify(problem, rng)
+    samples = plsr.samples(problem.training, problem.nominal, problem.thruster)
+    beta = np.array([max(one.order, 1) for one in samples.terms[1:]])
+    x = samples.phi[:, 1:] - samples.phi[:, 1:].mean(axis=0)
+    x /= x.std(axis=0) * beta
+    y = (samples.epsilon - samples.epsilon.mean(axis=0)) / samples.epsilon.std(axis=0)
+    predicted = samples.phi @ found.residual.theta
+    for k, f in enumerate(findings(found, "selected_order")):
+        peer = PLSRegression(int(f.value), scale=False, tol=1e-20, max_iter=100_000)
+        peer.fit(x, y if joint else y[:, k])
+        expected = peer.predict(x).reshape(len(x), -1)[:, k if joint else 0]
+        scaled = (predicted[:, k] - samples.epsilon[:, k].mean()) / samples.epsilon[:, k].std()
+        np.testing.assert_allclose(scaled, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("selection", ["blocked", "rolling", "kfold"])
+def test_filtered_force_makes_it_exact(calm, identifier, rng, selection) -> None:
+    plsr = identifier("plsr", force="filtered", selection=selection, bootstrap=None)
+    found = plsr.identify(calm.problem, rng)
+    truth = calm.residual.on(found.residual.terms).theta
+    real = truth != 0.0
+    assert np.max(np.abs(found.residual.theta[real] / truth[real] - 1.0)) < 1e-6
+    assert [f.label for f in findings(found, "selected_order")] == [selection] * 3
+
+
+def test_blocked_selection_never_sees_the_test_part(calm, identifier) -> None:
+    plsr = identifier("plsr", bootstrap=None, force="commanded")
+    problem = calm.problem
+    blind = type(problem)(problem.training, problem.training, problem.nominal, problem.thruster)
+    found = [plsr.identify(p, np.random.default_rng(0)) for p in (problem, blind)]
+    np.testing.assert_array_equal(found[0].residual.theta, found[1].residual.theta)
+
+
+def test_a_basis_without_the_constant_gets_it(calm, identifier, rng) -> None:
+    found = identifier("plsr", basis="physical", bootstrap=None).identify(calm.problem, rng)
+    assert str(found.residual.terms[0]) == "1"
+
+
+def test_bootstrap_errors_are_reproducible(lap, identifier) -> None:
+    plsr = identifier("plsr", lowpass_hz=0.5, bootstrap=50)
+    problem = lap("noise", 0).problem
+    found = [plsr.identify(problem, np.random.default_rng(3)).std_error for _ in range(2)]
+    np.testing.assert_array_equal(*found)
+    assert np.all(found[0] > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"folds": 1}, "folds must be at least 2, got 1"),
+        ({"max_order": 0}, "max_order must be at least 1 or null, got 0"),
+        ({"bootstrap": 5}, "bootstrap must be at least 20 or null, got 5"),
+        ({"block_s": 0.0}, "block_s must be positive, got 0.0"),
+        ({"selection": "peek"}, "selection: got 'peek'"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        identifier("plsr", **changes)
+    assert message in str(caught.value)
