@@ -1,0 +1,1 @@
+"""Comparison of stored runs: tables, figures and SQL, from the results database alone."""

@@ -1,0 +1,213 @@
+"""The ways a grid is written: rich, md, csv, latex, json, html."""
+
+import csv
+import html
+import io
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+
+from .grid import Cell, Grid, Scalar
+
+
+class Format(StrEnum):
+    """Names of the formats; csv and json are for machines, the others for eyes."""
+
+    RICH = "rich"
+    MD = "md"
+    CSV = "csv"
+    LATEX = "latex"
+    JSON = "json"
+    HTML = "html"
+
+
+def render(grid: Grid, form: Format, width: int | None = None, colour: bool = False) -> str:
+    """The grid as text, without a newline at the end.
+
+    `width` [columns] and `colour` concern `rich` alone: None lets the table be as wide as it is.
+    """
+    if form is Format.RICH:
+        return _rich(grid, width, colour)
+    return _WRITERS[form](grid)
+
+
+def _rich(grid: Grid, width: int | None, colour: bool) -> str:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, header in enumerate(grid.headers):
+        table.add_column(Text(header), justify="left" if index < grid.labels else "right")
+    for row in grid.rows:
+        table.add_row(*(Text(cell.text, style="bold" if cell.bold else "") for cell in row))
+    console = Console(
+        file=io.StringIO(), width=width or 10_000, force_terminal=colour, highlight=False
+    )
+    with console.capture() as shown:
+        if grid.title:
+            console.print(Text(grid.title, style="bold"), soft_wrap=width is None)
+        console.print(table)
+        for note in grid.notes:
+            console.print(Text(note), soft_wrap=width is None)
+    return "\n".join(line.rstrip() for line in shown.get().splitlines()).strip("\n")
+
+
+def _markdown(grid: Grid) -> str:
+    def line(cells: list[str]) -> str:
+        return "| " + " | ".join(cells) + " |"
+
+    rules = [":---" if index < grid.labels else "---:" for index in range(len(grid.headers))]
+    lines = [line([_markdown_text(header) for header in grid.headers]), line(rules)]
+    for row in grid.rows:
+        lines.append(line([_markdown_bold(cell) for cell in row]))
+    title = [f"**{_markdown_text(grid.title)}**", ""] if grid.title else []
+    notes = [part for note in grid.notes for part in ("", _markdown_text(note))]
+    return "\n".join([*title, *lines, *notes])
+
+
+def _markdown_text(text: str) -> str:
+    for special in ("\\", "|", "*", "`"):
+        text = text.replace(special, "\\" + special)
+    return text.replace("<", "&lt;").replace("\n", "<br>")
+
+
+def _markdown_bold(cell: Cell) -> str:
+    text = _markdown_text(cell.text)
+    return f"**{text}**" if cell.bold and text else text
+
+
+def _csv(grid: Grid) -> str:
+    records = grid.as_records()
+    names = list(dict.fromkeys(name for record in records for name in record))
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names or [header.replace("\n", " ") for header in grid.headers])
+    for record in records:
+        writer.writerow([_csv_value(record.get(name)) for name in names])
+    return out.getvalue().rstrip("\n")
+
+
+def _csv_value(value: Scalar) -> Scalar:
+    """Numbers at full precision, booleans as true and false, nothing for what is missing."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return "" if math.isnan(value) else repr(value)
+    return value
+
+
+def _json(grid: Grid) -> str:
+    records = [{name: _json_value(value) for name, value in r.items()} for r in grid.as_records()]
+    return json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _json_value(value: Scalar) -> Scalar:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_LATEX: Mapping[str, str] = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "|": r"\textbar{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "·": r"$\cdot$",
+    "²": r"$^2$",
+    "³": r"$^3$",
+    "⁻": r"$^-$",
+    "¹": r"$^1$",
+    "†": r"\dag{}",
+    "…": r"\dots{}",
+}
+
+
+def _latex_text(text: str) -> str:
+    return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def _latex_header(header: str) -> str:
+    lines = [_latex_text(line) for line in header.split("\n")]
+    return lines[0] if len(lines) == 1 else r"\shortstack{" + r" \\ ".join(lines) + "}"
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = _latex_text(cell.text.replace("\n", " "))
+    return rf"\textbf{{{text}}}" if cell.bold and text else text
+
+
+def _latex(grid: Grid) -> str:
+    alignment = "l" * grid.labels + "r" * (len(grid.headers) - grid.labels)
+    rows = [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in grid.rows]
+    notes = [rf"\par\smallskip{{\footnotesize {_latex_text(note)}}}" for note in grid.notes]
+    return "\n".join(
+        [
+            r"\begin{table}  % needs \usepackage{booktabs}",
+            r"\centering",
+            rf"\caption{{{_latex_text(grid.title)}}}",
+            rf"\begin{{tabular}}{{{alignment}}}",
+            r"\toprule",
+            " & ".join(_latex_header(header) for header in grid.headers) + r" \\",
+            r"\midrule",
+            *rows,
+            r"\bottomrule",
+            r"\end{tabular}",
+            *notes,
+            r"\end{table}",
+        ]
+    )
+
+
+def _html(grid: Grid) -> str:
+    """A fragment in ASCII, so that it reads the same in a page of any encoding."""
+    head = "".join(f'<th scope="col">{_html_text(header)}</th>' for header in grid.headers)
+    lines = [
+        "<table>",
+        f"<caption>{_html_text(grid.title)}</caption>",
+        f"<thead><tr>{head}</tr></thead>",
+        "<tbody>",
+        *("<tr>" + _html_row(grid, row) + "</tr>" for row in grid.rows),
+        "</tbody>",
+        "</table>",
+        *(f"<p>{_html_text(note)}</p>" for note in grid.notes),
+    ]
+    return "\n".join(lines).encode("ascii", "xmlcharrefreplace").decode("ascii")
+
+
+def _html_row(grid: Grid, row: Sequence[Cell]) -> str:
+    return "".join(
+        html_cell(cell, "th" if index < grid.labels else "td") for index, cell in enumerate(row)
+    )
+
+
+def html_cell(cell: Cell, tag: str) -> str:
+    """One cell; `data-value` carries the number that a sortable table orders it by."""
+    text = _html_text(cell.text)
+    scope = ' scope="row"' if tag == "th" else ""
+    value = "" if cell.sort is None else f' data-value="{cell.sort!r}"'
+    return f"<{tag}{scope}{value}>{f'<strong>{text}</strong>' if cell.bold else text}</{tag}>"
+
+
+def _html_text(text: str) -> str:
+    return html.escape(text).replace("\n", "<br>")
+
+
+_WRITERS: Mapping[Format, Callable[[Grid], str]] = {
+    Format.MD: _markdown,
+    Format.CSV: _csv,
+    Format.LATEX: _latex,
+    Format.JSON: _json,
+    Format.HTML: _html,
+}

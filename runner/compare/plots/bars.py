@@ -1,0 +1,159 @@
+"""A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from models.errors import ConfigurationError
+
+from ..observations import BELOW_TRUE_MODEL, FINISHED, Observation
+from ..pivot import DOF_ORDER, Cell, Pivot, pivot
+from ..results import Results
+from ..selection import pooled
+from .request import Facet, PlotRequest, facets
+from .style import (
+    MARKERS,
+    MUTED,
+    PALETTE,
+    Drawing,
+    footnote,
+    heading,
+    legend_above,
+    metric_label,
+    panels,
+)
+
+GROUP_WIDTH = 0.8  # of the distance between two groups
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure a facet, one panel a degree of freedom."""
+    made = [_drawing(results, request, facet) for facet in facets(results, request)]
+    found = [one for one in made if one is not None]
+    if not found:
+        raise ConfigurationError(
+            f"plot bars: no finished run has {request.metric} of model {request.model}"
+            f"; metrics are {', '.join(results.metric_names()) or 'none yet'}"
+        )
+    return found
+
+
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    names = (request.metric, BELOW_TRUE_MODEL)
+    numbers = results.metrics(facet.runs, names, facet.condition)
+    flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
+    shown = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
+    shown = [o for o in shown if o.model == request.model]
+    dofs = [d for d in DOF_ORDER if any(o.dof == d for o in shown)]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    if not dofs:
+        return None
+    rows, columns = (request.rows,), (request.columns,)
+    tables = {
+        dof: pivot([o for o in shown if o.dof == dof], facet.runs, rows, columns, flagged)
+        for dof in dofs
+    }
+    first = tables[dofs[0]]
+    width = max(3.4, 0.9 + 0.32 * len(first.row_keys) * len(first.column_keys))
+    made, axes = panels(1, len(dofs), min(width, 14 / len(dofs)), 3.6)
+    for one, dof in zip(axes, dofs, strict=True):
+        _panel(one, tables[dof], request, _unit(shown, dof), dof)
+    if len(first.row_keys) > 1:
+        legend_above(made, axes)
+    heading(made, facet.title(f"{request.model.capitalize()} model"))
+    footnote(made, _notes(tables, pooled(results, first)))
+    return Drawing(facet.file(f"bars-{request.metric}"), made)
+
+
+def _unit(shown: Sequence[Observation], dof: str) -> str:
+    return next(o.unit for o in shown if o.dof == dof)
+
+
+def _panel(axes: Axes, table: Pivot, request: PlotRequest, unit: str, dof: str) -> None:
+    width = GROUP_WIDTH / len(table.row_keys)
+    for i, row in enumerate(table.row_keys):
+        centres = np.arange(len(table.column_keys)) + (i - (len(table.row_keys) - 1) / 2) * width
+        cells = [table.cell(row, column) for column in table.column_keys]
+        _bars(axes, centres, cells, width, i, row[0])
+    axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
+    axes.set_xlabel(request.columns)
+    axes.set_ylabel(metric_label(request.metric, dof, unit))
+    axes.grid(axis="x", visible=False)
+    axes.margins(y=0.12)
+    if request.log:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    if sum(len(key[0]) for key in table.column_keys) * 0.09 > axes.get_figure().get_figwidth():
+        axes.tick_params(axis="x", rotation=20)
+
+
+def _bars(
+    axes: Axes, centres: Sequence[float], cells: Sequence[Cell], width: float, i: int, label: str
+) -> None:
+    samples = [cell.sample for cell in cells]
+    means = [float(np.mean(s)) if s.size else np.nan for s in samples]
+    spreads = [float(np.std(s, ddof=1)) if s.size > 1 else 0.0 for s in samples]
+    colour = PALETTE[i % len(PALETTE)]
+    axes.bar(
+        centres,
+        means,
+        0.92 * width,
+        yerr=spreads,
+        color=colour,
+        alpha=0.75,
+        label=label,
+        capsize=3,
+        error_kw={"elinewidth": 1.2},
+    )
+    for centre, cell, sample, mean, spread in zip(
+        centres, cells, samples, means, spreads, strict=True
+    ):
+        if sample.size > 1:
+            places = centre + 0.5 * width * _spread_out(sample.size)
+            axes.plot(
+                places,
+                sample,
+                MARKERS[i % len(MARKERS)],
+                color="white",
+                markeredgecolor="black",
+                markeredgewidth=0.6,
+                markersize=3.2,
+                zorder=3,
+            )
+        _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
+
+
+def _spread_out(n: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """Places of n points within -0.5 to 0.5 that neither line up nor change from time to time."""
+    golden = 0.6180339887498949
+    return np.asarray((np.arange(n) * golden) % 1.0 - 0.5, dtype=np.float64)
+
+
+def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
+    """Above a bar: what is missing from it, and the mark of what fits lag or feedback."""
+    lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
+    lines += [f"{cell.without} no value"] if cell.without else []
+    lines += ["†"] if cell.flagged else []
+    if lines:
+        axes.annotate(
+            "\n".join(lines),
+            (centre, 0.0 if np.isnan(mean) else top),
+            xytext=(0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=7.5,
+            color=MUTED if lines != ["†"] else "black",
+        )
+
+
+def _notes(tables: Mapping[str, Pivot], notes: Sequence[str]) -> list[str]:
+    cells = [cell for table in tables.values() for cell in table.cells.values()]
+    most = max(len(cell.observed) for cell in cells)
+    what = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
+    found = [what if most > 1 else "one seed", *notes]
+    if any(cell.flagged for cell in cells):
+        found.append("† below the true model: fits lag or feedback, not the vessel")
+    return found

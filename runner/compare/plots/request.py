@@ -1,0 +1,99 @@
+"""What a figure is asked for, and the runs that go into it."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from models.errors import ConfigurationError
+
+from ..conditions import Condition
+from ..observations import FINISHED, Run, ordered
+from ..results import Results
+
+
+@dataclass(frozen=True)
+class PlotRequest:
+    """Options of a figure; each kind uses those that concern it. Empty `dofs` mean all."""
+
+    run: int | None = None
+    metric: str = "force_mse"
+    rows: str = "identifier"
+    columns: str = "disturbance"
+    dofs: Sequence[str] = ()
+    model: str = "identified"
+    facet: str | None = None
+    log: bool = False
+    where: str | None = None
+
+
+@dataclass(frozen=True)
+class Facet:
+    """The runs of one figure, and what tells it from the others."""
+
+    runs: Sequence[Run]
+    condition: Condition | None
+    label: str = ""  # "vessel = milliampere", empty without --facet
+
+    def title(self, text: str) -> str:
+        """The figure's title with the facet in it."""
+        return f"{text} ({self.label})" if self.label else text
+
+    def file(self, name: str) -> str:
+        """A file name without anything that could lead elsewhere."""
+        whole = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
+        return re.sub(r"[^\w.\-]+", "_", whole, flags=re.ASCII).strip("._") or "figure"
+
+
+def facets(results: Results, request: PlotRequest) -> list[Facet]:
+    """The runs of each figure; raises ConfigurationError where none match."""
+    condition = results.where(request.where)
+    if request.run is not None:
+        condition = with_run(condition, request.run)
+    factors = [request.rows, request.columns, *([request.facet] if request.facet else [])]
+    for factor in factors:
+        results.names.check(factor, "--rows/--columns/--facet")
+    runs = results.runs(condition, factors)
+    if request.facet is None:
+        return [Facet(runs, condition)]
+    return [
+        Facet(
+            [run for run in runs if run.levels[request.facet] == level],
+            condition,
+            f"{request.facet} = {level}",
+        )
+        for level in ordered(run.levels[request.facet] for run in runs)
+    ]
+
+
+def with_run(condition: Condition | None, run: int) -> Condition:
+    """The condition, and that it be this run."""
+    from ..conditions import Comparison, Joined
+
+    one = Comparison("id", "=", run)
+    return one if condition is None else Joined("and", (condition, one))
+
+
+def one_run(results: Results, request: PlotRequest, kinds: Sequence[str]) -> tuple[Run, list[str]]:
+    """The run of a figure over time, and which of the series `kinds` it has.
+
+    It is the run asked for, else the newest finished one that meets --where and has such a series.
+    """
+    condition = results.where(request.where)
+    if request.run is not None:
+        condition = with_run(condition, request.run)
+    runs = results.runs(condition, superseded=request.run is not None)
+    stored = results.series_kinds(condition)
+    for run in reversed(runs):
+        have = [kind for kind in kinds if kind in stored.get(run.id, ())]
+        if have and (request.run is not None or run.status == FINISHED):
+            return run, have
+    which = f"run {request.run}" if request.run is not None else "no finished run"
+    verb = "has no" if request.run is not None else "that matches has a"
+    raise ConfigurationError(f"plot: {which} {verb} series {' or '.join(kinds)}")
+
+
+def subtitle(run: Run) -> str:
+    """`run 17: milliampere, noise, plsr, seed 3`."""
+    names = ("vessel", "disturbance", "identifier")
+    told = ", ".join(run.levels[name] for name in names)
+    return f"run {run.id}: {told}, seed {run.levels['seed']}"

@@ -1,0 +1,144 @@
+"""How every figure looks: palette, fonts, axes with units, and files that are the same each time.
+
+Figures are made without pyplot: no window, no global state, any backend setting is ignored.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..grid import with_unit
+
+# Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
+PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+MODEL_COLOURS = {"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"}
+REFERENCE = "#000000"
+MUTED = "#595959"
+SHADE = "#E8E8E8"
+
+RC: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.size": 10,
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 10,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4,
+    "figure.dpi": 150,
+    "savefig.dpi": 150,
+    "svg.hashsalt": "seatrial",
+    "svg.fonttype": "path",
+    "path.simplify": True,
+}
+
+METRIC_LABELS = {
+    "force_mse": "Force MSE",
+    "force_mae": "Force MAE",
+    "force_mse_filtered": "Force MSE, filtered",
+    "below_true_model": "Below the true model",
+    "coefficient_error": "Relative coefficient error",
+    "e_pos_mae": "Position MAE",
+    "e_pos_mse": "Position MSE",
+    "e_psi_mae": "Heading MAE",
+    "e_psi_mse": "Heading MSE",
+    "nu_mse": "Velocity MSE",
+    "nu_dot_mse": "Acceleration MSE",
+    "tau_mean_abs": "Mean |force|",
+    "tau_fb_mean_abs": "Mean |feedback force|",
+    "power_mean": "Mean power",
+    "iaew": "IAEW",
+}
+WHOLE_DOFS = ("position", "heading", "all")  # named by the metric already
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure and the name of its files."""
+
+    name: str
+    figure: Figure
+
+
+@contextmanager
+def drawn() -> Iterator[None]:
+    """Draw and save inside this: the settings above, and matplotlib's defaults for the rest."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        for name, value in RC.items():
+            mpl.rcParams[name] = value
+        yield
+
+
+def figure(width: float, height: float) -> Figure:
+    """An empty figure of the given size [inch] whose parts make room for each other."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def panels(
+    rows: int, columns: int, width: float, height: float, share_x: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """A figure of rows x columns axes, width x height [inch] each, listed row by row."""
+    made = figure(columns * width, rows * height)
+    axes = made.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
+    return made, [one for row in axes for one in row]
+
+
+def metric_label(name: str, dof: str, unit: str | None) -> str:
+    """`Force MSE, surge [N²]`."""
+    label = METRIC_LABELS.get(name, name)
+    named = label if dof in WHOLE_DOFS else f"{label}, {dof}"
+    return with_unit(named, unit)
+
+
+def legend_above(made: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
+    """One legend for the whole figure, above it, each label once."""
+    found: dict[str, Artist] = {}
+    for one in axes:
+        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if found:
+        made.legend(
+            handles=list(found.values()),
+            labels=list(found),
+            loc="outside upper left",
+            ncols=min(columns, len(found)),
+        )
+
+
+def heading(made: Figure, text: str) -> None:
+    """The title of the whole figure, left aligned with its axes."""
+    made.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
+
+
+def save(drawing: Drawing, folder: Path) -> list[Path]:
+    """Writes NAME.png and NAME.svg; the same figure gives the same SVG to the last byte."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+        path = folder / f"{drawing.name}.{suffix}"
+        drawing.figure.savefig(path, metadata=metadata)
+        paths.append(path)
+    return paths
+
+
+def footnote(made: Figure, notes: Sequence[str]) -> None:
+    """Small text under the figure, one line a note."""
+    if notes:
+        made.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8, color=MUTED)

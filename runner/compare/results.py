@@ -1,0 +1,165 @@
+"""The results database as the comparison reads it: runs and their numbers, nothing written.
+
+All queries of tables and figures stand here. A trial that was repeated counts once: by its latest
+finished attempt, else by its latest (the view's column `superseded` says which do not count).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from models.errors import ConfigurationError
+from runner.database.reading import Reader
+from runner.database.tables import Coefficient, Diagnostic, Metric, Series
+from runner.database.tables import Run as RunTable
+from runner.database.views import run_overview
+
+from .conditions import Condition, parse
+from .names import CHOICES, Names, flat
+from .observations import Observation, Run
+
+RUN = RunTable.__table__
+LABELS = (*CHOICES, "seed")
+COEFFICIENT_STAGE = "coefficient"
+
+
+@contextmanager
+def open_results(database: str, results_dir: Path | None = None) -> Iterator["Results"]:
+    """The logbook at a URL or plain path, for reading; LogbookError where there is none.
+
+    `results_dir` is where its series are: by default the folder of a SQLite file, or `results`.
+    """
+    url = database if "://" in database else f"sqlite:///{database}"
+    with Reader.read(url, results_dir=results_dir) as reader:
+        yield Results(reader)
+
+
+class Results:
+    """The questions of tables and figures to one logbook."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+
+    @cached_property
+    def names(self) -> Names:
+        """The names that conditions, rows and columns may use."""
+        newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in CHOICES))
+        rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
+        keys = {key for row in rows for key in flat(row.config)}
+        columns: dict[str, Any] = {column.name: column for column in RUN.c}
+        columns["status"] = run_overview.c.status
+        return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
+
+    def where(self, text: str | None) -> Condition | None:
+        """The condition that --where says, its names checked."""
+        condition = parse(text) if text else None
+        if condition is not None:
+            self.names.clause(condition)
+        return condition
+
+    def runs(
+        self,
+        condition: Condition | None = None,
+        factors: Sequence[str] = (),
+        superseded: bool = False,
+    ) -> list[Run]:
+        """Runs that meet the condition, oldest first, with their levels of the factors.
+
+        Without `superseded`, one attempt a trial. Raises ConfigurationError where none is left.
+        """
+        names = list(dict.fromkeys((*LABELS, *factors)))
+        texts = [self.names.text(name) for name in names]
+        query = self._of_runs(sa.select(RUN.c.id, run_overview.c.status, *texts), condition)
+        if not superseded:
+            query = query.where(run_overview.c.superseded == 0)
+        found = [
+            Run(id_, status, dict(zip(names, map(_text, levels), strict=True)))
+            for id_, status, *levels in map(tuple, self.reader.select(query.order_by(RUN.c.id)))
+        ]
+        if not found:
+            raise ConfigurationError(self.why_none(condition))
+        return found
+
+    def metrics(
+        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
+    ) -> list[Observation]:
+        """The named metrics of the runs; `condition` is the one that found them."""
+        m = Metric.__table__.c
+        query = sa.select(m.run_id, m.stage, m.model, m.dof, m.name, m.value, m.unit)
+        query = query.where(m.name.in_(names), m.run_id.in_(self._ids(condition)))
+        by_id = {run.id: run for run in runs}
+        return [
+            Observation(by_id[id_], *facts)
+            for id_, *facts in map(tuple, self.reader.select(query.order_by(m.id)))
+            if id_ in by_id
+        ]
+
+    def coefficients(
+        self, runs: Sequence[Run], condition: Condition | None = None
+    ) -> list[Observation]:
+        """All coefficients of the runs, named by their terms."""
+        c = Coefficient.__table__.c
+        columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
+        query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
+        by_id = {run.id: run for run in runs}
+        return [
+            Observation(by_id[id_], COEFFICIENT_STAGE, *facts)
+            for id_, *facts in map(tuple, self.reader.select(query))
+            if id_ in by_id
+        ]
+
+    def diagnostics(
+        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
+    ) -> dict[int, list[sa.Row[Any]]]:
+        """Rows (run_id, name, dof, i, j, label, value, unit) of the named diagnostics, by run."""
+        d = Diagnostic.__table__.c
+        query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
+        query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
+        found: dict[int, list[sa.Row[Any]]] = {run.id: [] for run in runs}
+        for row in self.reader.select(query.order_by(d.id)):
+            if row.run_id in found:
+                found[row.run_id].append(row)
+        return found
+
+    def series_kinds(self, condition: Condition | None = None) -> dict[int, set[str]]:
+        """The kinds of series that each run has."""
+        s = Series.__table__.c
+        found: dict[int, set[str]] = {}
+        query = sa.select(s.run_id, s.kind).where(s.run_id.in_(self._ids(condition)))
+        for run_id, kind in map(tuple, self.reader.select(query)):
+            found.setdefault(run_id, set()).add(kind)
+        return found
+
+    def metric_names(self) -> list[str]:
+        """Every metric that any run has."""
+        name = Metric.__table__.c.name
+        return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
+
+    def configs(self, ids: Sequence[int]) -> list[Mapping[str, Any]]:
+        """Configurations of the given runs, with dotted names."""
+        query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
+        return [flat(row.config) for row in self.reader.select(query)]
+
+    def _of_runs(self, query: sa.Select[Any], condition: Condition | None) -> sa.Select[Any]:
+        joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
+        query = query.select_from(joined)
+        return query if condition is None else query.where(self.names.clause(condition))
+
+    def _ids(self, condition: Condition | None) -> sa.Select[Any]:
+        return self._of_runs(sa.select(RUN.c.id), condition)
+
+    def why_none(self, *filters: object) -> str:
+        """Why a list of runs is empty, in one line."""
+        ((total,),) = self.reader.select(sa.select(sa.func.count()).select_from(RUN))
+        if not total:
+            return f"{self.reader.address}: no runs in the logbook yet"
+        narrowed = any(one is not None for one in filters)
+        return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
+
+
+def _text(value: Any) -> str:
+    return "none" if value is None else str(value)

@@ -1,0 +1,249 @@
+"""What a comparison is asked for, and what the database holds for it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from models.errors import ConfigurationError
+
+from .names import CHOICES
+from .observations import (
+    BELOW_TRUE_MODEL,
+    FINISHED,
+    OWN_FACTORS,
+    Observation,
+    Run,
+    ordered,
+    varying,
+)
+from .pivot import Key, Pivot
+from .results import Results
+from .statistics import DEFAULT, IntervalKind, checked
+
+
+@dataclass(frozen=True)
+class TableRequest:
+    """What a table shows.
+
+    `names` are metrics, or terms where `of_coefficients`; empty means all terms. Empty `dofs`,
+    `stages`, `models` mean all there are. `baseline` is a factor and its level.
+    """
+
+    names: Sequence[str]
+    rows: Key = ("identifier",)
+    columns: Key = ("disturbance",)
+    of_coefficients: bool = False
+    dofs: Sequence[str] = ()
+    stages: Sequence[str] = ()
+    models: Sequence[str] = ("identified",)
+    statistics: Sequence[str] = DEFAULT
+    interval: IntervalKind = "t"
+    baseline: tuple[str, str] | None = None
+    where: str | None = None
+    digits: int = 4
+
+    @property
+    def factors(self) -> Key:
+        """The factors that are properties of runs."""
+        wanted = (*self.rows, *self.columns, *(self.baseline or ())[:1])
+        return tuple(dict.fromkeys(name for name in wanted if name not in OWN_FACTORS))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the database holds for a request: `shown` go into cells, `all` serve the baseline too.
+
+    `fixed` are the own factors that have one level throughout, `extra` those with several that
+    neither rows nor columns name.
+    """
+
+    runs: Sequence[Run]
+    shown: Sequence[Observation]
+    all: Sequence[Observation]
+    flagged: frozenset[tuple[int, str]]
+    fixed: Mapping[str, str]
+    extra: Key
+
+
+def request_of(
+    rows: str,
+    columns: str,
+    metrics: Sequence[str] | None,
+    terms: Sequence[str] | None,
+    all_terms: bool,
+    dofs: Sequence[str] | None,
+    stages: Sequence[str] | None,
+    models: Sequence[str] | None,
+    statistics: Sequence[str] | None,
+    interval: IntervalKind,
+    baseline: str | None,
+    where: str | None,
+    digits: int,
+) -> TableRequest:
+    """The request that command line options make; raises ConfigurationError where they clash."""
+    of_coefficients = bool(terms) or all_terms
+    if of_coefficients and metrics:
+        raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
+    row_factors, column_factors = _factors(rows), _factors(columns)
+    if all_terms and not terms:
+        row_factors = tuple(f for f in ("dof", "metric") if f not in column_factors) + tuple(
+            f for f in row_factors if f not in ("dof", "metric") and f not in column_factors
+        )
+    twice = [f for f in row_factors if f in column_factors]
+    if twice:
+        raise ConfigurationError(
+            f"--rows and --columns: both name {twice[0]}, expected one of them"
+        )
+    shown = _listed(models) or (() if "model" in row_factors + column_factors else ("identified",))
+    return TableRequest(
+        names=_listed(terms if of_coefficients else metrics or ["force_mse"]),
+        rows=row_factors,
+        columns=column_factors,
+        of_coefficients=of_coefficients,
+        dofs=_all_or(_listed(dofs)),
+        stages=_all_or(_listed(stages)),
+        models=_all_or(shown),
+        statistics=checked(_listed(statistics) or DEFAULT),
+        interval=interval,
+        baseline=_factor_and_level(baseline),
+        where=where,
+        digits=digits,
+    )
+
+
+def _listed(texts: Sequence[str] | None) -> Key:
+    """Options that may be repeated or parted by commas, as one list."""
+    parts = (part.strip() for text in texts or () for part in text.split(","))
+    return tuple(dict.fromkeys(part for part in parts if part))
+
+
+def _all_or(levels: Key) -> Key:
+    return () if "all" in levels else levels
+
+
+def _factors(text: str) -> Key:
+    """Factor names, `none` for no factor; a coefficient's `term` is what its metric is to a run."""
+    names = _listed([text])
+    return () if names == ("none",) else tuple("metric" if n == "term" else n for n in names)
+
+
+def _factor_and_level(baseline: str | None) -> tuple[str, str] | None:
+    if baseline is None:
+        return None
+    factor, equals, level = (part.strip() for part in baseline.partition("="))
+    if not (factor and equals and level):
+        raise ConfigurationError(
+            f"--baseline: got {baseline!r}, expected a factor and its level as identifier=none"
+        )
+    return factor, level
+
+
+def gather(results: Results, request: TableRequest) -> Found:
+    """Reads runs and numbers of a request; raises ConfigurationError for what is not known."""
+    for factor in request.factors:
+        results.names.check(factor, "--rows/--columns")
+    condition = results.where(request.where)
+    runs = results.runs(condition, request.factors)
+    if request.of_coefficients:
+        numbers, flagged = results.coefficients(runs, condition), frozenset[tuple[int, str]]()
+    else:
+        names = (*request.names, BELOW_TRUE_MODEL)
+        numbers = results.metrics(runs, names, condition)
+        flagged = frozenset(
+            (o.run.id, o.dof) for o in numbers if o.name == BELOW_TRUE_MODEL and o.value
+        )
+    numbers = _selected(results, numbers, request)
+    _check_baseline(request, runs, numbers)
+    finished = [o for o in numbers if o.run.status == FINISHED]
+    shown = [o for o in finished if not request.models or o.model in request.models]
+    levels = {name: ordered(o.level(name) for o in shown) for name in OWN_FACTORS}
+    free = [n for n in OWN_FACTORS if n not in request.rows + request.columns]
+    return Found(
+        runs,
+        shown,
+        finished,
+        flagged,
+        fixed={name: levels[name][0] for name in OWN_FACTORS if len(levels[name]) == 1},
+        extra=tuple(name for name in free if len(levels[name]) > 1),
+    )
+
+
+def _selected(
+    results: Results, numbers: Sequence[Observation], request: TableRequest
+) -> list[Observation]:
+    """The numbers asked for by name, DOF, stage and model; an unknown one is refused by name."""
+    _check_names(results, request, {o.name for o in numbers})
+    models = list(request.models)
+    if models and request.baseline and request.baseline[0] == "model":
+        models.append(request.baseline[1])
+    wanted = {
+        "metric": request.names,
+        "dof": request.dofs,
+        "stage": request.stages,
+        "model": models,
+    }
+    kept = list(numbers)
+    for factor, levels in wanted.items():
+        have = ordered(o.level(factor) for o in kept)
+        kept = [o for o in kept if not levels or o.level(factor) in levels]
+        if levels and have and not kept:
+            raise ConfigurationError(
+                f"--{factor}: no run has {', '.join(request.names) or 'a coefficient'} with"
+                f" {factor} {', '.join(levels)}; expected one of {', '.join(have)}"
+            )
+    return kept
+
+
+def _check_names(results: Results, request: TableRequest, found: set[str]) -> None:
+    """Refuses a name that no run has; one that only these runs lack is an empty cell."""
+    what = "coefficient" if request.of_coefficients else "metric"
+    known = found if request.of_coefficients else found | {*results.metric_names()}
+    for name in request.names:
+        if name not in known and known:
+            raise ConfigurationError(
+                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
+            )
+
+
+def _check_baseline(
+    request: TableRequest, runs: Sequence[Run], numbers: Sequence[Observation]
+) -> None:
+    if request.baseline is None:
+        return
+    factor, level = request.baseline
+    if factor in OWN_FACTORS:
+        have = ordered(o.level(factor) for o in numbers)
+    else:
+        have = ordered(run.levels[factor] for run in runs)
+    if level not in have:
+        raise ConfigurationError(
+            f"--baseline: no run has {factor}={level}; expected one of {', '.join(have)}"
+        )
+
+
+def pooled(results: Results, table: Pivot) -> list[str]:
+    """Notes on what is averaged within a cell beside seeds."""
+    choices: dict[str, set[str]] = {}
+    twins: set[int] = set()
+    for cell in table.cells.values():
+        runs = list({o.run.id: o.run for o in cell.observed}.values())
+        for name, levels in varying(runs, CHOICES).items():
+            choices.setdefault(name, set()).update(levels)
+        seen: dict[tuple[str, ...], int] = {}
+        for run in runs:
+            same = tuple(run.levels[name] for name in (*CHOICES, "seed"))
+            if seen.setdefault(same, run.id) != run.id and len(twins) < 40:
+                twins |= {seen[same], run.id}
+    notes = [f"{name} ({', '.join(ordered(levels))})" for name, levels in choices.items()]
+    notes += _differing_keys(results, sorted(twins))
+    return [f"cells average over {', '.join(notes)}: narrow by --where"] if notes else []
+
+
+def _differing_keys(results: Results, ids: Sequence[int]) -> list[str]:
+    configs = results.configs(ids)
+    keys = dict.fromkeys(key for config in configs for key in config)
+    found = []
+    for key in keys:
+        levels = ordered(str(config.get(key)) for config in configs)
+        if len(levels) > 1 and key != "seed" and not key.startswith("database."):
+            found.append(f"{key} ({', '.join(levels[:4])}{', …' if len(levels) > 4 else ''})")
+    return found if len(found) <= 4 else [*found[:4], f"{len(found) - 4} more keys"]

@@ -1,0 +1,134 @@
+"""Statistics over the seeds of a cell: location, spread, intervals and the paired test.
+
+Samples are one-dimensional arrays of finite numbers, one a run. A statistic that its sample is too
+small for is NaN, never a guess.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import ConfigurationError
+
+Sample = NDArray[np.float64]
+IntervalKind = Literal["t", "bootstrap"]
+
+BOOTSTRAP_RESAMPLES = 10_000
+BOOTSTRAP_SEED = 0  # the same table twice shows the same interval
+_QUANTILE = re.compile(r"q(\d{1,2})")
+
+
+def _std(sample: Sample) -> float:
+    """Standard deviation with n - 1 in the denominator; NaN for a single value."""
+    return float(np.std(sample, ddof=1)) if sample.size > 1 else math.nan
+
+
+SIMPLE: dict[str, Callable[[Sample], float]] = {
+    "mean": lambda sample: float(np.mean(sample)),
+    "std": _std,
+    "median": lambda sample: float(np.median(sample)),
+    "min": lambda sample: float(np.min(sample)),
+    "max": lambda sample: float(np.max(sample)),
+}
+CHOICES = "mean, std, n, median, min, max, q05 ... q95 (any quantile in percent), ci"
+DEFAULT = ("mean", "std", "n")
+
+
+def checked(names: Sequence[str]) -> tuple[str, ...]:
+    """The statistics asked for; raises ConfigurationError for one that is not known."""
+    for name in names:
+        if name not in SIMPLE and name not in ("n", "ci") and not _QUANTILE.fullmatch(name):
+            raise ConfigurationError(f"--statistic: {name!r} is not known; expected {CHOICES}")
+    return tuple(dict.fromkeys(names))
+
+
+def summary(
+    sample: Sample, names: Sequence[str], interval: IntervalKind = "t"
+) -> dict[str, float | int]:
+    """The named statistics of one sample; `ci` gives `ci_low` and `ci_high`."""
+    found: dict[str, float | int] = {}
+    for name in names:
+        if name == "n":
+            found["n"] = int(sample.size)
+        elif name == "ci":
+            found["ci_low"], found["ci_high"] = confidence_interval(sample, interval)
+        else:
+            found[name] = _one(sample, name) if sample.size else math.nan
+    return found
+
+
+def _one(sample: Sample, name: str) -> float:
+    quantile = _QUANTILE.fullmatch(name)
+    if quantile:
+        return float(np.quantile(sample, int(quantile[1]) / 100.0))
+    return SIMPLE[name](sample)
+
+
+def confidence_interval(
+    sample: Sample, kind: IntervalKind = "t", level: float = 0.95
+) -> tuple[float, float]:
+    """Interval of the mean: Student's t, or the percentile bootstrap with a fixed seed.
+
+    Both are (NaN, NaN) for fewer than two values.
+    """
+    if sample.size < 2:
+        return math.nan, math.nan
+    if kind == "bootstrap":
+        return _bootstrap_interval(sample, level)
+    from scipy.special import stdtrit  # a quarter of the import time of scipy.stats
+
+    quantile = float(stdtrit(sample.size - 1, 0.5 + level / 2.0))
+    mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
+    return mean - half, mean + half
+
+
+def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    # in blocks: the index array of one thousand resamples stays small for any sample
+    means = [
+        sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
+        for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
+    ]
+    tail = (1.0 - level) / 2.0
+    low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class PairedTest:
+    """A cell against its baseline over the seeds they share.
+
+    `ratio` is mean over mean, `wins` how often the cell was better, `p_value` that of the
+    two-sided Wilcoxon signed-rank test (NaN where nothing differs or no pair exists).
+    """
+
+    pairs: int
+    wins: int
+    ratio: float
+    p_value: float
+
+
+def paired_test(sample: Sample, baseline: Sample, higher_is_better: bool = False) -> PairedTest:
+    """Compares two samples of equal length whose i-th values share seed and circumstances."""
+    if sample.shape != baseline.shape:
+        raise ValueError(f"pairs differ in length: {sample.shape} and {baseline.shape}")
+    pairs = int(sample.size)
+    if pairs == 0:
+        return PairedTest(0, 0, math.nan, math.nan)
+    gain = sample - baseline if higher_is_better else baseline - sample
+    below = float(np.mean(baseline))
+    ratio = float(np.mean(sample)) / below if below != 0.0 else math.nan
+    return PairedTest(pairs, int(np.sum(gain > 0.0)), ratio, _wilcoxon(gain))
+
+
+def _wilcoxon(differences: Sample) -> float:
+    if not np.any(differences):
+        return math.nan
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(differences).pvalue)

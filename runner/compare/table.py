@@ -1,0 +1,270 @@
+"""The comparison table: figures over seeds by rows and columns, with all that qualifies them."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from .grid import Cell as GridCell
+from .grid import Grid, Scalar, number_text, unit_text, with_unit
+from .observations import OWN_FACTORS
+from .pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
+from .results import Results
+from .selection import Found, TableRequest, gather, pooled
+from .statistics import PairedTest, summary
+
+Place = tuple[Key, Key]
+
+EMPTY = "–"
+MARK = "†"
+MIXED = "mixed"
+FLAG_NOTE = (
+    f"{MARK} below_true_model: a force error below the true plant's own fits lag or feedback,"
+    " not the vessel; such a figure is never set in bold"
+)
+TEST_NOTE = (
+    "× is the ratio of means to {}; p is that of the two-sided Wilcoxon signed-rank test over"
+    " paired seeds (not corrected for several comparisons); won is the number of pairs it is"
+    " better in"
+)
+
+
+def comparison(results: Results, request: TableRequest) -> Grid:
+    """The table; raises ConfigurationError for unknown names or where nothing matches."""
+    found = gather(results, request)
+    rows = (*found.extra, *request.rows)
+    table = pivot(found.shown, found.runs, rows, request.columns, found.flagged, request.names)
+    tests = {}
+    if request.baseline is not None:
+        tests = against_baseline(table, found.all, *request.baseline)
+    return _Writer(request, found, table, tests, pooled(results, table)).grid()
+
+
+class _Writer:
+    """Turns a pivot into a grid: texts, bold, marks, notes, and records for machines."""
+
+    def __init__(
+        self,
+        request: TableRequest,
+        found: Found,
+        table: Pivot,
+        tests: Mapping[Place, PairedTest],
+        notes: Sequence[str],
+    ) -> None:
+        self.request, self.found, self.table, self.tests = request, found, table, tests
+        self.notes, self.row_keys = notes, table.row_keys
+        self.figures = {
+            place: summary(cell.sample, request.statistics, request.interval)
+            for place, cell in table.cells.items()
+        }
+        self.location = {place: self._location(cell) for place, cell in table.cells.items()}
+        self.best = best_cells(table, self._compared_by(), found.fixed.get("metric"))
+
+    def grid(self) -> Grid:
+        """The finished table; a column of units where the rows have different ones."""
+        by_row = self._unit() == MIXED and all(self._unit(row=r) != MIXED for r in self.row_keys)
+        rows = [
+            [
+                *map(GridCell, row),
+                *([GridCell(self._unit(row=row))] if by_row else []),
+                *(self._shown((row, column)) for column in self.table.column_keys),
+            ]
+            for row in self.row_keys
+        ]
+        labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
+        headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
+        notes = [*self.notes, *self._qualifications()]
+        return Grid(self._title(), headers, rows, len(labels), notes, self._records())
+
+    def _name(self, factor: str) -> str:
+        """A factor as it is shown: the name of a coefficient is its term."""
+        return "term" if factor == "metric" and self.request.of_coefficients else factor
+
+    def _location(self, cell: Cell) -> float:
+        """The figure a cell is judged by: its median if that is shown and the mean is not."""
+        if not cell.observed:
+            return math.nan
+        shown = self.request.statistics
+        median = "median" in shown and "mean" not in shown
+        return summary(cell.sample, ["median" if median else "mean"]).popitem()[1]
+
+    def _compared_by(self) -> Mapping[Place, float]:
+        """What the best is chosen by: the figure, or a coefficient's distance from the truth."""
+        if not self.request.of_coefficients:
+            return self.location
+        return {
+            place: abs(value - _truth(self.table.cells[place]))
+            for place, value in self.location.items()
+        }
+
+    def _shown(self, place: Place) -> GridCell:
+        cell = self.table.cells.get(place)
+        if cell is None:
+            return GridCell("")
+        text = _figures_text(self.figures[place], self.request) if cell.observed else EMPTY
+        if cell.flagged:
+            text += f" {MARK}"
+        text += _counts_text(cell, self.request)
+        if self.request.of_coefficients and cell.observed:
+            text += _uncertainty_text(cell, self.request.digits)
+        if place in self.tests:
+            text += "\n" + _test_text(self.tests[place])
+        elif self._is_baseline(place) and cell.observed:
+            text += "\nbaseline"
+        value = self.location[place]
+        return GridCell(text, place in self.best, None if math.isnan(value) else value)
+
+    def _is_baseline(self, place: Place) -> bool:
+        if self.request.baseline is None:
+            return False
+        factor, level = self.request.baseline
+        return self.table.level(*place, factor) == level
+
+    def _unit(self, row: Key | None = None, column: Key | None = None) -> str:
+        """The unit of a row, of a column, or of the whole table; MIXED where it has several."""
+        units = {
+            unit_text(one.unit)
+            for (left, top), cell in self.table.cells.items()
+            if row in (None, left) and column in (None, top)
+            for one in cell.observed
+        }
+        return units.pop() if len(units) == 1 else (MIXED if units else "")
+
+    def _header(self, column: Key, with_its_unit: bool) -> str:
+        header = "\n".join(column) or "value"
+        if with_its_unit and self._unit() == MIXED:
+            return with_unit(header, self._unit(column=column))
+        return header
+
+    def _title(self) -> str:
+        fixed, unit = self.found.fixed, self._unit()
+        what = fixed.get("metric") or ", ".join(self.request.names) or "coefficients"
+        own = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
+        about = [with_unit(what, "" if unit == MIXED else unit)]
+        about += [fixed[name] for name in own if name in fixed]
+        runs = len({run.id for run in self.found.runs})
+        return f"{', '.join(about)}: {_statistics_text(self.request)}, {runs} run{'s'[: runs != 1]}"
+
+    def _qualifications(self) -> list[str]:
+        notes = []
+        if any(cell.flagged for cell in self.table.cells.values()):
+            notes.append(FLAG_NOTE)
+        if self.tests and self.request.baseline is not None:
+            notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
+        unfinished = Counter(run.status for run in self.found.runs if run.status != "finished")
+        if unfinished:
+            counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
+            notes.append(f"not in the figures: {counts} (see: runs --status failed)")
+        return notes
+
+    def _records(self) -> list[dict[str, Scalar]]:
+        """One object a cell, full precision."""
+        return [
+            self._record(row, column)
+            for row in self.row_keys
+            for column in self.table.column_keys
+            if (row, column) in self.table.cells
+        ]
+
+    def _record(self, row: Key, column: Key) -> dict[str, Scalar]:
+        place, table = (row, column), self.table
+        cell = table.cells[place]
+        record: dict[str, Scalar] = {}
+        for factor, level in zip(
+            (*table.row_factors, *table.column_factors), row + column, strict=True
+        ):
+            record[self._name(factor)] = level
+        for factor in OWN_FACTORS:
+            if factor != "stage" or not self.request.of_coefficients:
+                record.setdefault(self._name(factor), self.found.fixed.get(factor))
+        record["unit"] = " ".join(sorted({one.unit for one in cell.observed}))
+        record |= self.figures[place]
+        if self.request.of_coefficients:
+            record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
+        record["n"] = len(cell.observed)
+        for status in ("failed", "diverged", "running", "interrupted"):
+            record[status] = cell.unfinished.get(status, 0)
+        record["without_value"] = cell.without
+        record["below_true_model"] = cell.flagged
+        record["best"] = place in self.best
+        return record | self._test_record(place)
+
+    def _test_record(self, place: Place) -> dict[str, Scalar]:
+        if self.request.baseline is None:
+            return {}
+        test = self.tests.get(place)
+        return {
+            "baseline": "=".join(self.request.baseline),
+            "ratio": test.ratio if test else None,
+            "p_value": test.p_value if test else None,
+            "wins": test.wins if test else None,
+            "pairs": test.pairs if test else None,
+        }
+
+
+def _statistics_text(request: TableRequest) -> str:
+    """What the figures are: `mean ± standard deviation (n)`."""
+    words = {
+        "std": "± standard deviation",
+        "n": "(n)",
+        "ci": f"[95 % interval, {request.interval}]",
+    }
+    text = " ".join(words.get(name, name) for name in request.statistics)
+    return f"{text}, se: standard error" if request.of_coefficients else text
+
+
+def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> str:
+    """`2757 ± 12`, `median 2757, q25 2750`, `2757 [2740, 2775]`; n comes with the counts."""
+    digits = request.digits
+    texts: list[str] = []
+    for name in request.statistics:
+        if name == "std":
+            if math.isfinite(figures["std"]):
+                texts.append(("± " if texts else "std ") + number_text(figures["std"], 2))
+        elif name == "ci":
+            low, high = figures["ci_low"], figures["ci_high"]
+            if math.isfinite(low):
+                texts.append(f"[{number_text(low, digits)}, {number_text(high, digits)}]")
+        elif name != "n":
+            label = "" if name == "mean" else f"{name} "
+            texts.append(label + number_text(figures[name], digits))
+    return " ".join(texts)
+
+
+def _counts_text(cell: Cell, request: TableRequest) -> str:
+    """` (n=18, 2 failed)`; what is missing is shown whatever statistics are chosen."""
+    counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
+    if cell.without:
+        counts.append(f"{cell.without} without value")
+    if "n" in request.statistics and cell.observed:
+        counts.insert(0, f"n={len(cell.observed)}")
+    return f" ({', '.join(counts)})" if counts else ""
+
+
+def _uncertainty_text(cell: Cell, digits: int) -> str:
+    """The standard error of the estimate itself and the true value, as far as known."""
+    error, truth = _std_error(cell), _truth(cell)
+    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}"]
+    if not math.isnan(truth):
+        texts.append(f"true {number_text(truth, digits)}")
+    return "\n" + ", ".join(texts) if texts else ""
+
+
+def _std_error(cell: Cell) -> float:
+    """Root mean square of the standard errors in a cell."""
+    errors = [one.std_error for one in cell.observed if one.std_error is not None]
+    return math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else math.nan
+
+
+def _truth(cell: Cell) -> float:
+    """The true value that all runs of a cell share, else NaN."""
+    truths = {one.true_value for one in cell.observed}
+    only = truths.pop() if len(truths) == 1 else None
+    return math.nan if only is None else only
+
+
+def _test_text(test: PairedTest) -> str:
+    if not test.pairs:
+        return "no pairs"
+    p_value = "p –" if math.isnan(test.p_value) else f"p {test.p_value:.2g}"
+    ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
+    return f"{ratio}, {p_value}, won {test.wins}/{test.pairs}"
