@@ -12,6 +12,8 @@ import numpy as np
 from models.basis import Array, Codes
 from models.errors import RecordingError
 
+UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -44,6 +46,60 @@ def read_table(
             [row[place] for row in rows], lines, f"{path}, column {name}", gaps
         )
     return Table(path, np.array(lines, dtype=np.int64), columns, tuple(header))
+
+
+def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
+    """Raise RecordingError where time does not increase in uniform steps.
+
+    A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
+    """
+    t = table.columns[name]
+    check_increasing(table, name)
+    steps = np.diff(t)
+    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
+    wrong = np.abs(steps - period) > UNIFORMITY * period
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, column {name}, line {table.lines[k + 1]}: got a step of "
+            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
+        )
+
+
+def check_increasing(table: Table, name: str) -> None:
+    """Raise RecordingError where a time is missing or does not come after the one before."""
+    t = table.columns[name]
+    if len(t) < 2:
+        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
+    wrong = ~(np.diff(t) > 0.0)  # also where a time is missing
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, column {name}, line {table.lines[k + 1]}: got {t[k + 1]:.6f} s after "
+            f"{t[k]:.6f} s, expected time to increase"
+        )
+
+
+def check_gaps(table: Table, time: str, longest_s: float) -> None:
+    """Raise RecordingError where a column has no sample for more than `longest_s` [s].
+
+    Columns may begin late and end early.
+    """
+    check_increasing(table, time)
+    for name, values in table.columns.items():
+        known = np.flatnonzero(~np.isnan(values))
+        if len(known) < 2:
+            raise RecordingError(
+                f"{table.path}, column {name}: got {len(known)} samples, expected at least 2"
+            )
+        t = table.columns[time][known]
+        gaps = np.diff(t)
+        if np.max(gaps) > longest_s:
+            k = int(np.argmax(gaps > longest_s))
+            raise RecordingError(
+                f"{table.path}, column {name}, line {table.lines[known[k]]}: got no sample for "
+                f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
+            )
 
 
 def listed(names: Sequence[str]) -> str:

@@ -1,103 +1,56 @@
-"""Measured recordings: CSV files with a column map."""
+"""Measured recordings: a CSV file, read, checked, cleaned where asked, and cut."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.basis import DOFS, Array
-from models.csv_table import Table, read_table
+from models.column_map import ColumnMap
+from models.csv_table import Table, check_gaps, check_time, read_table
 from models.errors import ConfigurationError, RecordingError
 from models.kinematics import unroll, wrap
-from models.preprocessing import central_difference, euler_zyx, without_sign_flips
+from models.preprocessing import (
+    AzimuthThrusters,
+    Differentiation,
+    Mask,
+    common_rate,
+    interpolated,
+    outliers,
+    without_bias,
+)
+from models.quality import Description, describe
 from models.recording import Recording
-
-UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
-NORM_TOLERANCE = 0.05  # of a quaternion's length: more is not rounding but a wrong column
+from models.splits import Split, by_trips, half, trips
+from models.vessel import PLANAR
 
 
 @dataclass(frozen=True)
-class ColumnMap:
-    """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
+class Outliers:
+    """Replace what is more than `deviations` standard deviations from its `window` neighbours."""
 
-    Positions [m] (angles [rad] where there is no `orientation`), body velocities [m/s, rad/s],
-    body accelerations [m/s^2, rad/s^2] where recorded, commanded forces [N, Nm], acting forces
-    where recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
-    """
-
-    time: str
-    position: dict[str, str]
-    velocity: dict[str, str]
-    acceleration: dict[str, str]
-    force: dict[str, str]
-    actual_force: dict[str, str]
-    orientation: tuple[str, str, str, str] | None
+    replace: bool
+    window: int
+    deviations: float
 
     def __post_init__(self) -> None:
-        for kind in ("position", "velocity", "acceleration", "force", "actual_force"):
-            for dof, name in getattr(self, kind).items():
-                if dof not in DOFS:
-                    raise ConfigurationError(
-                        f"columns.{kind}: got {dof!r}, expected some of {', '.join(DOFS)}"
-                    )
-                if not _column(name):
-                    raise ConfigurationError(
-                        f"columns.{kind}.{dof}: got {name!r}, expected the name of a column"
-                    )
-
-    def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError when a degree of freedom has no column."""
-        for kind in ("velocity", "force", "position"):
-            known = set(getattr(self, kind))
-            if kind == "position" and self.orientation is not None:
-                known |= set(DOFS[3:])
-            for dof in dofs:
-                if dof not in known:
-                    raise ConfigurationError(
-                        f"excitation.columns.{kind}: no column for {dof}, "
-                        f"expected one for each of {', '.join(dofs)}"
-                    )
-
-    def required(self, dofs: Sequence[str]) -> list[str]:
-        """Names of the columns that a vessel of these degrees of freedom needs."""
-        maps = (self.velocity, self.force, self._poses(dofs), self.acceleration, self.actual_force)
-        names = [_column(one[dof]) for one in maps for dof in dofs if dof in one]
-        turning = any(dof in DOFS[3:] for dof in dofs)
-        return [self.time, *names, *((self.orientation or ()) if turning else ())]
-
-    def values(self, table: Table, kind: str, dofs: Sequence[str]) -> Array:
-        """Columns of one kind with their signs, shape (N, n_dof)."""
-        names = getattr(self, kind)
-        return np.column_stack([_signed(table, names[dof]) for dof in dofs])
-
-    def attitude(self, table: Table, heading: float) -> Array:
-        """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""
-        if self.orientation is not None and all(n in table.columns for n in self.orientation):
-            quaternions = np.column_stack([table.columns[name] for name in self.orientation])
-            angles = euler_zyx(without_sign_flips(_unit(quaternions, table, self.orientation)))
-            return np.asarray(angles - [0.0, 0.0, heading])
-        angles = np.zeros((len(table.lines), 3))
-        for i, dof in enumerate(DOFS[3:]):
-            name = self.position.get(dof)
-            if self.orientation is None and name and _column(name) in table.columns:
-                angles[:, i] = _signed(table, name) - (heading if dof == "yaw" else 0.0)
-        return angles
-
-    def _poses(self, dofs: Sequence[str]) -> Mapping[str, str]:
-        """The position columns in use: angles come from the orientation where it is recorded."""
-        own = DOFS if self.orientation is None else DOFS[:3]
-        return {dof: name for dof, name in self.position.items() if dof in own and dof in dofs}
+        if self.window < 4:
+            raise ConfigurationError(f"window must be at least 4, got {self.window}")
+        if not self.deviations > 0.0:
+            raise ConfigurationError(f"deviations must be positive, got {self.deviations:g}")
 
 
 @dataclass(frozen=True)
 class RecordedFile:
     """A measured CSV file as excitation: read, checked and cut, not simulated.
 
-    The samples strictly between `start_s` and `end_s` are used (null: all), the first
-    `train_fraction` of them for training. `sample_time_s` is checked against the file (null:
-    taken from it). `heading_deg` is the heading of the frame of the positions in the frame of
+    The samples strictly between `start_s` and `end_s` are used (null: all). The first
+    `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) where
+    `trip_starts_s` are given. The file is sampled uniformly, with `sample_time_s` (null: whatever
+    it has); or every column has its own samples, empty cells between them, and `resample_hz` puts
+    them on one grid. `heading_deg` is the heading of the frame of the positions in the frame of
     the orientation: 180 where the map turns both horizontal positions round.
     """
 
@@ -105,9 +58,18 @@ class RecordedFile:
     start_s: float | None
     end_s: float | None
     sample_time_s: float | None
+    resample_hz: float | None
+    max_gap_s: float
     train_fraction: float
+    trip_starts_s: tuple[float, ...]
+    training_trips: tuple[int, ...]
     heading_deg: float
     columns: ColumnMap
+    outliers: Outliers
+    zero_acceleration_bias: bool
+    differentiation: Differentiation
+    thrusters: AzimuthThrusters
+    statistics: tuple[str, ...]
 
     def __post_init__(self) -> None:
         if not self.path:
@@ -116,11 +78,24 @@ class RecordedFile:
             raise ConfigurationError(
                 f"start_s must lie before end_s = {self.end_s:g}, got {self.start_s:g}"
             )
-        if self.sample_time_s is not None and not self.sample_time_s > 0.0:
-            raise ConfigurationError(f"sample_time_s must be positive, got {self.sample_time_s:g}")
-        if not 0.0 < self.train_fraction < 1.0:
+        for name in ("sample_time_s", "resample_hz", "max_gap_s"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {value:g}")
+        if self.sample_time_s is not None and self.resample_hz is not None:
             raise ConfigurationError(
-                f"train_fraction must lie between 0 and 1, got {self.train_fraction:g}"
+                f"sample_time_s = {self.sample_time_s:g} asks for a uniform file and resample_hz = "
+                f"{self.resample_hz:g} makes one, expected one of them to be null"
+            )
+        half(2, self.train_fraction)
+        trips(np.zeros(1), self.trip_starts_s)
+        if len(self.training_trips) and not len(self.trip_starts_s):
+            raise ConfigurationError("training_trips needs trip_starts_s, got none")
+        if self.trip_starts_s:
+            by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
+        if self.thrusters.rpm and self.columns.actual_force:
+            raise ConfigurationError(
+                "thrusters.rpm and columns.actual_force both give the acting force, expected one"
             )
 
     @property
@@ -135,33 +110,135 @@ class RecordedFile:
     def read(self, dofs: Sequence[str]) -> Recording:
         """The recording of a vessel of these degrees of freedom.
 
-        nu_dot is the central difference of nu where it is not recorded: the low-pass of an
-        identifier is linear and commutes with it. Raises RecordingError, naming file, line and
-        column.
+        Raises RecordingError, naming file, line and column. An identifier's low-pass comes later:
+        it is linear, so it commutes with the differentiation.
         """
-        self.check(dofs)
-        table = read_table(self.file, self.columns.required(dofs), self.columns.orientation or ())
+        table = self._table(dofs)
         t = table.columns[self.columns.time]
-        period_s = check_time(table, self.columns.time, self.sample_time_s)
+        period_s = float((t[-1] - t[0]) / (len(t) - 1))
         nu = self.columns.values(table, "velocity", dofs)
-        nu_dot = central_difference(nu, period_s)
-        for i, dof in enumerate(dofs):
-            if dof in self.columns.acceleration:
-                nu_dot[:, i] = self.columns.values(table, "acceleration", (dof,))[:, 0]
         tau = self.columns.values(table, "force", dofs)
-        acting = all(dof in self.columns.actual_force for dof in dofs)
-        tau_actual = self.columns.values(table, "actual_force", dofs) if acting else None
+        nu_dot, acting = self._acceleration(table, nu, period_s, dofs), self._acting(table, dofs)
         kept = self._window(t)
         attitude = self.columns.attitude(table, np.radians(self.heading_deg))[kept]
-        attitude[:, 2] = _heading(attitude[:, 2])
+        attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
         return Recording(
             tuple(dofs), t[kept], self._pose(table, kept, attitude, dofs), nu[kept], nu_dot[kept],
-            tau[kept], attitude, tau_actual=None if tau_actual is None else tau_actual[kept],
+            tau[kept], attitude, tau_actual=None if acting is None else acting[kept],
         )  # fmt: skip
 
-    def _pose(
-        self, table: Table, kept: NDArray[np.bool_], attitude: Array, dofs: Sequence[str]
-    ) -> Array:
+    def split(self, t: Array) -> Split:
+        """Which of the samples that `read` gave are for training and which for testing.
+
+        Raises ConfigurationError where the window leaves no trip to train or to test with.
+        """
+        if not self.trip_starts_s:
+            return half(len(t), self.train_fraction)
+        return by_trips(trips(t, self.trip_starts_s), self.training_trips)
+
+    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
+        """How many samples of each column in use are outliers, over the whole file."""
+        table = self._measured(dofs)
+        return {name: int(np.sum(wrong)) for name, wrong in self._outliers(table).items()}
+
+    def describe(self) -> tuple[Description, ...]:
+        """Statistics of the columns `statistics` that the file has, in the window, as recorded."""
+        table = read_table(self.file, (self.columns.time,), self.statistics, gaps=True)
+        kept = self._window(table.columns[self.columns.time])
+        names = [name for name in self.statistics if name in table.columns]
+        return describe({name: table.columns[name][kept] for name in names})
+
+    def content_sha256(self) -> str:
+        """SHA-256 of the file: the same path may hold other data tomorrow."""
+        try:
+            return sha256(self.file.read_bytes()).hexdigest()
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"{self.file}: cannot be read, expected a CSV file") from error
+
+    def _table(self, dofs: Sequence[str]) -> Table:
+        """The columns in use, without outliers where asked, on one uniform grid."""
+        table = self._measured(dofs)
+        if self.outliers.replace:
+            columns, t = dict(table.columns), table.columns[self.columns.time]
+            for name, wrong in self._outliers(table).items():
+                known = ~np.isnan(columns[name])
+                columns[name] = columns[name].copy()
+                columns[name][known] = interpolated(t[known], columns[name][known], wrong[known])
+            table = replace(table, columns=columns)
+        return table if self.resample_hz is None else self._resampled(table, self.resample_hz)
+
+    def _measured(self, dofs: Sequence[str]) -> Table:
+        """The columns in use as the file has them: checked, angles and quaternions continuous."""
+        self.check(dofs)
+        required = self.columns.required(dofs)
+        if self._thrusters_serve(dofs):
+            required += [*self.thrusters.rpm, *self.thrusters.angle]
+        optional = (*(self.columns.orientation or ()), *self.columns.angles())
+        gaps = self.resample_hz is not None
+        table = read_table(self.file, required, optional, gaps=gaps)
+        if gaps:
+            check_gaps(table, self.columns.time, self.max_gap_s)
+        else:
+            check_time(table, self.columns.time, self.sample_time_s)
+        return self.columns.continuous(table, self.thrusters.angle)
+
+    def _outliers(self, table: Table) -> dict[str, Mask]:
+        """Outliers of every column but time, among its own samples."""
+        found = {}
+        for name, values in table.columns.items():
+            if name != self.columns.time:
+                known = ~np.isnan(values)
+                found[name] = np.zeros(len(values), dtype=bool)
+                found[name][known] = outliers(
+                    values[known], self.outliers.window, self.outliers.deviations
+                )
+        return found
+
+    def _resampled(self, table: Table, rate_hz: float) -> Table:
+        t = table.columns[self.columns.time]
+        channels = {}
+        for name, values in table.columns.items():
+            known = ~np.isnan(values)
+            if name != self.columns.time:
+                channels[name] = (t[known], values[known])
+        try:
+            grid, columns = common_rate(channels, rate_hz)
+        except RecordingError as error:
+            raise RecordingError(f"{table.path}: {error}") from error
+        return replace(table, columns={self.columns.time: grid, **columns})
+
+    def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
+        """nu_dot (N, n_dof): as recorded, its bias zeroed where asked; else differentiated."""
+        nu_dot = self.differentiation.derivative(nu, period_s)
+        for i, dof in enumerate(dofs):
+            if dof in self.columns.acceleration:
+                recorded = self.columns.values(table, "acceleration", (dof,))[:, 0]
+                if self.zero_acceleration_bias:
+                    recorded = without_bias(recorded, nu[:, i], period_s)
+                nu_dot[:, i] = recorded
+        return nu_dot
+
+    def _acting(self, table: Table, dofs: Sequence[str]) -> Array | None:
+        """The acting force (N, n_dof) where every degree of freedom has one, else None."""
+        if self._thrusters_serve(dofs):
+            rpm, angle = (
+                np.column_stack([table.columns[name] for name in names])
+                for names in (self.thrusters.rpm, self.thrusters.angle)
+            )
+            try:
+                force = self.thrusters.force(rpm, angle)
+            except RecordingError as error:
+                raise RecordingError(f"{table.path}: {error}") from error
+            return force[:, [PLANAR.index(dof) for dof in dofs]]
+        if all(dof in self.columns.actual_force for dof in dofs):
+            return self.columns.values(table, "actual_force", dofs)
+        return None
+
+    def _thrusters_serve(self, dofs: Sequence[str]) -> bool:
+        """Whether motor speeds give the acting force in all these degrees of freedom."""
+        return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
+
+    def _pose(self, table: Table, kept: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
         poses = []
         for dof in dofs:
             if dof in DOFS[3:]:
@@ -170,7 +247,7 @@ class RecordedFile:
                 poses.append(self.columns.values(table, "position", (dof,))[kept, 0])
         return np.column_stack(poses)
 
-    def _window(self, t: Array) -> NDArray[np.bool_]:
+    def _window(self, t: Array) -> Mask:
         """The samples strictly between `start_s` and `end_s`."""
         start = -np.inf if self.start_s is None else self.start_s
         end = np.inf if self.end_s is None else self.end_s
@@ -181,64 +258,3 @@ class RecordedFile:
                 f" expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
         return kept
-
-
-def check_time(table: Table, name: str, sample_time_s: float | None) -> float:
-    """The sample time [s] of an increasing, uniform time column.
-
-    Raises RecordingError at the first step that is not within 1 % of `sample_time_s` (null: of
-    the median step).
-    """
-    t = table.columns[name]
-    if len(t) < 2:
-        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
-    check_increasing(table, name)
-    steps = np.diff(t)
-    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
-    wrong = np.abs(steps - period) > UNIFORMITY * period
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.lines[k + 1]}: got a step of "
-            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
-        )
-    return float((t[-1] - t[0]) / (len(t) - 1))
-
-
-def check_increasing(table: Table, name: str) -> None:
-    """Raise RecordingError at the first time that does not come after the one before."""
-    t = table.columns[name]
-    wrong = np.diff(t) <= 0.0
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.lines[k + 1]}: got {t[k + 1]:.6f} s after "
-            f"{t[k]:.6f} s, expected time to increase"
-        )
-
-
-def _heading(psi: Array) -> Array:
-    """Headings [rad] without jumps, the first one in (-pi, pi]."""
-    return unroll(np.concatenate([[wrap(psi[0])], psi[1:]]))
-
-
-def _column(name: str) -> str:
-    return name.removeprefix("-")
-
-
-def _signed(table: Table, name: str) -> Array:
-    values = table.columns[_column(name)]
-    return -values if name.startswith("-") else values
-
-
-def _unit(quaternions: Array, table: Table, names: Sequence[str]) -> Array:
-    """Quaternions of length one; RecordingError where they are far from it."""
-    lengths = np.linalg.norm(quaternions, axis=1)
-    wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, columns {', '.join(names)}, line {table.lines[k]}: got a quaternion of "
-            f"length {lengths[k]:.3g}, expected 1"
-        )
-    return np.asarray(quaternions / lengths[:, None])

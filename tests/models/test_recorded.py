@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from omegaconf import OmegaConf
 
 from models.errors import ConfigurationError, RecordingError
+from models.quality import quality_checks
 from models.recorded import RecordedFile
 from runner.config import build
 
@@ -188,6 +189,154 @@ def test_round_trip(tmp_path_factory: Any, values: Any, period: float) -> None:
     np.testing.assert_array_equal(recording.tau[:, 0], force)
 
 
+# Cleaning, where it is asked for.
+
+
+def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> None:
+    columns = surge_columns(100)
+    columns["surge_vel"][40] = 1000.0
+    path = write(tmp_path / "a.csv", columns)
+    kept = excitation(path)
+    assert kept.read(("surge",)).nu[40, 0] == 1000.0
+    assert kept.outlier_counts(("surge",)) == {"surge_vel": 1, "force_x": 0, "position_x": 0}
+    replaced = excitation(path, outliers={"replace": True}).read(("surge",))
+    assert replaced.nu[40, 0] == pytest.approx(0.01 * 40**2, abs=0.011)
+    assert replaced.nu_dot[40, 0] == pytest.approx(8.0)
+
+
+def test_columns_with_their_own_samples_on_one_grid(tmp_path: Path) -> None:
+    """A log of messages: every line holds one sensor's sample."""
+    rows = [("Time", "position_x", "surge_vel", "force_x")]
+    for k in range(400):
+        t = 0.037 * k
+        cells = ["", "nan", ""]
+        cells[k % 3] = f"{(-2.0 * t, 3.0 * t, 4.0 * t)[k % 3]:.12g}"
+        rows.append((f"{t:.12g}", *cells))
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(",".join(row) for row in rows))
+    recording = excitation(path, resample_hz=10.0).read(("surge",))
+    np.testing.assert_allclose(np.diff(recording.t), 0.1)
+    assert recording.t[0] == pytest.approx(0.074)  # when the last of the three begins
+    np.testing.assert_allclose(recording.eta[:, 0], 2.0 * recording.t, atol=1e-9)
+    np.testing.assert_allclose(recording.nu[:, 0], 3.0 * recording.t, atol=1e-9)
+    np.testing.assert_allclose(recording.nu_dot[:, 0], 3.0, atol=1e-8)
+    np.testing.assert_allclose(recording.tau[:, 0], 4.0 * recording.t, atol=1e-9)
+    assert "column surge_vel, line 2: got 'nan', expected a finite number" in refusal(path)
+    message = refusal(path, resample_hz=10.0, max_gap_s=0.1)
+    assert "column surge_vel, line 3: got no sample for 0.111 s after 0.037 s" in message
+
+
+def test_resampling_across_a_sign_flip_and_a_full_turn(tmp_path: Path) -> None:
+    """A steady turn, recorded with positive w: between samples the heading stays on its line."""
+    from scipy.spatial.transform import Rotation
+
+    t = 0.4 * np.arange(60)
+    quaternions = np.roll(Rotation.from_euler("z", 0.5 * t[:, None]).as_quat(), 1, axis=1)
+    quaternions *= np.where(quaternions[:, :1] < 0.0, -1.0, 1.0)
+    columns = {"Time": list(t), "yaw_vel": [0.5] * 60, "torque_z": [0.0] * 60}
+    columns |= {
+        f"orientation_{axis}": list(q) for axis, q in zip("wxyz", quaternions.T, strict=True)
+    }
+    path = write(tmp_path / "a.csv", columns)
+    recording = excitation(path, resample_hz=10.0, heading_deg=0.0).read(("yaw",))
+    np.testing.assert_allclose(recording.eta[:, 0], 0.5 * recording.t, atol=1e-3)
+
+
+def test_what_cannot_be_put_on_one_grid(tmp_path: Path) -> None:
+    columns = surge_columns()
+    columns["force_x"] = ["1", *[""] * 19]
+    path = write(tmp_path / "a.csv", columns)
+    assert "column force_x: got 1 samples" in refusal(path, resample_hz=10.0)
+    columns = surge_columns()
+    columns["force_x"] = [*["1"] * 5, *[""] * 15]
+    columns["surge_vel"] = [*[""] * 15, *["1"] * 5]
+    path = write(tmp_path / "a.csv", columns)
+    assert "share no two samples at 10 Hz" in refusal(path, resample_hz=10.0)
+    columns = surge_columns()
+    columns["Time"][4] = ""
+    assert "column Time, line 6" in refusal(write(path, columns), resample_hz=10.0)
+
+
+def test_acceleration_without_its_bias(tmp_path: Path) -> None:
+    columns = surge_columns() | {"acc": list(0.2 * np.arange(20) + 5.0)}
+    path = write(tmp_path / "a.csv", columns)
+    options = {"columns": {"acceleration": {"surge": "acc"}}, "zero_acceleration_bias": True}
+    recording = excitation(path, **options).read(("surge",))
+    np.testing.assert_allclose(recording.nu_dot[:, 0], 0.2 * np.arange(20), atol=1e-9)
+
+
+def planar_columns(n: int = 20) -> dict[str, list[Any]]:
+    columns = surge_columns(n)
+    for name in ("position_y", "sway_vel", "yaw_vel", "force_y", "torque_z"):
+        columns[name] = [0.0] * n
+    columns |= {"orientation_w": [1.0] * n}
+    columns |= {f"orientation_{axis}": [0.0] * n for axis in "xyz"}
+    return columns
+
+
+def test_acting_force_from_speed_and_angle(tmp_path: Path) -> None:
+    columns = planar_columns() | {"n1": [1000.0] * 20, "n2": [1000.0] * 20}
+    columns |= {"a1": [np.pi / 2] * 20, "a2": [-np.pi / 2] * 20}
+    path = write(tmp_path / "a.csv", columns)
+    names = {"thrusters": {"rpm": ["n1", "n2"], "angle": ["a1", "a2"]}}
+    recording = excitation(path, **names).read(PLANAR)
+    assert recording.tau_actual is not None
+    np.testing.assert_allclose(recording.tau_actual, np.tile([0.0, 0.0, 65.73], (20, 1)), atol=0.01)
+    assert excitation(path).read(PLANAR).tau_actual is None
+    columns["n2"][7] = -6000.0
+    message = refusal(write(path, columns), PLANAR, **names)
+    assert "column n2, sample 7: got -6000 rpm, expected -5400 to 5300" in message
+
+
+def test_splits_of_a_file(tmp_path: Path) -> None:
+    t = 0.1 * np.arange(40)
+    assert np.flatnonzero(excitation("a.csv", train_fraction=0.25).split(t).test)[0] == 10
+    by_trip = {"trip_starts_s": [0.0, 0.95, 1.95, 2.95], "training_trips": [1, 3]}
+    split = excitation("a.csv", **by_trip).split(t)
+    np.testing.assert_array_equal(split.train, np.repeat([True, False, True, False], 10))
+    np.testing.assert_array_equal(split.test, ~split.train)
+
+
+def test_statistics_of_a_file(beluga: Path) -> None:
+    whole = excitation(beluga / "surge-1.csv").describe()
+    assert [one.name for one in whole][:3] == ["force_x", "force_y", "force_z"]
+    assert len(whole) == 18
+    assert (whole[0].count, round(whole[0].mean, 2)) == (7961, 3.37)
+    window = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).describe()
+    assert {one.count for one in window} == {2399}
+    few = excitation(beluga / "synthetic_only_surge.csv").describe()
+    assert [one.name for one in few][-2:] == ["surge_vel", "position_x"]
+
+
+def test_quality_of_surge_1(beluga: Path) -> None:
+    """Over 240 s the integral of the velocity drifts by 0.37 m; a wrong sign shows at once.
+
+    The position jumps once, by 5 cm between two samples: hence 0.26 m/s, with a root mean square
+    of 0.015 m/s.
+    """
+    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    drift, rate = quality_checks(recording)
+    assert (drift.check, drift.unit) == ("integrated_velocity", "m")
+    assert drift.maximum == pytest.approx(0.367, abs=0.001)
+    assert (rate.check, rate.unit) == ("differentiated_position", "m/s")
+    assert rate.maximum == pytest.approx(0.260, abs=0.001)
+    assert np.sqrt(np.mean(rate.error**2)) == pytest.approx(0.0149, abs=0.0001)
+    turned = {"columns": {"position": {"surge": "position_x"}}}
+    options = {"start_s": 410, "end_s": 650} | turned
+    wrong = quality_checks(excitation(beluga / "surge-1.csv", **options).read(("surge",)))
+    assert wrong[0].maximum > 4.0
+
+
+def test_checksum_changes_with_the_content(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", surge_columns())
+    first = excitation(path).content_sha256()
+    assert len(first) == 64
+    write(path, surge_columns(21))
+    assert excitation(path).content_sha256() != first
+    with pytest.raises(RecordingError, match="cannot be read"):
+        excitation(tmp_path / "none.csv").content_sha256()
+
+
 # What is refused before anything is read.
 
 
@@ -202,6 +351,51 @@ def test_round_trip(tmp_path_factory: Any, values: Any, period: float) -> None:
         ),
         ({"sample_time_s": -1}, "excitation: sample_time_s must be positive, got -1"),
         ({"train_fraction": 1.0}, "excitation: train_fraction must lie between 0 and 1, got 1"),
+        (
+            {"sample_time_s": 0.1, "resample_hz": 10},
+            "excitation: sample_time_s = 0.1 asks for a uniform file and resample_hz = 10 makes "
+            "one, expected one of them to be null",
+        ),
+        ({"max_gap_s": 0}, "excitation: max_gap_s must be positive, got 0"),
+        (
+            {"training_trips": [1]},
+            "excitation: training_trips needs trip_starts_s, got none",
+        ),
+        (
+            {"trip_starts_s": [0, 10], "training_trips": []},
+            "excitation: training_trips must leave trips to train and to test with, got [] of "
+            "trips [1, 2]",
+        ),
+        (
+            {"trip_starts_s": [10, 0], "training_trips": [1]},
+            "excitation: trip_starts_s must increase, got [10.0, 0.0]",
+        ),
+        (
+            {"outliers": {"window": 3}},
+            "excitation.outliers: window must be at least 4, got 3",
+        ),
+        (
+            {"outliers": {"deviations": 0}},
+            "excitation.outliers: deviations must be positive, got 0",
+        ),
+        (
+            {"differentiation": {"method": "magic"}},
+            "excitation.differentiation.method: got 'magic', expected one of central, "
+            "savitzky_golay, butterworth",
+        ),
+        (
+            {"thrusters": {"rpm": ["a"], "angle": ["b"]}},
+            "excitation.thrusters: rpm, angle and arm_m must be as many as there are thrusters, "
+            "got (1, 1, 2)",
+        ),
+        (
+            {
+                "thrusters": {"rpm": ["a", "b"], "angle": ["c", "d"]},
+                "columns": {"actual_force": {"surge": "e"}},
+            },
+            "excitation: thrusters.rpm and columns.actual_force both give the acting force, "
+            "expected one",
+        ),
         (
             {"columns": {"velocity": {"sideways": "v"}}},
             "excitation.columns: columns.velocity: got 'sideways', expected some of surge, sway, "
