@@ -13,6 +13,7 @@ from models.basis import Array, Codes
 from models.errors import RecordingError
 
 UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
+LARGEST = 1e30  # what is larger was not measured, and its square is not far from overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +170,7 @@ def _numbers(cells: list[str], lines: list[int], where: str, gaps: bool) -> Arra
             if cell.strip():
                 raise _not_a_number(cell, lines[i], where) from None
             values[i] = np.nan
-    wrong = np.isinf(values) if gaps else ~np.isfinite(values)
+    wrong = ~(np.abs(values) < LARGEST) & ~(gaps & np.isnan(values))
     if np.any(wrong):
         first = int(np.argmax(wrong))
         raise _not_a_number(cells[first], lines[first], where)

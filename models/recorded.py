@@ -74,6 +74,8 @@ class RecordedFile:
     def __post_init__(self) -> None:
         if not self.path:
             raise ConfigurationError("excitation.path: expected a CSV file, got none")
+        if any(character in self.path for character in "\0\r\n"):
+            raise ConfigurationError(f"path: got {self.path!r}, expected one line of text")
         if self.start_s is not None and self.end_s is not None and self.start_s >= self.end_s:
             raise ConfigurationError(
                 f"start_s must lie before end_s = {self.end_s:g}, got {self.start_s:g}"

@@ -428,9 +428,37 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
     assert "is a folder" in refusal(tmp_path)
 
 
-def test_path_that_no_file_can_have() -> None:
-    with pytest.raises(RecordingError, match="cannot be read"):
-        excitation("a\0b.csv").read(("surge",))
+@pytest.mark.parametrize("path", ["a\0b.csv", "a\nb.csv"])
+def test_path_that_no_file_should_have(path: str) -> None:
+    with pytest.raises(ConfigurationError, match="expected one line of text"):
+        excitation(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_or_read_but_nothing_else(
+    tmp_path_factory: Any, data: st.DataObject
+) -> None:
+    path = write(tmp_path_factory.mktemp("damaged") / "a.csv", planar_columns(12))
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        length = data.draw(st.sampled_from([0, 1, 1, 1, 3, 40]))
+        piece = data.draw(
+            st.sampled_from([b"", b"x", b"\n", b",", b'"', b"9", b"e", b"-", b"\xff"])
+        )
+        content[place : place + length] = piece
+    path.write_bytes(bytes(content))
+    options = data.draw(
+        st.sampled_from([{}, {"resample_hz": 7.0}, {"outliers": {"replace": True, "window": 4}}])
+    )
+    try:
+        recording = excitation(path, **options).read(PLANAR)
+    except RecordingError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
+    else:
+        for values in (recording.eta, recording.nu, recording.nu_dot, recording.tau):
+            assert np.all(np.isfinite(values))
 
 
 def test_missing_column_is_named_beside_those_present(tmp_path: Path) -> None:
@@ -456,6 +484,7 @@ def test_column_given_twice(tmp_path: Path) -> None:
         ({"force_x": "  "}, "column force_x, line 7: got an empty cell, expected a finite number"),
         ({"force_x": "NaN"}, "column force_x, line 7: got 'NaN', expected a finite number"),
         ({"force_x": "-inf"}, "column force_x, line 7: got '-inf', expected a finite number"),
+        ({"force_x": "1e31"}, "column force_x, line 7: got '1e31', expected a finite number"),
         ({"force_x": "1e999"}, "column force_x, line 7: got '1e999', expected a finite number"),
         ({"surge_vel": "fast"}, "column surge_vel, line 7: got 'fast', expected a finite number"),
         ({"surge_vel": "1\n2"}, "column surge_vel, line 8: got '1 2', expected a finite number"),
