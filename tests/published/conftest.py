@@ -1,0 +1,34 @@
+"""Trials run once a session, and their metrics."""
+
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+
+from runner import trial as trials
+from runner.database.records import Metric, Results
+from tests.trials import composed
+
+
+@cache
+def run_once(*overrides: str) -> Results:
+    trial = composed(*overrides)
+    trials.check(trial)
+    return trials.run(trial)
+
+
+@pytest.fixture(scope="session")
+def run() -> Callable[..., Results]:
+    """run("identifier=ls", ...) -> the results of that trial; the same trial is run once."""
+    return run_once
+
+
+@pytest.fixture(scope="session")
+def metric() -> Callable[..., dict[str, float]]:
+    """metric(results, name, model) -> value by degree of freedom."""
+
+    def found(results: Results, name: str, model: str = "identified") -> dict[str, float]:
+        rows: list[Metric] = list(results.metrics)
+        return {row.dof: row.value for row in rows if (row.name, row.model) == (name, model)}
+
+    return found

@@ -1,0 +1,22 @@
+"""Trials composed from the configuration, as the command line composes them."""
+
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from runner.config import GROUPS, Trial, build_trial
+
+CONF = Path(__file__).parents[1] / "conf"
+
+
+def composed(*overrides: str) -> Trial:
+    """The trial that `python -m runner OVERRIDES` would run."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("trial", list(overrides), return_hydra_config=True)
+        choices = dict(config.hydra.runtime.choices)
+        OmegaConf.set_struct(config, False)
+        del config["hydra"]
+        resolved = OmegaConf.to_container(config, resolve=True)
+    assert isinstance(resolved, dict)
+    return build_trial(resolved, {group: choices[group] for group in GROUPS})
