@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from models.errors import ConfigurationError
 
-from ..observations import BELOW_TRUE_MODEL, FINISHED, Observation
+from ..observations import BELOW_TRUE_MODEL, FINISHED
 from ..pivot import DOF_ORDER, Cell, Pivot, pivot
 from ..results import Results
 from ..selection import pooled
@@ -18,8 +19,7 @@ from .style import (
     PALETTE,
     Drawing,
     footnote,
-    heading,
-    legend_above,
+    headed,
     metric_label,
     panels,
 )
@@ -56,41 +56,43 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     }
     first = tables[dofs[0]]
     width = max(3.4, 0.9 + 0.32 * len(first.row_keys) * len(first.column_keys))
-    made, axes = panels(1, len(dofs), min(width, 14 / len(dofs)), 3.6)
+    width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
+    made, axes = panels(1, len(dofs), width, 3.8)
     for one, dof in zip(axes, dofs, strict=True):
-        _panel(one, tables[dof], request, _unit(shown, dof), dof)
-    if len(first.row_keys) > 1:
-        legend_above(made, axes)
-    heading(made, facet.title(f"{request.model.capitalize()} model"))
+        label = metric_label(request.metric, dof, next(o.unit for o in shown if o.dof == dof))
+        _panel(one, tables[dof], request, label, width)
+    headed(made, axes, facet.title(f"{request.model.capitalize()} model"))
     footnote(made, _notes(tables, pooled(results, first)))
     return Drawing(facet.file(f"bars-{request.metric}"), made)
 
 
-def _unit(shown: Sequence[Observation], dof: str) -> str:
-    return next(o.unit for o in shown if o.dof == dof)
-
-
-def _panel(axes: Axes, table: Pivot, request: PlotRequest, unit: str, dof: str) -> None:
+def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
     width = GROUP_WIDTH / len(table.row_keys)
     for i, row in enumerate(table.row_keys):
-        centres = np.arange(len(table.column_keys)) + (i - (len(table.row_keys) - 1) / 2) * width
+        shift = (i - (len(table.row_keys) - 1) / 2) * width
+        centres = np.arange(len(table.column_keys), dtype=np.float64) + shift
         cells = [table.cell(row, column) for column in table.column_keys]
         _bars(axes, centres, cells, width, i, row[0])
     axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
     axes.set_xlabel(request.columns)
-    axes.set_ylabel(metric_label(request.metric, dof, unit))
+    axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
     axes.margins(y=0.12)
     if request.log:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    if sum(len(key[0]) for key in table.column_keys) * 0.09 > axes.get_figure().get_figwidth():
+    if sum(len(key[0]) for key in table.column_keys) * 0.09 > panel_width:
         axes.tick_params(axis="x", rotation=20)
 
 
 def _bars(
-    axes: Axes, centres: Sequence[float], cells: Sequence[Cell], width: float, i: int, label: str
+    axes: Axes,
+    centres: NDArray[np.float64],
+    cells: Sequence[Cell],
+    width: float,
+    i: int,
+    label: str,
 ) -> None:
     samples = [cell.sample for cell in cells]
     means = [float(np.mean(s)) if s.size else np.nan for s in samples]
@@ -125,7 +127,7 @@ def _bars(
         _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
 
 
-def _spread_out(n: int) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+def _spread_out(n: int) -> NDArray[np.float64]:
     """Places of n points within -0.5 to 0.5 that neither line up nor change from time to time."""
     golden = 0.6180339887498949
     return np.asarray((np.arange(n) * golden) % 1.0 - 0.5, dtype=np.float64)

@@ -33,14 +33,18 @@ class Facet:
     runs: Sequence[Run]
     condition: Condition | None
     label: str = ""  # "vessel = milliampere", empty without --facet
+    run: int | None = None  # the one run asked for
 
     def title(self, text: str) -> str:
         """The figure's title with the facet in it."""
-        return f"{text} ({self.label})" if self.label else text
+        about = [self.label] if self.label else []
+        about += [f"run {self.run}"] if self.run is not None else []
+        return f"{text} ({', '.join(about)})" if about else text
 
     def file(self, name: str) -> str:
         """A file name without anything that could lead elsewhere."""
         whole = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
+        whole += f"-run-{self.run}" if self.run is not None else ""
         return re.sub(r"[^\w.\-]+", "_", whole, flags=re.ASCII).strip("._") or "figure"
 
 
@@ -54,12 +58,13 @@ def facets(results: Results, request: PlotRequest) -> list[Facet]:
         results.names.check(factor, "--rows/--columns/--facet")
     runs = results.runs(condition, factors)
     if request.facet is None:
-        return [Facet(runs, condition)]
+        return [Facet(runs, condition, run=request.run)]
     return [
         Facet(
             [run for run in runs if run.levels[request.facet] == level],
             condition,
             f"{request.facet} = {level}",
+            request.run,
         )
         for level in ordered(run.levels[request.facet] for run in runs)
     ]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib as mpl
@@ -22,6 +23,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 MODEL_COLOURS = {"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"}
 REFERENCE = "#000000"
 MUTED = "#595959"
+LETTERS_PER_INCH = 14  # of the legend's font, with room to spare
 SHADE = "#E8E8E8"
 
 RC: dict[Any, Any] = {
@@ -43,6 +45,8 @@ RC: dict[Any, Any] = {
     "lines.linewidth": 1.4,
     "figure.dpi": 150,
     "savefig.dpi": 150,
+    "figure.constrained_layout.h_pad": 0.07,
+    "figure.constrained_layout.w_pad": 0.07,
     "svg.hashsalt": "seatrial",
     "svg.fonttype": "path",
     "path.simplify": True,
@@ -107,24 +111,34 @@ def metric_label(name: str, dof: str, unit: str | None) -> str:
     return with_unit(named, unit)
 
 
-def legend_above(made: Figure, axes: Sequence[Axes], columns: int = 4) -> None:
-    """One legend for the whole figure, above it, each label once."""
+def headed(made: Figure, axes: Sequence[Axes], title: str) -> None:
+    """The title and one legend for the whole figure, above it, each label once."""
     found: dict[str, Artist] = {}
     for one in axes:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    if found:
-        made.legend(
-            handles=list(found.values()),
-            labels=list(found),
-            loc="outside upper left",
-            ncols=min(columns, len(found)),
-        )
+    if not found:
+        made.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+        return
+    longest = max(len(label) for label in found) + 6
+    made.legend(  # the title is the legend's: constrained layout lets two things above collide
+        handles=list(found.values()),
+        labels=list(found),
+        loc="outside upper left",
+        ncols=max(1, min(len(found), int(made.get_figwidth() * LETTERS_PER_INCH / longest))),
+        title=title,
+        title_fontproperties={"weight": "bold", "size": 11},
+        alignment="left",
+        borderpad=0.0,
+    )
 
 
-def heading(made: Figure, text: str) -> None:
-    """The title of the whole figure, left aligned with its axes."""
-    made.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
+def footnote(made: Figure, notes: Sequence[str]) -> None:
+    """Small text under the figure, each note wrapped to its width."""
+    width = int(made.get_figwidth() * LETTERS_PER_INCH * 1.05)
+    lines = [line for note in notes for line in wrap(note, width)]
+    if lines:
+        made.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
 
 
 def save(drawing: Drawing, folder: Path) -> list[Path]:
@@ -136,9 +150,3 @@ def save(drawing: Drawing, folder: Path) -> list[Path]:
         drawing.figure.savefig(path, metadata=metadata)
         paths.append(path)
     return paths
-
-
-def footnote(made: Figure, notes: Sequence[str]) -> None:
-    """Small text under the figure, one line a note."""
-    if notes:
-        made.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=8, color=MUTED)

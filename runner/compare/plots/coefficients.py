@@ -1,0 +1,211 @@
+"""Identified against true coefficients with 95 % intervals, per degree of freedom.
+
+Coefficients differ by orders of magnitude, so each is shown relative to its true value, or to its
+estimate where the truth is not known.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from models.errors import ConfigurationError
+
+from ..grid import number_text, with_unit
+from ..observations import FINISHED, Observation, ordered
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import confidence_interval
+from .request import Facet, PlotRequest, facets
+from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+
+NORMAL_95 = 1.959963984540054
+WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far
+NARROWEST = 0.02  # an exact fit shows as one, not as its rounding errors
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One coefficient of one group: relative to `reference`, with its interval."""
+
+    term: str
+    unit: str
+    reference: float
+    known: bool  # the reference is the true value
+    value: float
+    low: float
+    high: float
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure a facet, one panel a degree of freedom, one mark a group of runs and term."""
+    made = [_drawing(results, request, facet) for facet in facets(results, request)]
+    found = [one for one in made if one is not None]
+    if not found:
+        raise ConfigurationError(
+            f"plot coefficients: no finished run that matches has coefficients of model"
+            f" {request.model}"
+        )
+    return found
+
+
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    numbers = [
+        one
+        for one in results.coefficients(facet.runs, facet.condition)
+        if one.model == request.model and one.run.status == FINISHED and one.value is not None
+    ]
+    dofs = [dof for dof in DOF_ORDER if any(one.dof == dof for one in numbers)]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    by_dof = {dof: _groups([one for one in numbers if one.dof == dof], request) for dof in dofs}
+    by_dof = {dof: groups for dof, groups in by_dof.items() if any(groups.values())}
+    if not by_dof:
+        return None
+    labels = ordered(label for groups in by_dof.values() for label in groups)
+    terms = {dof: _terms(groups) for dof, groups in by_dof.items()}
+    rows = max(len(found) for found in terms.values())
+    height = 1.4 + rows * max(0.3, 0.13 * len(labels) + 0.08)
+    made, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
+    for one, (dof, groups) in zip(axes, by_dof.items(), strict=True):
+        _panel(one, dof, terms[dof], groups, labels)
+    headed(made, axes, facet.title(f"Coefficients of the {request.model} model"))
+    footnote(made, _notes(numbers, by_dof))
+    return Drawing(facet.file("coefficients"), made)
+
+
+def _groups(
+    numbers: Sequence[Observation], request: PlotRequest
+) -> Mapping[str, Sequence[Estimate]]:
+    """Estimates by group of runs; the label says the row, and the column where there are some."""
+    columns = {one.level(request.columns) for one in numbers}
+    samples: dict[str, dict[str, list[Observation]]] = {}
+    for one in numbers:
+        row, column = one.level(request.rows), one.level(request.columns)
+        label = f"{row}, {column}" if len(columns) > 1 else row
+        samples.setdefault(label, {}).setdefault(one.name, []).append(one)
+    return {
+        label: [e for e in map(_estimate, by_term.values()) if e is not None]
+        for label, by_term in samples.items()
+    }
+
+
+def _estimate(sample: Sequence[Observation]) -> Estimate | None:
+    """Mean and interval over seeds, or of the one run; None where nothing can be shown.
+
+    A term whose true value is zero has no relative scale; nor has one that is known exactly, as
+    all coefficients of an identifier that leaves the model alone.
+    """
+    values = np.array([one.value for one in sample], dtype=np.float64)
+    truths = {one.true_value for one in sample}
+    truth = truths.pop() if len(truths) == 1 else None
+    errors = [one.std_error for one in sample if one.std_error is not None]
+    mean = float(np.mean(values))
+    if truth == 0.0 or (truth is None and (not errors or mean == 0.0)):
+        return None
+    low, high = mean, mean
+    if np.ptp(values) > 0.0:
+        low, high = confidence_interval(values)
+    elif errors:
+        half = NORMAL_95 * math.sqrt(sum(e * e for e in errors) / len(errors))
+        low, high = mean - half, mean + half
+    reference = mean if truth is None else truth
+    ends = sorted((low / reference, high / reference))
+    one = sample[0]
+    return Estimate(
+        one.name, one.unit, reference, truth is not None, mean / reference, ends[0], ends[1]
+    )
+
+
+def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
+    """One estimate of every term, inertia first, to label the axis by."""
+    found: dict[str, Estimate] = {}
+    for estimates in groups.values():
+        for one in estimates:
+            found.setdefault(one.term, one)
+    return sorted(found.values(), key=lambda one: ("_dot" not in one.term, len(one.term), one.term))
+
+
+def _panel(
+    axes: Axes,
+    dof: str,
+    terms: Sequence[Estimate],
+    groups: Mapping[str, Sequence[Estimate]],
+    labels: Sequence[str],
+) -> None:
+    places = {one.term: i for i, one in enumerate(terms)}
+    axes.axvline(1.0, color="black", linewidth=1.2)
+    for label, estimates in groups.items():
+        i = labels.index(label)
+        shift = 0.7 * ((i + 0.5) / len(labels) - 0.5)
+        _marks(axes, estimates, [places[e.term] + shift for e in estimates], i, label)
+    axes.set_yticks(range(len(terms)), [_tick(one) for one in terms])
+    axes.set_ylim(len(terms) - 0.5, -0.5)
+    known = all(one.known for one in terms)
+    axes.set_xlabel("identified / true value" if known else "relative to the estimate")
+    axes.set_title(dof, loc="left")
+    low, high = axes.get_xlim()
+    low, high = min(low, 1.0 - NARROWEST), max(high, 1.0 + NARROWEST)
+    axes.set_xlim(max(low, 1.0 - WIDEST), min(high, 1.0 + WIDEST))
+    axes.grid(axis="y", visible=False)
+
+
+def _tick(one: Estimate) -> str:
+    """`u_dot: 1195 kg`, the value that 1 on the axis stands for."""
+    value = with_unit(number_text(one.reference, 4), one.unit)
+    return f"{one.term}: {value}".replace("[", "").replace("]", "")
+
+
+def _marks(
+    axes: Axes, estimates: Sequence[Estimate], places: Sequence[float], i: int, label: str
+) -> None:
+    colour, marker = PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]
+    values = np.array([one.value for one in estimates])
+    spans = np.array([[one.value - one.low, one.high - one.value] for one in estimates])
+    axes.errorbar(
+        values,
+        places,
+        xerr=np.clip(spans.T, 0.0, None) if len(estimates) else None,
+        fmt=marker,
+        color=colour,
+        label=label,
+        capsize=2.5,
+        markersize=5,
+        elinewidth=1.3,
+    )
+    for one, place in zip(estimates, places, strict=True):
+        if abs(one.value - 1.0) > WIDEST:
+            _arrow(axes, one.value, place, colour)
+
+
+def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
+    """At the edge: where the mark would be that is too far out to show."""
+    right = value > 1.0
+    axes.annotate(
+        f"{number_text(value, 2)} →" if right else f"← {number_text(value, 2)}",
+        (1.0 + (WIDEST if right else -WIDEST), place),
+        xytext=(-4 if right else 4, 0),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        va="center",
+        fontsize=7.5,
+        color=colour,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        zorder=4,
+    )
+
+
+def _notes(
+    numbers: Sequence[Observation], by_dof: Mapping[str, Mapping[str, Sequence[Estimate]]]
+) -> list[str]:
+    zero = len({(one.dof, one.name) for one in numbers if one.true_value == 0.0})
+    seeds = len({one.run.id for one in numbers}) > sum(map(len, by_dof.values())) / len(by_dof)
+    notes = [
+        "whiskers: 95 % interval, of the mean over seeds (t) where they differ, else of the fit"
+    ]
+    if not seeds:
+        notes = ["whiskers: 95 % interval of the fit (1.96 standard errors)"]
+    if zero:
+        notes.append(f"not shown: {zero} terms whose true value is zero")
+    return notes

@@ -1,0 +1,51 @@
+"""Tracking errors over time, nominal against identified model."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from runner.database.records import Series
+
+from ..grid import number_text
+from ..results import Results
+from ..statistics import Sample
+from .deployment import degrees, voyages
+from .request import PlotRequest, subtitle
+from .style import MODEL_COLOURS, Drawing, footnote, headed, panels
+
+ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure of one run: position and, where the vessel has one, heading."""
+    run, found = voyages(results, request, "errors")
+    shown = [one for one in ERRORS if any(one[0] in v.columns for v in found.values())]
+    made, axes = panels(len(shown), 1, 8.0, 2.5, share_x=True)
+    for one, (name, label, unit) in zip(axes, shown, strict=True):
+        one.axhline(0.0, color="black", linewidth=0.8)
+        for height, (model, series) in zip((0.92, 0.08), found.items(), strict=False):
+            if name in series.columns:
+                _line(one, series, name, model, unit, height)
+        one.set_ylabel(f"{label} [{unit}]")
+        one.margins(x=0)
+    axes[-1].set_xlabel("Time [s]")
+    headed(made, axes, f"Tracking error, {subtitle(run)}")
+    footnote(made, ["mean absolute error at the right"])
+    return [Drawing(f"errors-run-{run.id}", made)]
+
+
+def _line(axes: Axes, series: Series, name: str, model: str, unit: str, height: float) -> None:
+    values: Sample = series.columns[name]
+    if series.units[name] == "rad":
+        values = degrees(values)
+    colour = MODEL_COLOURS[model]
+    axes.plot(series.columns["t"], values, color=colour, label=f"{model} model", linewidth=1.1)
+    mae = number_text(float(np.mean(np.abs(values))), 3)
+    axes.text(
+        1.005,
+        height,
+        f"MAE {mae} {unit}",
+        transform=axes.transAxes,
+        color=colour,
+        fontsize=8.5,
+        va="center",
+    )

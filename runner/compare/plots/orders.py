@@ -1,0 +1,142 @@
+"""Force MSE over model order, per degree of freedom; the selected orders are marked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from models.errors import ConfigurationError
+
+from ..grid import with_unit
+from ..observations import ordered
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import Sample
+from .request import Facet, PlotRequest, facets
+from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+
+LINE_STYLES = ("-", "--", ":", "-.")
+NAMES = ("order_mse", "selected_order")
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Errors over order of one line: `mse` has a row a run and a column an order, NaN if missing.
+
+    `selected` are the orders that the runs chose.
+    """
+
+    orders: Sequence[int]
+    mse: Sample
+    selected: Sequence[int]
+    unit: str
+    label: str  # how the order was chosen, as the identifier says
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure a facet, one panel a degree of freedom, one line a pair of row and column."""
+    made = [_drawing(results, request, facet) for facet in facets(results, request)]
+    found = [one for one in made if one is not None]
+    if not found:
+        raise ConfigurationError(
+            "plot orders: no run that matches has the diagnostic order_mse (identifier=plsr does)"
+        )
+    return found
+
+
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    curves = _curves(results, request, facet)
+    dofs = [dof for dof in DOF_ORDER if any(dof in by_dof for by_dof in curves.values())]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    if not dofs:
+        return None
+    made, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
+    rows, columns = ordered(row for row, _ in curves), ordered(column for _, column in curves)
+    for one, dof in zip(axes, dofs, strict=True):
+        for (row, column), by_dof in sorted(curves.items()):
+            if dof in by_dof:
+                style = LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
+                label = f"{row}, {column}" if len(rows) > 1 else column
+                _line(one, by_dof[dof], columns.index(column), style, label)
+        unit = next(by_dof[dof].unit for by_dof in curves.values() if dof in by_dof)
+        one.set_xlabel("Model order")
+        one.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
+        one.set_yscale("log")
+        one.xaxis.set_major_locator(MaxNLocator(integer=True))
+    identifiers = ", ".join(rows)
+    headed(made, axes, facet.title(f"Error over model order, {identifiers}"))
+    footnote(made, _notes(curves))
+    return Drawing(facet.file("orders"), made)
+
+
+def _curves(
+    results: Results, request: PlotRequest, facet: Facet
+) -> Mapping[tuple[str, str], Mapping[str, Curves]]:
+    """Curves by (row, column) and degree of freedom."""
+    findings = results.diagnostics(facet.runs, NAMES, facet.condition)
+    groups: dict[tuple[str, str], dict[str, list[list[tuple[int, float, str, str]]]]] = {}
+    chosen: dict[tuple[str, str, str], list[int]] = {}
+    for run in facet.runs:
+        key = (run.levels[request.rows], run.levels[request.columns])
+        found = findings[run.id]
+        for dof in {one.dof for one in found if one.name == NAMES[0] and one.i is not None}:
+            points = [
+                (int(one.i), np.nan if one.value is None else one.value, one.unit, one.label or "")
+                for one in found
+                if one.name == NAMES[0] and one.dof == dof and one.i is not None
+            ]
+            groups.setdefault(key, {}).setdefault(dof, []).append(points)
+        for one in found:
+            if one.name == NAMES[1] and one.value is not None:
+                chosen.setdefault((*key, one.dof), []).append(int(one.value))
+    return {
+        key: {dof: _gathered(lines, chosen.get((*key, dof), [])) for dof, lines in by_dof.items()}
+        for key, by_dof in groups.items()
+    }
+
+
+def _gathered(
+    lines: Sequence[Sequence[tuple[int, float, str, str]]], selected: Sequence[int]
+) -> Curves:
+    orders = sorted({point[0] for line in lines for point in line})
+    mse = np.full((len(lines), len(orders)), np.nan)
+    for row, line in enumerate(lines):
+        for order, value, _, _ in line:
+            mse[row, orders.index(order)] = value
+    _, _, unit, label = lines[0][0]
+    return Curves(orders, mse, selected, unit, label)
+
+
+def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str) -> None:
+    colour = PALETTE[colour_index % len(PALETTE)]
+    middle = np.nanmedian(curves.mse, axis=0)
+    axes.plot(curves.orders, middle, style, color=colour, label=label)
+    if len(curves.mse) > 1:
+        low, high = np.nanmin(curves.mse, axis=0), np.nanmax(curves.mse, axis=0)
+        axes.fill_between(curves.orders, low, high, color=colour, alpha=0.18, linewidth=0)
+    for order in sorted(set(curves.selected)):
+        if order in curves.orders:
+            axes.plot(
+                [order],
+                [middle[curves.orders.index(order)]],
+                MARKERS[colour_index % len(MARKERS)],
+                color=colour,
+                markeredgecolor="black",
+                markersize=7,
+                zorder=3,
+            )
+
+
+def _notes(curves: Mapping[tuple[str, str], Mapping[str, Curves]]) -> list[str]:
+    every = [one for by_dof in curves.values() for one in by_dof.values()]
+    notes = ["line: median over seeds, band: smallest to largest"] if _several(every) else []
+    if any(one.selected for one in every):
+        notes.append("markers: selected orders")
+    labels = ordered(one.label for one in every if one.label)
+    return ["; ".join(notes), *([f"order chosen by: {', '.join(labels)}"] if labels else [])]
+
+
+def _several(curves: Sequence[Curves]) -> bool:
+    return any(len(one.mse) > 1 for one in curves)

@@ -1,0 +1,78 @@
+"""The Pareto set of a multi-objective identification: its objectives, and what it chose.
+
+Diagnostics: `pareto_objective` (i = point, j = objective, label = name of the objective) and
+`pareto_chosen` (i = point). Of three or more objectives every pair gets a panel.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from models.errors import ConfigurationError
+
+from ..grid import with_unit
+from ..results import Results
+from ..statistics import Sample
+from .request import Facet, PlotRequest, facets
+from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+
+OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
+MOST_PANELS = 6
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure a facet, one panel a pair of objectives, one colour a group of runs."""
+    made = [_drawing(results, request, facet) for facet in facets(results, request)]
+    found = [one for one in made if one is not None]
+    if not found:
+        raise ConfigurationError(f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}")
+    return found
+
+
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    findings = results.diagnostics(facet.runs, (OBJECTIVE, CHOSEN), facet.condition)
+    fronts: list[tuple[str, Sample, set[int]]] = []
+    names: list[str] = []
+    for run in facet.runs:
+        points = [one for one in findings[run.id] if one.name == OBJECTIVE and one.i is not None]
+        if not points:
+            continue
+        axes_of = {one.j: with_unit(one.label or f"objective {one.j}", one.unit) for one in points}
+        names = names or [axes_of[j] for j in sorted(axes_of)]
+        front = np.full((1 + max(one.i for one in points), len(names)), np.nan)
+        for one in points:
+            front[one.i, sorted(axes_of).index(one.j)] = one.value
+        chosen = {int(one.i) for one in findings[run.id] if one.name == CHOSEN}
+        label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
+        fronts.append((label, front, chosen))
+    if len(names) < 2:
+        return None
+    pairs = list(combinations(range(len(names)), 2))[:MOST_PANELS]
+    made, axes = panels(1, len(pairs), max(3.8, 5.0 / len(pairs)), 3.9)
+    for panel, pair in zip(axes, pairs, strict=True):
+        _panel(panel, fronts, names, pair)
+    headed(made, axes, facet.title("Pareto set"))
+    seeds = "; one front a run" if len(fronts) > 1 else ""
+    footnote(made, [f"ringed: the point that was chosen{seeds}"])
+    return Drawing(facet.file("pareto"), made)
+
+
+def _panel(
+    axes: Axes,
+    fronts: Sequence[tuple[str, Sample, set[int]]],
+    names: Sequence[str],
+    pair: tuple[int, int],
+) -> None:
+    labels = list(dict.fromkeys(label for label, _, _ in fronts))
+    for label, front, chosen in fronts:
+        i = labels.index(label)
+        colour = PALETTE[i % len(PALETTE)]
+        x, y = front[:, pair[0]], front[:, pair[1]]
+        marker = MARKERS[i % len(MARKERS)]
+        axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=label)
+        for at in chosen & set(range(len(front))):
+            axes.plot(x[at], y[at], "o", markersize=11, fillstyle="none", color="black", zorder=4)
+    axes.set_xlabel(names[pair[0]])
+    axes.set_ylabel(names[pair[1]])

@@ -1,0 +1,81 @@
+"""Lack of fit of the force over time, before and after identification, per degree of freedom."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from models.errors import ConfigurationError
+from runner.database.records import Series
+
+from ..grid import number_text, unit_text, with_unit
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import Sample
+from .request import PlotRequest, one_run, subtitle
+from .style import MODEL_COLOURS, SHADE, Drawing, footnote, headed, panels
+
+MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure of one run, one panel a degree of freedom."""
+    run, _ = one_run(results, request, ["residual"])
+    series = results.reader.series(run.id, "residual")
+    dofs = [dof for dof in DOF_ORDER if f"residual_nominal_{dof}" in series.columns]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    if not dofs:
+        raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
+    made, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
+    for one, dof in zip(axes, dofs, strict=True):
+        _panel(one, series, dof)
+    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
+    headed(made, axes, f"Force residual, {subtitle(run)}")
+    shaded = bool(np.any(_training(series)))
+    notes = ["shaded: training part"] if shaded else []
+    held_out = "the part that is not shaded" if shaded else "the whole"
+    footnote(made, [*notes, f"root mean square at the right: over {held_out}"])
+    return [Drawing(f"residual-run-{run.id}", made)]
+
+
+def _training(series: Series) -> Sample:
+    return np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64)
+
+
+def _panel(axes: Axes, series: Series, dof: str) -> None:
+    t, train = series.columns["t"], _training(series)
+    told = []
+    for model, label in MODELS:
+        values = series.columns.get(f"residual_{model}_{dof}")
+        if values is None:
+            continue
+        axes.plot(t, values, color=MODEL_COLOURS[model], label=label, linewidth=0.9, alpha=0.9)
+        held_out = values[train == 0] if np.any(train == 0) else values
+        rms = number_text(float(np.sqrt(np.mean(np.square(held_out)))), 3)
+        told.append((model, f"rms {rms} {unit_text(series.units[f'residual_{model}_{dof}'])}"))
+    for height, (model, text) in zip((0.88, 0.06), told, strict=False):
+        axes.text(
+            1.005,
+            height,
+            text,
+            transform=axes.transAxes,
+            color=MODEL_COLOURS[model],
+            fontsize=8.5,
+            va="center",
+        )
+    shade(axes, t, train)
+    axes.set_ylabel(with_unit(dof.capitalize(), series.units[f"residual_nominal_{dof}"]))
+    axes.margins(x=0)
+
+
+def shade(axes: Axes, t: Sample, train: Sample) -> None:
+    """Grey behind the training samples."""
+    if train.size and np.any(train > 0):
+        axes.fill_between(
+            t,
+            0.0,
+            1.0,
+            where=train > 0,
+            transform=axes.get_xaxis_transform(),
+            color=SHADE,
+            linewidth=0,
+            zorder=0,
+        )

@@ -1,0 +1,104 @@
+"""What a subspace identification saw: singular values, and eigenvalues on the unit circle.
+
+Diagnostics: `singular_value` (i = number, from 1), `selected_order`, and `eigenvalue_real`,
+`eigenvalue_imag` (i = number), discrete time, of the identified model.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
+
+from models.errors import ConfigurationError
+
+from ..grid import with_unit
+from ..results import Results
+from .request import PlotRequest, facets
+from .style import MARKERS, MUTED, PALETTE, Drawing, footnote, headed, panels
+
+SINGULAR, ORDER = "singular_value", "selected_order"
+REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure a facet: singular values left, eigenvalues right, as far as stored."""
+    made = []
+    for facet in facets(results, request):
+        names = (SINGULAR, ORDER, REAL, IMAGINARY)
+        findings = results.diagnostics(facet.runs, names, facet.condition)
+        groups: dict[str, list[Sequence[Any]]] = {}
+        for run in facet.runs:
+            if any(one.name in (SINGULAR, REAL) for one in findings[run.id]):
+                label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
+                groups.setdefault(label, []).append(findings[run.id])
+        if groups:
+            made.append(_drawing(groups, facet.title("Spectrum"), facet.file("spectrum")))
+    if not made:
+        raise ConfigurationError(
+            f"plot spectrum: no run that matches has the diagnostic {SINGULAR} or {REAL}"
+        )
+    return made
+
+
+def _drawing(groups: dict[str, list[Sequence[Any]]], title: str, name: str) -> Drawing:
+    rows = [row for group in groups.values() for found in group for row in found]
+    draws = [
+        draw
+        for draw, needed in ((_singular_values, SINGULAR), (_eigenvalues, REAL))
+        if any(row.name == needed for row in rows)
+    ]
+    made, axes = panels(1, len(draws), max(4.4, 5.0 / len(draws)), 4.2)
+    for one, draw in zip(axes, draws, strict=True):
+        for i, (label, group) in enumerate(groups.items()):
+            for found in group:
+                draw(one, found, i, label)
+    headed(made, axes, title)
+    notes = ["filled: kept by the selected order"] if _singular_values in draws else []
+    footnote(made, [*notes, "one set of marks a run"])
+    return Drawing(name, made)
+
+
+def _singular_values(axes: Axes, found: Sequence[Any], i: int, label: str) -> None:
+    points = sorted((row.i, row.value) for row in found if row.name == SINGULAR and row.value)
+    order = next((row.value for row in found if row.name == ORDER), None)
+    unit = next((row.unit for row in found if row.name == SINGULAR), "")
+    colour, marker = PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]
+    numbers, values = [n for n, _ in points], [v for _, v in points]
+    axes.plot(numbers, values, marker=marker, color=colour, fillstyle="none", label=label)
+    if order is not None:
+        kept = [(n, v) for n, v in points if n <= order]
+        axes.plot([n for n, _ in kept], [v for _, v in kept], marker, color=colour)
+    axes.set_yscale("log")
+    axes.set_xlabel("Number")
+    axes.set_ylabel(with_unit("Singular value", unit))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _eigenvalues(axes: Axes, found: Sequence[Any], i: int, label: str) -> None:
+    real = {row.i: row.value for row in found if row.name == REAL}
+    imaginary = {row.i: row.value for row in found if row.name == IMAGINARY}
+    shared = sorted(real.keys() & imaginary.keys())
+    if not axes.patches:
+        axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=MUTED, linewidth=1.2))
+        axes.axhline(0.0, color=MUTED, linewidth=0.6)
+        axes.axvline(0.0, color=MUTED, linewidth=0.6)
+    axes.plot(
+        [real[k] for k in shared],
+        [imaginary[k] for k in shared],
+        MARKERS[i % len(MARKERS)],
+        color=PALETTE[i % len(PALETTE)],
+        label=label,
+        markersize=6,
+        alpha=0.8,
+    )
+    reach = 1.1 * max([1.0, *np.abs(list(real.values())), *np.abs(list(imaginary.values()))])
+    low, high = axes.get_xlim()
+    reach = max(reach, abs(low), abs(high)) if len(axes.lines) > 3 else reach
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("Real part")
+    axes.set_ylabel("Imaginary part")

@@ -1,0 +1,80 @@
+"""MSE over model order and number of variables, as Jervan (2020), Fig. 4.21.
+
+Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_order` and
+`selected_variables` (dof).
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import MaxNLocator
+
+from models.errors import ConfigurationError
+
+from ..grid import with_unit
+from ..observations import Run
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import Sample
+from .request import PlotRequest, facets, subtitle
+from .style import Drawing, footnote, headed, panels
+
+SURFACE = "surface_mse"
+ORDER, VARIABLES = "selected_order", "selected_variables"
+COLOURS = "cividis"  # even in lightness, and the same to the colour-blind
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure of one run (the newest that has a surface), one panel a degree of freedom."""
+    (whole, *_) = facets(results, request)
+    findings = results.diagnostics(whole.runs, (SURFACE, ORDER, VARIABLES), whole.condition)
+    for run in reversed(whole.runs):
+        if any(one.name == SURFACE for one in findings[run.id]):
+            return [_drawing(run, findings[run.id], request)]
+    raise ConfigurationError(f"plot surface: no run that matches has the diagnostic {SURFACE}")
+
+
+def _drawing(run: Run, found: Sequence[Any], request: PlotRequest) -> Drawing:
+    dofs = [d for d in DOF_ORDER if any(o.name == SURFACE and o.dof == d for o in found)]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    if not dofs:
+        raise ConfigurationError(f"plot surface: run {run.id} has no surface of these DOFs")
+    made, axes = panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)
+    for one, dof in zip(axes, dofs, strict=True):
+        of_dof = [row for row in found if row.dof == dof]
+        points = [row for row in of_dof if row.name == SURFACE and row.value is not None]
+        mesh = _panel(one, dof, points)
+        made.colorbar(mesh, ax=one, label=with_unit("MSE", points[0].unit), pad=0.02)
+        chosen = {row.name: row.value for row in of_dof if row.name in (ORDER, VARIABLES)}
+        if len(chosen) == 2:
+            place = [chosen[VARIABLES]], [chosen[ORDER]]
+            one.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
+    headed(made, axes, f"Error over order and variables, {subtitle(run)}")
+    footnote(made, ["contours: powers of ten; blank: no model of that order"])
+    return Drawing(f"surface-run-{run.id}", made)
+
+
+def _panel(axes: Axes, dof: str, points: Sequence[Any]) -> Any:
+    """Draws the grid and its contours; the coloured mesh, for its scale."""
+    orders, variables = sorted({p.i for p in points}), sorted({p.j for p in points})
+    mse: Sample = np.full((len(orders), len(variables)), np.nan)
+    for point in points:
+        mse[orders.index(point.i), variables.index(point.j)] = point.value
+    low, high = float(np.nanmin(mse)), float(np.nanmax(mse))
+    low = max(low, 1e-12 * high, np.finfo(float).tiny)
+    norm = LogNorm(low, max(high, 1.0000001 * low))
+    masked = np.ma.masked_invalid(mse)
+    mesh = axes.pcolormesh(variables, orders, masked, norm=norm, cmap=COLOURS, shading="nearest")
+    powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
+    if min(mse.shape) > 1 and powers.size:
+        axes.contour(variables, orders, masked, levels=10.0**powers, colors="white", linewidths=0.8)
+    axes.set_title(dof, loc="left")
+    axes.set_xlabel("Number of variables")
+    axes.set_ylabel("Model order")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(visible=False)
+    return mesh
