@@ -1,7 +1,7 @@
 """Recordings: sampled motion and force of a vessel, simulated or measured."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -51,7 +51,8 @@ class Recording:
     @property
     def period_s(self) -> float:
         """Sample time [s]."""
-        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+        span = self.t[-1] - self.t[0]  # over a gap, such as between trips, a whole multiple
+        return float(span / round(span / np.median(np.diff(self.t))))
 
     def part(self, mask: NDArray[np.bool_] | slice) -> "Recording":
         """The samples of a mask or slice."""
@@ -100,6 +101,16 @@ class Recording:
         """
         if cutoff_hz is None:
             return self
+        pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
+        return pieces[0] if len(pieces) == 1 else _joined(pieces)
+
+    def pieces(self) -> list["Recording"]:
+        """The stretches without a gap in time, such as the trips of a training part."""
+        gaps = np.flatnonzero(np.diff(self.t) > 1.5 * self.period_s) + 1
+        edges = [0, *gaps.tolist(), len(self)]
+        return [self.part(slice(a, b)) for a, b in pairwise(edges)]
+
+    def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
         nyquist = 0.5 / self.period_s
         if not 0.0 < cutoff_hz < nyquist:
             raise ConfigurationError(
@@ -119,6 +130,17 @@ class Recording:
             tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
+
+
+def _joined(pieces: Sequence[Recording]) -> Recording:
+    """Pieces one after the other, each with its own time."""
+
+    def join(name: str) -> Array | None:
+        parts = [getattr(piece, name) for piece in pieces]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    names = [field.name for field in fields(Recording) if field.name != "dofs"]
+    return replace(pieces[0], **{name: join(name) for name in names})
 
 
 def attitude_of(dofs: Sequence[str], eta: Array) -> Array:

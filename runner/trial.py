@@ -6,15 +6,16 @@ competitor meets the same weather, and the nominal and the identified model are 
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from models.recorded import RecordedFile
+from numpy.typing import NDArray
 
 from models.disturbance import Disturbance
 from models.errors import ConfigurationError, Diverged
 from models.excitation.mission import Mission, Replay
 from models.identification.problem import Identified, Problem
+from models.recorded import RecordedFile
 from models.recording import Recording
 from models.simulation import Plant, Voyage, recording_of, sail
 from models.vessel import Vessel
@@ -48,7 +49,8 @@ class Excited:
     """A recording with its training part, and the truth behind it where it is known."""
 
     recording: Recording
-    training: Any  # mask of the training samples, shape (N,)
+    training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
+    testing: NDArray[np.bool_]
     truth: Vessel | None  # the plant's table with the disturbance's share
 
 
@@ -64,12 +66,13 @@ def check(trial: Trial) -> None:
             raise ConfigurationError(f"{group}: got none, expected an option of the group")
     dofs = trial.vessel.dofs
     measured = isinstance(trial.excitation, RecordedFile)
-    if not measured:
-        if trial.controller is None:
-            raise ConfigurationError(
-                f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
-            )
-        trial.excitation.check(dofs)
+    if not measured and trial.controller is None:
+        raise ConfigurationError(
+            f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
+        )
+    trial.excitation.check(dofs)
+    if measured:
+        trial.excitation.read(dofs)  # a damaged file is a wrong option, not a failed trial
     if trial.evaluation is not None and not measured:
         trial.evaluation.check(dofs)
     if trial.controller is not None:
@@ -85,7 +88,7 @@ def run(trial: Trial) -> Results:
     excited = excite(trial, seeds)
     problem = Problem(
         training=excited.recording.part(excited.training),
-        validation=excited.recording.part(~excited.training),
+        validation=excited.recording.part(excited.testing),
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
@@ -123,9 +126,8 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
         model = vessel.nominal()
         _, recording = sail_mission(trial, seeds, model, trial.excitation)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
-    share = (recording.t - recording.t[0]) / (recording.t[-1] - recording.t[0] + recording.period_s)
-    training = share < trial.excitation.train_fraction - 1e-9
-    return Excited(recording.with_thruster(vessel.thruster), training, truth)
+    split = trial.excitation.split(recording.t)
+    return Excited(recording.with_thruster(vessel.thruster), split.train, split.test, truth)
 
 
 def sail_mission(

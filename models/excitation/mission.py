@@ -15,6 +15,7 @@ from models.excitation.guidance import (
     step_setpoints,
     straight_line_setpoints,
 )
+from models.splits import Split, half
 from models.vessel import PLANAR
 
 
@@ -88,6 +89,10 @@ class Waypoints:
                 points, self.interval_s, t, self.speed_m_s, self.turn_rate_rad_s
             )
         return Timetable(np.ascontiguousarray(setpoints)), np.zeros(1)
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the lap's first part, and the rest."""
+        return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Way-points are poses in the plane."""
