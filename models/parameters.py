@@ -14,7 +14,7 @@ from models.vessel import PLANAR, Vessel, from_derivatives
 class VesselParameters:
     """A vessel as configured.
 
-    `defaults` holds what other groups take from the vessel they sail with (gains, noise, force
+    `tuning` holds what other groups take from the vessel they sail with (gains, noise, force
     sizes) by interpolation; the vessel itself does not read it.
     """
 
@@ -26,7 +26,7 @@ class VesselParameters:
     coriolis: bool = True
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
-    defaults: dict[str, Any] = field(default_factory=dict)
+    tuning: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.velocity_limits) != len(self.dofs) or min(self.velocity_limits) <= 0.0:
