@@ -15,6 +15,8 @@ if TYPE_CHECKING:
         Coefficient,
         Diagnostic,
         Metric,
+        Problem,
+        Pruned,
         Results,
         RunDetail,
         RunStart,
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
         Series,
         SeriesFile,
         SweepStatus,
+        SweepSummary,
+        Verification,
     )
     from runner.database.repository import Logbook
 
@@ -39,6 +43,8 @@ __all__ = [
     "Diagnostic",
     "Logbook",
     "Metric",
+    "Problem",
+    "Pruned",
     "Reader",
     "Results",
     "RunDetail",
@@ -47,6 +53,8 @@ __all__ = [
     "Series",
     "SeriesFile",
     "SweepStatus",
+    "SweepSummary",
+    "Verification",
     "display_url",
     "without_passwords",
 ]

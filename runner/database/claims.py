@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, Table, select, update
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy import ColumnElement, Connection, Row, select, update
+from sqlalchemy.dialects import sqlite
 
 from models.errors import LogbookError
 from runner.database.address import without_passwords
 from runner.database.liveness import STALE_AFTER_S, database_now, identity, is_gone, is_stale
 from runner.database.records import Begun, RunStart
-from runner.database.tables import Reuse, Run
+from runner.database.tables import Base, Reuse, Run
 from runner.database.values import plain
 
 _TRIES = 10  # each further one needs another process to have come between
@@ -41,11 +41,11 @@ def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: 
     raise LogbookError(f"trial {start.fingerprint[:12]}: could not be claimed in {_TRIES} tries")
 
 
-def give_up(connection: Connection, run_id: int, reason: str) -> None:
-    """Mark a run that is under way as interrupted."""
+def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> None:
+    """Mark a run as interrupted, if it still is under way and `where` holds."""
     connection.execute(
         update(Run)
-        .where(Run.id == run_id, Run.status == "running")
+        .where(Run.id == run_id, Run.status == "running", *where)
         .values(status="interrupted", error=reason)
     )
 
@@ -71,8 +71,12 @@ def _done_already(
             gone = is_gone(run.process)
             if not (gone or run.stale):
                 return Begun(run.id, "busy")
-            sign = "is gone" if gone else f"gave no sign of life for {STALE_AFTER_S:.0f} s"
-            give_up(connection, run.id, f"process {run.pid} on {run.host} {sign}")
+            process = f"process {run.pid} on {run.host}"
+            if gone:
+                give_up(connection, run.id, f"{process} is gone")
+            else:  # unless it has stirred just now
+                silent = f"{process} gave no sign of life for {STALE_AFTER_S:.0f} s"
+                give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
     return None
 
 
@@ -80,12 +84,17 @@ def _insert(
     connection: Connection, start: RunStart, sweep_id: int | None, attempt: int
 ) -> Begun | None:
     """The new run, or None where another process came first."""
-    table = Run.__table__
-    assert isinstance(table, Table)
-    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
-    statement = insert(table).values(_row(start, sweep_id, attempt)).on_conflict_do_nothing()
-    run_id = connection.execute(statement.returning(table.c.id)).scalar()
+    statement = _insert_unless_there(connection, Run, _row(start, sweep_id, attempt))
+    run_id = connection.execute(statement.returning(Run.id)).scalar()
     return Begun(run_id, "new") if run_id is not None else None
+
+
+def _insert_unless_there(connection: Connection, table: type[Base], row: dict[str, Any]) -> Any:
+    if connection.dialect.name == "sqlite":
+        return sqlite.insert(table).values(row).on_conflict_do_nothing()
+    from sqlalchemy.dialects import postgresql  # seldom needed
+
+    return postgresql.insert(table).values(row).on_conflict_do_nothing()
 
 
 def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
@@ -124,8 +133,5 @@ def clean(value: Any) -> Any:
 
 
 def _note_reuse(connection: Connection, sweep_id: int, run_id: int) -> None:
-    table = Reuse.__table__
-    assert isinstance(table, Table)
-    insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     row = {"sweep_id": sweep_id, "run_id": run_id}
-    connection.execute(insert(table).values(row).on_conflict_do_nothing())
+    connection.execute(_insert_unless_there(connection, Reuse, row))

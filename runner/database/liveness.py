@@ -83,8 +83,9 @@ def identity(pid: int) -> str | None:
 
 def is_gone(process: str | None) -> bool:
     """Whether `process` (an identity) ran here and runs no more; False where that is unknown."""
-    machine, pid, start = (process or "//").rsplit("/", 2)
-    if machine != _machine():
+    machine, _, rest = (process or "").rpartition("]/")
+    if not machine or f"{machine}]" != _machine():
         return False
+    pid, _, start = rest.partition("/")
     state = _state(pid)
     return state is None or state[0] in "ZX" or state[1] != start

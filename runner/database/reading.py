@@ -1,8 +1,9 @@
 """Everything that can be asked of a logbook, on a connection that cannot write."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,9 +21,11 @@ from sqlalchemy import (
 
 from models.errors import LogbookError
 from runner.database import engine as engines
-from runner.database import schema, shell, tables
+from runner.database import maintenance, schema, shell, tables
 from runner.database import series as files
 from runner.database.address import Address, parse
+from runner.database.export import export
+from runner.database.liveness import is_gone
 from runner.database.records import (
     Answer,
     Coefficient,
@@ -33,6 +36,8 @@ from runner.database.records import (
     Series,
     SeriesFile,
     SweepStatus,
+    SweepSummary,
+    Verification,
 )
 from runner.database.views import run_overview
 
@@ -94,6 +99,11 @@ class Reader:
         """The runs for which every condition holds, over `run_overview` and the table `run`."""
         return [_summary(row) for row in self.select(_runs(where, newest_first, limit))]
 
+    def sweeps(self) -> list[SweepSummary]:
+        """The sweeps, oldest first."""
+        rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
+        return [SweepSummary(**row._asdict()) for row in rows]
+
     def run(self, run_id: int) -> RunDetail:
         """One run with its configuration; LogbookError where there is no such run."""
         found = self.runs(tables.Run.id == run_id)
@@ -153,19 +163,38 @@ class Reader:
         if sweep is None:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
-        counts: dict[str, int] = {}
-        for trial in last.values():
-            counts[trial.status] = counts.get(trial.status, 0) + 1
-        lost = [trial.run_id for trial in last.values() if trial.status in _FAILED]
+        status = {trial.run_id: _status(trial) for trial in last.values()}
+        lost = [run_id for run_id, ending in status.items() if ending in _FAILED]
         return SweepStatus(
             sweep_id=sweep_id,
             name=sweep.name,
             planned=sweep.planned,
-            counts=counts,
+            counts=dict(Counter(status.values())),
             reused=sum(1 for trial in last.values() if trial.reused),
             failed=self.runs(tables.Run.id.in_(lost)) if lost else [],
             finished_at=sweep.finished_at,
         )
+
+    def verify(self) -> Verification:
+        """Look at the database, every foreign key and every series file."""
+        with self._reading() as connection:
+            return maintenance.verify(connection, self.results_dir)
+
+    def export(self, folder: Path) -> list[Path]:
+        """Write every table to `folder` as Parquet and CSV; the answer names the files."""
+        with self._reading() as connection:
+            if not self.address.sqlite:  # one snapshot, as SQLite gives anyway
+                connection = connection.execution_options(isolation_level="REPEATABLE READ")
+            return export(connection, folder)
+
+    def prunable(
+        self,
+        *where: ColumnElement[bool],
+        older_than: timedelta | None = None,
+        statuses: Sequence[str] = (),
+    ) -> list[RunSummary]:
+        """The runs that `prune` may delete: not under way, and all the conditions hold."""
+        return self.runs(*maintenance.prunable(older_than, statuses), *where)
 
 
 def _runs(
@@ -174,7 +203,7 @@ def _runs(
     names = RunSummary.__dataclass_fields__
     order = tables.Run.id.desc() if newest_first else tables.Run.id
     return (
-        select(*(run_overview.c[name] for name in names))
+        select(*(run_overview.c[name] for name in names), tables.Run.process)
         .join_from(run_overview, tables.Run, tables.Run.id == run_overview.c.run_id)
         .where(*where)
         .order_by(order)
@@ -193,23 +222,33 @@ def _trials(sweep_id: int) -> Select[Any]:
             run_overview.c.run_id,
             run_overview.c.fingerprint,
             run_overview.c.status,
+            run.process,
             members.c.reused,
         )
         .join_from(members, run_overview, run_overview.c.run_id == members.c.id)
+        .join(run, run.id == members.c.id)
         .order_by(run_overview.c.attempt)
     )
 
 
 def _summary(row: Row[Any]) -> RunSummary:
     values = row._asdict()
+    del values["process"]
     return RunSummary(
         **values
         | {
+            "status": _status(row),
             "superseded": bool(values["superseded"]),
             "started_at": _utc(values["started_at"]),
             "finished_at": _utc(values["finished_at"]),
         }
     )
+
+
+def _status(row: Row[Any]) -> str:
+    """The status that the view shows; a run whose process died here is known to be interrupted."""
+    status: str = row.status
+    return "interrupted" if status == "running" and is_gone(row.process) else status
 
 
 def _utc(time: datetime | None) -> datetime | None:

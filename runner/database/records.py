@@ -200,3 +200,44 @@ class Answer:
 
     columns: tuple[str, ...]
     rows: list[tuple[Any, ...]]
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """One row of `sweep`. Times are UTC."""
+
+    id: int
+    name: str
+    command: str
+    overrides: list[str]
+    planned: int
+    started_at: datetime
+    finished_at: datetime | None
+    host: str
+    pid: int
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something in a logbook that is not as it should be."""
+
+    where: str
+    what: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """How many runs and series files were looked at, and what was found wrong."""
+
+    runs: int
+    series: int
+    problems: list[Problem]
+
+
+@dataclass(frozen=True)
+class Pruned:
+    """How many runs and files were deleted, and the files that could not be."""
+
+    runs: int
+    files: int
+    left: list[str]

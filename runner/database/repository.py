@@ -19,13 +19,13 @@ from sqlalchemy import Connection, Engine, insert, select, update
 
 from models.errors import LogbookError
 from runner.database import engine as engines
-from runner.database import schema, tables
+from runner.database import maintenance, schema, tables
 from runner.database import series as files
 from runner.database.address import Address, parse
 from runner.database.claims import claim, clean, give_up
 from runner.database.heartbeat import Heartbeat
 from runner.database.reading import Reader
-from runner.database.records import Begun, Ending, Results, RunStart, SeriesFile
+from runner.database.records import Begun, Ending, Pruned, Results, RunStart, SeriesFile
 from runner.database.values import number
 
 
@@ -61,8 +61,8 @@ class Logbook(Reader):
             pass  # a run without a heartbeat is found to be interrupted all the same
         finally:
             self._began.clear()
-            self._writer.dispose()
             super().close()
+            self._writer.dispose()  # last: the last writer of a SQLite file tidies up its log
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
@@ -160,6 +160,21 @@ class Logbook(Reader):
             error=error,
             traceback=traceback,
         )
+
+    def prune(self, run_ids: Sequence[int]) -> Pruned:
+        """Delete runs with their rows and then their files; one that is under way is left alone."""
+        with self._writing() as connection:
+            gone, paths = maintenance.delete_runs(connection, run_ids)
+        left = maintenance.remove(self.results_dir, paths)
+        return Pruned(gone, len(paths) - len(left), left)
+
+    def remove_orphans(self) -> list[Path]:
+        """Delete the series files that no row points to; the answer names them."""
+        with self._reading() as connection:
+            found = maintenance.orphans(connection, self.results_dir)
+        for path in found:
+            path.unlink(missing_ok=True)
+        return found
 
     def _duration(self, run_id: int) -> float | None:
         began = self._began.get(run_id)

@@ -4,6 +4,7 @@ The revision stands in the table `seatrial_version` (Alembic's, under a name tha
 uses). Whether an existing logbook is up to date is one query; Alembic is imported only to upgrade.
 """
 
+import logging
 import sqlite3
 from contextlib import closing
 from datetime import UTC, datetime
@@ -21,6 +22,8 @@ from runner.database.tables import Base
 VERSION_TABLE = "seatrial_version"
 REVISIONS = ("0001", "0002")  # oldest first; a test keeps them equal to the migrations
 HEAD = REVISIONS[-1]
+
+_log = logging.getLogger(__name__)
 
 _LOCK = 0x5EA721A1  # any number that all of us, and nobody else, use for PostgreSQL's advisory lock
 
@@ -145,7 +148,9 @@ def create_all(connection: Connection) -> None:
 
 def _upgrade(connection: Connection, address: Address) -> None:
     if address.path is not None:
-        backup(address.path, _backup_name(connection, address.path))
+        copy = _backup_name(connection, address.path)
+        backup(address.path, copy)
+        _log.info("%s: upgrading to schema %s; as it was, it is in %s", address, HEAD, copy)
     views.drop(connection)
     migrate(connection, HEAD)
     if address.sqlite and (broken := connection.exec_driver_sql("PRAGMA foreign_key_check").all()):
@@ -173,12 +178,16 @@ def _backup_name(connection: Connection, path: Path) -> Path:
 
 def backup(path: Path, to: Path) -> None:
     """Copy the SQLite database at `path` to a new file `to`, whole, while others may read it."""
-    with (
-        closing(engines.open_to_read(path)) as source,
-        closing(sqlite3.connect(to, isolation_level=None)) as target,
-    ):
-        source.backup(target)
-        target.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it
+    try:
+        with (
+            closing(engines.open_to_read(path)) as source,
+            closing(sqlite3.connect(to, isolation_level=None)) as target,
+        ):
+            source.backup(target)
+            target.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it
+    except BaseException:
+        to.unlink(missing_ok=True)
+        raise
 
 
 def _make_folder(path: Path) -> None:

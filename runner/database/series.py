@@ -126,6 +126,18 @@ def read(results_dir: Path, file: SeriesFile) -> Series:
     return Series(file.kind, columns, dict(file.columns))
 
 
+def shape(content: bytes) -> tuple[int, list[str]]:
+    """Number of rows and names of the columns of a file; LogbookError where it is no Parquet."""
+    import pyarrow as pa  # slow to import
+    import pyarrow.parquet as pq
+
+    try:
+        found: Any = pq.read_metadata(pa.BufferReader(content))
+    except pa.ArrowException as error:
+        raise LogbookError(f"not a Parquet file: {error}") from error
+    return found.num_rows, list(found.schema.names)
+
+
 def checked(results_dir: Path, file: SeriesFile) -> bytes:
     """The content of a file, once its checksum is found right."""
     path = locate(results_dir, file.path)

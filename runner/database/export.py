@@ -1,0 +1,82 @@
+"""Every table as Parquet and CSV, from one snapshot of the database."""
+
+import json
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, select
+from sqlalchemy.types import TypeEngine
+
+from models.errors import LogbookError
+from runner.database.tables import Base, Utc
+
+FORMATS = ("parquet", "csv")
+_BATCH = 10_000  # rows held at once
+
+
+def export(connection: Connection, folder: Path) -> list[Path]:
+    """Write every table to `folder`, as TABLE.parquet and TABLE.csv; the answer names the files.
+
+    Times are UTC; JSON columns are text. A file is renamed into place once it is whole. Raises
+    LogbookError where the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return [
+            path
+            for table in Base.metadata.sorted_tables
+            for path in _table(connection, table, folder)
+        ]
+    except OSError as error:
+        raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
+
+
+def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
+    import pyarrow as pa  # slow to import
+    from pyarrow import csv, parquet
+
+    schema = pa.schema([(column.name, _arrow(pa, column.type)) for column in table.columns])
+    paths = [folder / f"{table.name}.{suffix}" for suffix in FORMATS]
+    unfinished = [path.with_name(f".{path.name}.tmp") for path in paths]
+    try:
+        with (
+            parquet.ParquetWriter(unfinished[0], schema, compression="zstd") as columns,
+            csv.CSVWriter(unfinished[1], schema) as lines,
+        ):
+            for rows in _batches(connection, table):
+                batch = pa.Table.from_pylist(rows, schema=schema)
+                columns.write_table(batch)
+                lines.write_table(batch)
+        for temporary, path in zip(unfinished, paths, strict=True):
+            temporary.replace(path)
+    finally:
+        for temporary in unfinished:
+            temporary.unlink(missing_ok=True)
+    return paths
+
+
+def _batches(connection: Connection, table: Table) -> Iterator[list[dict[str, Any]]]:
+    order = list(table.primary_key)
+    statement = select(table).order_by(*order).execution_options(yield_per=_BATCH)
+    for partition in connection.execute(statement).partitions():
+        yield [{name: _plain(value) for name, value in row._asdict().items()} for row in partition]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict | list):
+        return json.dumps(value, ensure_ascii=False)
+    return value.astimezone(UTC) if isinstance(value, datetime) else value
+
+
+def _arrow(pa: Any, column: TypeEngine[Any]) -> Any:
+    """The Arrow type of a column."""
+    if isinstance(column, Utc):
+        return pa.timestamp("us", tz="UTC")
+    if isinstance(column, JSON):
+        return pa.string()
+    for kind, arrow in ((Boolean, pa.bool_()), (Integer, pa.int64()), (Float, pa.float64())):
+        if isinstance(column, kind):
+            return arrow
+    return pa.string()

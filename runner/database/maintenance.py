@@ -1,0 +1,154 @@
+"""Keeping a logbook in order: is everything there and right, and what may go.
+
+Series files are removed after their rows, never before, so that no row points to nothing; what a
+program that died in between leaves over is an orphan, which `verify` names.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    ForeignKeyConstraint,
+    Row,
+    Table,
+    and_,
+    delete,
+    func,
+    or_,
+    select,
+)
+from sqlalchemy.exc import DatabaseError
+
+from models.errors import LogbookError
+from runner.database import series as files
+from runner.database.engine import one_line
+from runner.database.liveness import is_gone, is_stale
+from runner.database.records import Problem, SeriesFile, Verification
+from runner.database.tables import Base, Run, Series
+
+_OF_RUN = re.compile(r"\.?run-(?P<run>\d+)-")
+_CHUNK = 500  # ids in one statement
+
+
+def verify(connection: Connection, results_dir: Path) -> Verification:
+    """Look at every page, foreign key and series file; `connection` may be read-only."""
+    problems: list[Problem] = []
+    runs = stored = 0
+    try:
+        problems += _damage(connection)
+        problems += _lost_parents(connection)
+        runs = connection.scalar(select(func.count()).select_from(Run)) or 0
+        rows = connection.execute(select(Series.__table__).order_by(Series.id)).all()
+        stored = len(rows)
+        problems += [found for row in rows if (found := _wrong_file(row, results_dir))]
+        problems += [
+            Problem(str(path), "no run knows this file")
+            for path in orphans(connection, results_dir)
+        ]
+    except DatabaseError as error:
+        problems.append(Problem("database", one_line(error)))
+    return Verification(runs, stored, problems)
+
+
+def _damage(connection: Connection) -> Iterator[Problem]:
+    """What SQLite finds wrong with its file; PostgreSQL has its own tools (pg_amcheck)."""
+    if connection.dialect.name == "sqlite":
+        for line in connection.exec_driver_sql("PRAGMA integrity_check").scalars():
+            if line != "ok":
+                yield Problem("database", str(line))
+
+
+def _lost_parents(connection: Connection) -> Iterator[Problem]:
+    """Rows that point to a run or a sweep that is not there."""
+    for table in Base.metadata.sorted_tables:
+        for key in table.foreign_key_constraints:
+            lost = connection.scalar(_without_parent(table, key))
+            if lost:
+                parent = key.referred_table.name
+                yield Problem(f"table {table.name}", f"{lost} rows point to no {parent}")
+
+
+def _without_parent(table: Table, key: ForeignKeyConstraint) -> Any:
+    (column,), parent = key.columns, key.referred_table
+    there = select(parent.c.id).where(parent.c.id == column).exists()
+    return select(func.count()).select_from(table).where(column.is_not(None), ~there)
+
+
+def _wrong_file(row: Row[Any], results_dir: Path) -> Problem | None:
+    where = f"run {row.run_id}, series {row.kind}"
+    file = SeriesFile(row.kind, row.path, row.format, row.n_rows, row.sha256, row.columns)
+    try:
+        content = files.checked(results_dir, file)
+        n_rows, columns = files.shape(content)
+    except LogbookError as error:
+        return Problem(where, str(error))
+    if (n_rows, set(columns)) != (file.n_rows, set(file.columns)):
+        return Problem(
+            where,
+            f"{row.path}: got {n_rows} rows of {', '.join(columns)};"
+            f" expected {file.n_rows} of {', '.join(file.columns)}",
+        )
+    return None
+
+
+def orphans(connection: Connection, results_dir: Path) -> list[Path]:
+    """Series files that no row points to, but for those of runs that are under way."""
+    folder = results_dir / files.FOLDER
+    if not folder.is_dir():
+        return []
+    found = sorted(path for path in folder.iterdir() if path.is_file())  # before the rows are read
+    known = {Path(path).name for path in connection.scalars(select(Series.path))}
+    alive = and_(Run.status == "running", ~is_stale(Run.heartbeat_at))
+    claimed = connection.execute(select(Run.id, Run.process).where(alive))
+    busy = {run_id for run_id, process in claimed if not is_gone(process)}
+    return [path for path in found if path.name not in known and _run_of(path) not in busy]
+
+
+def _run_of(path: Path) -> int | None:
+    match = _OF_RUN.match(path.name)
+    return int(match["run"]) if match else None
+
+
+def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[ColumnElement[bool]]:
+    """Conditions on `run`: ended or given up, begun more than `older_than` ago, of a status."""
+    stale = and_(Run.status == "running", is_stale(Run.heartbeat_at))
+    conditions: list[ColumnElement[bool]] = [or_(Run.status != "running", stale)]
+    if older_than is not None:
+        conditions.append(Run.started_at < datetime.now(UTC) - older_than)
+    if statuses:
+        chosen = Run.status.in_(statuses)
+        conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)
+    return conditions
+
+
+def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, list[str]]:
+    """Delete runs that are not under way; the answer is their number and their files' paths."""
+    paths: list[str] = []
+    deleted = 0
+    for first in range(0, len(run_ids), _CHUNK):
+        ids = run_ids[first : first + _CHUNK]
+        ended = select(Run.id).where(Run.id.in_(ids), *prunable(None, ())).with_for_update()
+        gone = connection.scalars(ended).all()
+        paths += connection.scalars(select(Series.path).where(Series.run_id.in_(gone)))
+        connection.execute(delete(Run).where(Run.id.in_(gone)))
+        deleted += len(gone)
+    return deleted, paths
+
+
+def remove(results_dir: Path, paths: Sequence[str]) -> list[str]:
+    """Remove series files; the answer names those that could not be removed."""
+    left: list[str] = []
+    for relative in paths:
+        try:
+            files.locate(results_dir, relative).unlink(missing_ok=True)
+        except (OSError, LogbookError):
+            left.append(relative)
+    with suppress(OSError):  # when it is empty
+        (results_dir / files.FOLDER).rmdir()
+    return left

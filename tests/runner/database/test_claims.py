@@ -1,0 +1,130 @@
+"""A run that shows no sign of life is given up; one that does is left alone."""
+
+import os
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from sqlalchemy import update
+
+from models.errors import LogbookError
+from runner.database import Logbook, Results, engine, liveness
+from runner.database.address import parse
+from runner.database.tables import Run
+from tests.runner.database.samples import make_start
+
+
+def pretend(url: str, run_id: int, **values: object) -> None:
+    """Change what the row of a run says."""
+    writer = engine.writer(parse(url))
+    with writer.begin() as connection:
+        connection.execute(update(Run).where(Run.id == run_id).values(**values))
+    writer.dispose()
+
+
+def ago(seconds: float) -> datetime:
+    return datetime.now(UTC) - timedelta(seconds=seconds)
+
+
+@pytest.fixture
+def elsewhere(logbook: Logbook, url: str) -> int:
+    """A run that a process on another machine is doing."""
+    run = logbook.begin_run(make_start(1)).run_id
+    pretend(url, run, process="another boot/pid:[1]/1/1", host="island")
+    return run
+
+
+def test_a_run_with_a_fresh_heartbeat_is_busy(logbook: Logbook, elsewhere: int) -> None:
+    begun = logbook.begin_run(make_start(1))
+    assert (begun.state, begun.run_id) == ("busy", elsewhere)
+    assert logbook.run(elsewhere).summary.status == "running"
+
+
+@pytest.mark.parametrize("heartbeat", [ago(liveness.STALE_AFTER_S + 5), None])
+def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
+    logbook: Logbook, url: str, elsewhere: int, heartbeat: datetime | None
+) -> None:
+    pretend(url, elsewhere, heartbeat_at=heartbeat)
+    assert logbook.run(elsewhere).summary.status == "interrupted"
+    begun = logbook.begin_run(make_start(1))
+    assert begun.state == "new"
+    old, new = logbook.runs()
+    assert (old.status, old.superseded) == ("interrupted", True)
+    assert "on island gave no sign of life for 60 s" in str(old.error)
+    assert (new.status, new.attempt) == ("running", 2)
+    with pytest.raises(LogbookError, match="it is interrupted, expected running"):
+        logbook.finish_run(elsewhere, Results())
+
+
+def test_a_run_almost_stale_is_left_alone(logbook: Logbook, url: str, elsewhere: int) -> None:
+    pretend(url, elsewhere, heartbeat_at=ago(liveness.STALE_AFTER_S - 10))
+    assert logbook.begin_run(make_start(1)).state == "busy"
+
+
+def test_a_process_that_is_gone_from_here_is_not_waited_for(logbook: Logbook, url: str) -> None:
+    run = logbook.begin_run(make_start(1)).run_id
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    pretend(url, run, process=liveness.identity(child.pid), pid=child.pid)
+    assert logbook.begin_run(make_start(1)).state == "busy"
+    child.kill()
+    time.sleep(0.1)  # not waited for yet: a zombie is as good as gone
+    assert logbook.run(run).summary.status == "interrupted"
+    assert logbook.begin_run(make_start(1)).state == "new"
+    child.communicate()
+    assert "is gone" in str(logbook.run(run).summary.error)
+
+
+def test_who_is_gone() -> None:
+    own = liveness.identity(os.getpid())
+    assert own is not None
+    assert not liveness.is_gone(own)
+    machine, pid, start = own.rsplit("/", 2)
+    assert liveness.is_gone(f"{machine}/{pid}/{int(start) - 1}")  # its number was given again
+    assert liveness.is_gone(f"{machine}/{2**22 + 1}/{start}")
+    assert not liveness.is_gone(f"another {machine}/{2**22 + 1}/{start}")
+    assert not liveness.is_gone(None)
+    assert not liveness.is_gone("nonsense")
+
+
+def test_a_run_under_way_keeps_its_heart_beating(
+    url: str, results_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        run = logbook.begin_run(make_start()).run_id
+        pretend(url, run, heartbeat_at=ago(1000))
+        assert _stirs(logbook, run)
+        logbook.finish_run(run, Results())
+        pretend(url, run, heartbeat_at=ago(1000))
+        assert not _stirs(logbook, run, patience_s=0.2)
+
+
+def _stirs(logbook: Logbook, run: int, patience_s: float = 10.0) -> bool:
+    until = time.monotonic() + patience_s
+    while time.monotonic() < until:
+        beat = logbook.run(run).heartbeat_at
+        if beat is not None and abs(beat - datetime.now(UTC)) < timedelta(seconds=5):
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_a_heartbeat_that_fails_does_not_end_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
+    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+        run = logbook.begin_run(make_start()).run_id
+        (tmp_path / "results.db").rename(tmp_path / "away.db")
+        logbook._writer.dispose()
+        (tmp_path / "results.db").mkdir()
+        until = time.monotonic() + 10
+        while not caplog.records and time.monotonic() < until:
+            time.sleep(0.02)
+        (tmp_path / "results.db").rmdir()
+        (tmp_path / "away.db").rename(tmp_path / "results.db")
+        logbook.finish_run(run, Results())
+    assert "no heartbeat for runs [1]" in caplog.text

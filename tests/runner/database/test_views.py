@@ -1,0 +1,82 @@
+"""The views answer in one line of plain SQL, on both dialects."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from runner.database import Coefficient, Logbook, Metric, Results
+from runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
+from tests.runner.database.samples import make_results, make_start
+
+
+@pytest.fixture
+def filled(logbook: Logbook) -> Logbook:
+    """ls and plsr, three seeds each; one run failed, one found below the true model."""
+    for trial in range(6):
+        start = make_start(trial, identifier="ls" if trial < 3 else "plsr", seed=trial % 3)
+        run = logbook.begin_run(start).run_id
+        if trial == 5:
+            logbook.fail_run(run, "failed", "ValueError", "no data", None)
+            continue
+        flag = Metric("validation", "identified", "surge", "below_true_model", trial == 4, "1")
+        position = Metric("deployment", "identified", "position", "e_pos_mae", 0.5, "m")
+        results = make_results(1.0 + trial)
+        logbook.finish_run(run, replace(results, metrics=[*results.metrics, flag, position]))
+    return logbook
+
+
+def test_the_overview_has_a_row_for_every_run(filled: Logbook) -> None:
+    answer = filled.sql("SELECT * FROM run_overview ORDER BY run_id")
+    assert answer.columns == tuple(run_overview.c.keys())
+    rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+    assert [row["status"] for row in rows] == ["finished"] * 5 + ["failed"]
+    assert [row["below_true_model"] for row in rows] == [0, 0, 0, 0, 1, None]
+    assert [row["e_pos_mae_identified"] for row in rows] == [0.5] * 5 + [None]
+    assert [row["force_mse_surge_identified"] for row in rows] == [1, 2, 3, 4, 5, None]
+    assert rows[0]["e_pos_mae_nominal"] is None
+    assert {row["superseded"] for row in rows} == {0}
+
+
+def test_metrics_stand_side_by_side(filled: Logbook) -> None:
+    answer = filled.sql(
+        "SELECT identifier, count(*), avg(force_mse), avg(iaew) FROM metric_wide"
+        " WHERE stage = 'validation' AND model = 'identified' AND dof = 'surge'"
+        " GROUP BY identifier ORDER BY identifier"
+    )
+    assert answer.rows == [("ls", 3, 2.0, 8.0), ("plsr", 2, 4.5, 18.0)]
+    names = filled.sql("SELECT * FROM metric_wide WHERE run_id = 1").columns
+    assert set(METRIC_NAMES) <= set(names)
+
+
+def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start()).run_id
+    rows = [
+        Coefficient("identified", "surge", "u", 9.0, 0.1, -10.0, "kg/s"),
+        Coefficient("identified", "surge", "v", 9.0, None, 0.0, "kg/s"),
+        Coefficient("identified", "surge", "r", 9.0, None, None, "kg/s"),
+        Coefficient("identified", "surge", "u_dot", float("nan"), None, 4.0, "kg"),
+    ]
+    logbook.finish_run(run, Results(coefficients=rows))
+    answer = logbook.sql("SELECT term, relative_error FROM coefficient_error ORDER BY term")
+    assert answer.rows == [("u", 1.9), ("u_dot", None)]
+
+
+def test_headline_names_are_those_of_metrics() -> None:
+    assert {headline[4] for headline in HEADLINES} <= set(METRIC_NAMES)
+
+
+@pytest.mark.skipif(not shutil.which("sqlite3"), reason="no sqlite3 shell: apt-get install sqlite3")
+@pytest.mark.parametrize("view", NAMES)
+def test_the_plain_shell_shows_the_views(tmp_path: Path, view: str) -> None:
+    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+        logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
+    said = subprocess.run(
+        ["sqlite3", "-header", tmp_path / "results.db", f"select * from {view}"],
+        capture_output=True,
+        text=True,
+    )
+    assert (said.returncode, said.stderr) == (0, "")
+    assert len(said.stdout.splitlines()) > 1
