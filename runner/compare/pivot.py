@@ -8,7 +8,7 @@ import numpy as np
 
 from .names import CHOICES
 from .observations import FINISHED, OWN_FACTORS, Observation, Run, ordered
-from .statistics import PairedTest, Sample, paired_test
+from .statistics import SAME, PairedTest, Sample, paired_test
 
 Key = tuple[str, ...]
 
@@ -183,7 +183,7 @@ def best_cells(
         top = choose(location[key] for key in members)
         rows = [row for row in table.row_keys if tuple(row[i] for i in split) == own]
         if len(rows) > 1:
-            best |= {key for key in members if location[key] == top}
+            best |= {key for key in members if abs(location[key] - top) <= SAME * abs(top)}
     return best
 
 

@@ -18,6 +18,7 @@ from models.errors import ConfigurationError
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
 
+SAME = 1e-9  # relative: figures closer than this differ by rounding alone
 BOOTSTRAP_RESAMPLES = 10_000
 BOOTSTRAP_SEED = 0  # the same table twice shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")

@@ -10,7 +10,7 @@ from .observations import OWN_FACTORS
 from .pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
 from .results import Results
 from .selection import Found, TableRequest, gather, pooled
-from .statistics import PairedTest, summary
+from .statistics import SAME, PairedTest, summary
 
 Place = tuple[Key, Key]
 
@@ -219,7 +219,7 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
     for name in request.statistics:
         if name == "std":
             if math.isfinite(figures["std"]):
-                texts.append(("± " if texts else "std ") + number_text(figures["std"], 2))
+                texts.append(("± " if texts else "std ") + _spread_text(figures))
         elif name == "ci":
             low, high = figures["ci_low"], figures["ci_high"]
             if math.isfinite(low):
@@ -228,6 +228,12 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
             label = "" if name == "mean" else f"{name} "
             texts.append(label + number_text(figures[name], digits))
     return " ".join(texts)
+
+
+def _spread_text(figures: Mapping[str, float | int]) -> str:
+    """The standard deviation; what rounding leaves of equal values is no spread."""
+    size = abs(figures.get("mean", figures.get("median", 0.0)))
+    return "0" if figures["std"] < SAME * size else number_text(figures["std"], 2)
 
 
 def _counts_text(cell: Cell, request: TableRequest) -> str:

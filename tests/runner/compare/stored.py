@@ -5,6 +5,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from runner.database import Logbook
 from runner.database.records import Coefficient, Diagnostic, Metric, Results, RunStart, Series
 
@@ -93,3 +95,122 @@ def fail(logbook: Logbook, begin: RunStart, status: Any = "failed", error: str =
     assert begun.state == "new"
     logbook.fail_run(begun.run_id, status, "ValueError", error, "Traceback: here\nValueError")
     return begun.run_id
+
+
+def fill_plain(logbook: Logbook) -> None:
+    """What `conftest.plain` describes."""
+    calm = {"none": (100.0, 102.0, 104.0), "ls": (50.0, 51.0, 55.0), "plsr": (40.0, 41.0, 42.0)}
+    for identifier, values in calm.items():
+        for seed, value in enumerate(values):
+            metrics = [force_mse(value), force_mse(2.0 * value, "yaw"), tracking(value / 100.0)]
+            metrics += [tracking(1.0, "nominal"), below(float(identifier == "plsr"))]
+            found = [
+                coefficient("u_dot", 1000.0 + value, 3.0, 1050.0),
+                coefficient("u", 60.0, 4.0, None, unit="kg/s"),
+            ]
+            finish(logbook, start(identifier, "calm", seed), metrics, found)
+    for seed, value in enumerate((200.0, 210.0, 220.0)):
+        finish(logbook, start("none", "noise", seed), [force_mse(value)])
+    finish(logbook, start("ls", "noise", 0), [force_mse(90.0)])
+    fail(logbook, start("ls", "noise", 1), "failed", "singular matrix\nin the middle")
+    fail(logbook, start("ls", "noise", 2), "diverged", "|r| = 9 rad/s exceeds 3 at t = 12 s")
+    finish(logbook, start("plsr", "noise", 0), [force_mse(80.0)])
+    finish(logbook, start("plsr", "noise", 1), [force_mse(float("nan"))])
+
+
+def fill_sailed(logbook: Logbook) -> None:
+    """Seven runs with everything that a figure can show."""
+    for seed in range(2):
+        for identifier in ("ls", "plsr"):
+            finish(
+                logbook,
+                start(identifier, "noise", seed),
+                [force_mse(400.0 + seed, dof) for dof in ("surge", "sway", "yaw")],
+                _coefficients(seed),
+                _orders(seed) if identifier == "plsr" else [],
+                [_residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
+            )
+    finish(logbook, start("nsga2", "calm"), diagnostics=_pareto())
+    finish(logbook, start("surface", "calm"), diagnostics=_surface())
+    finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
+
+
+def _coefficients(seed: int) -> list[Coefficient]:
+    return [
+        coefficient("u_dot", 1195.0 + 5.0 * seed, 8.0, 1195.0),
+        coefficient("u", 15.0 - seed, 3.0, 13.8, unit="kg/s"),
+        coefficient("|u|u", 9000.0, 30.0, 55.0, unit="kg/m"),
+        coefficient("u^3", 0.1, 0.1, 0.0, unit="kg s/m^2"),
+        coefficient("v_dot", 1260.0, 4.0, None, "sway"),
+    ]
+
+
+def _orders(seed: int) -> list[Diagnostic]:
+    found = []
+    for dof in ("surge", "yaw"):
+        unit = "N^2" if dof == "surge" else "(Nm)^2"
+        for order in range(1, 9):
+            value = 3000.0 / order + 10.0 * (order - 4) ** 2 + seed
+            found.append(Diagnostic("order_mse", dof, order, None, "blocked", value, unit))
+        found.append(Diagnostic("selected_order", dof, None, None, "blocked", 4.0 + seed, ""))
+    return found
+
+
+def _residual() -> Series:
+    t = np.arange(0.0, 100.0, 0.5)
+    columns = {"t": t, "train": (t < 50.0).astype(float)}
+    units = {"t": "s", "train": ""}
+    for dof, unit in (("surge", "N"), ("yaw", "Nm")):
+        for model, size in (("nominal", 60.0), ("identified", 20.0)):
+            columns[f"residual_{model}_{dof}"] = size * np.sin(t / 5.0)
+            units[f"residual_{model}_{dof}"] = unit
+    return Series("residual", columns, units)
+
+
+def _voyage(model: str, error: float) -> Series:
+    t = np.arange(0.0, 200.0, 0.5)
+    psi = 2.0 * np.pi * t / 200.0
+    columns = {
+        "t": t,
+        "x": (20.0 + error) * np.sin(psi),
+        "y": 30.0 - (30.0 + error) * np.cos(psi),
+        "psi": psi,
+        "x_d": 20.0 * np.sin(psi),
+        "y_d": 30.0 - 30.0 * np.cos(psi),
+        "e_pos": np.full_like(t, error),
+        "e_psi": 0.1 * error * np.cos(psi),
+    }
+    units = dict.fromkeys(columns, "m") | {"t": "s", "psi": "rad", "e_psi": "rad"}
+    return Series(f"deployment_{model}", columns, units)
+
+
+def _pareto() -> list[Diagnostic]:
+    found = [Diagnostic("pareto_chosen", "all", 7, None, None, 1.0, "")]
+    for point in range(20):
+        for j, (name, unit) in enumerate((("position MAE", "m"), ("velocity MAE", "m/s"))):
+            value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
+            found.append(Diagnostic("pareto_objective", "all", point, j, name, value, unit))
+    return found
+
+
+def _surface() -> list[Diagnostic]:
+    found = [
+        Diagnostic("selected_order", "surge", None, None, None, 3.0, ""),
+        Diagnostic("selected_variables", "surge", None, None, None, 6.0, ""),
+    ]
+    for order in range(1, 9):
+        for variables in range(order, 9):
+            value = 100.0 + 1e4 / order + 50.0 * (variables - 6) ** 2
+            found.append(Diagnostic("surface_mse", "surge", order, variables, None, value, "N^2"))
+    return found
+
+
+def _spectrum() -> list[Diagnostic]:
+    found = [Diagnostic("selected_order", "all", None, None, None, 3.0, "")]
+    for k in range(1, 9):
+        value = float(np.exp(-k)) if k <= 3 else 0.01 / k
+        found.append(Diagnostic("singular_value", "all", k, None, None, value, ""))
+    for k, z in enumerate((0.9 + 0.2j, 0.9 - 0.2j, 0.5 + 0.0j)):
+        found.append(Diagnostic("eigenvalue_real", "all", k, None, None, z.real, ""))
+        found.append(Diagnostic("eigenvalue_imag", "all", k, None, None, z.imag, ""))
+    return found

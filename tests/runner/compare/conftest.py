@@ -1,0 +1,55 @@
+"""Logbooks that the comparison's tests read, made once a session: they are only read."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from runner.compare.__main__ import run as run_program
+from runner.compare.results import Results, open_results
+from tests.runner.compare import stored
+from tests.runner.database.conftest import postgres  # noqa: F401 - a fixture
+
+
+@pytest.fixture(scope="session")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a small logbook whose figures can be worked out by hand.
+
+    Surge force MSE over seeds 0, 1, 2: none/calm 100, 102, 104; ls/calm 50, 51, 55;
+    plsr/calm 40, 41, 42 but below the true model; none/noise 200, 210, 220; ls/noise 90 (seed 0),
+    seed 1 failed, seed 2 diverged; plsr/noise 80, and nothing (NaN) for seed 1.
+    """
+    folder = tmp_path_factory.mktemp("plain")
+    with stored.logbook_at(folder) as logbook:
+        stored.fill_plain(logbook)
+    return folder
+
+
+@pytest.fixture
+def results(plain: Path) -> Iterator[Results]:
+    with open_results(f"sqlite:///{plain}/results.db") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def sailed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a logbook with series and diagnostics, for the figures."""
+    folder = tmp_path_factory.mktemp("sailed")
+    with stored.logbook_at(folder) as logbook:
+        stored.fill_sailed(logbook)
+    return folder
+
+
+Program = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def program(capsys: pytest.CaptureFixture[str]) -> Program:
+    """Runs a command line; gives exit code, standard output and standard error."""
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        code = run_program([str(argument) for argument in arguments])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call

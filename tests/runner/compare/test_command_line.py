@@ -1,0 +1,221 @@
+"""The commands from the outside: output, exit codes, errors of one line, and speed."""
+
+import json
+import os
+import shlex
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from runner.compare.listing import repeat_command
+from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+
+
+def database(folder: Path) -> tuple[str, str]:
+    return "--database", f"sqlite:///{folder}/results.db"
+
+
+def test_runs_lists_the_newest_first_and_failures_too(program: Program, plain: Path) -> None:
+    code, out, _ = program("runs", *database(plain), "--format", "json")
+    listed = json.loads(out)
+    assert code == 0
+    assert [run["run_id"] for run in listed] == list(range(17, 0, -1))
+    assert sum(run["status"] == "failed" for run in listed) == 1
+    code, out, _ = program("runs", *database(plain), "--where", "identifier=ls", "--limit", "2")
+    assert (code, out.count("ls")) == (0, 2)
+    assert "the newest 2; --limit shows more" in out
+
+
+def test_runs_of_a_status_show_the_error_on_one_line(program: Program, plain: Path) -> None:
+    code, out, _ = program("runs", *database(plain), "--status", "failed")
+    assert code == 0
+    assert "singular matrix in the middle" in out
+    assert "exceeds" not in out
+
+
+def test_a_plain_path_is_a_database_too(program: Program, plain: Path) -> None:
+    assert program("runs", "--database", plain / "results.db")[0] == 0
+
+
+def test_show_tells_all_about_a_run(program: Program, plain: Path) -> None:
+    code, out, _ = program("show", "4", *database(plain))
+    assert code == 0
+    for told in ("0123456789abcdef with uncommitted changes", "plant.scale", "force_mse", "u_dot"):
+        assert told in out
+    code, out, _ = program("show", "4", *database(plain), "--format", "json")
+    metrics = next(part for part in json.loads(out) if part and "stage" in part[0])
+    assert metrics[0]["value"] == 50.0
+
+
+def test_show_traceback_of_a_failed_run_and_of_a_finished_one(
+    program: Program, plain: Path
+) -> None:
+    assert program("show", "14", *database(plain), "--traceback")[1].startswith("Traceback: here")
+    assert (
+        "run 1 is finished: no traceback"
+        in program("show", "1", *database(plain), "--traceback")[1]
+    )
+
+
+def test_show_command_repeats_the_run_into_the_same_logbook(program: Program, plain: Path) -> None:
+    _, out, _ = program("show", "4", *database(plain), "--command")
+    assert shlex.split(out) == [
+        *("python", "-m", "runner", "identifier=ls", "seed=0"),
+        *(f"results_dir={plain}", "rerun=true"),
+    ]
+
+
+def test_repeat_command_replaces_places_and_quotes_what_needs_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    overrides = ["seed=1", "results_dir=/elsewhere", "database=postgresql", "rerun=false"]
+    here = repeat_command(overrides, tmp_path / "results" / "results.db", rerun=False)
+    assert here == ["python", "-m", "runner", "seed=1"]
+    odd = repeat_command([], tmp_path / "my runs" / "it's.db", rerun=False)
+    assert odd[3:] == [
+        "results_dir='my runs'",
+        "database.url='sqlite:///my runs/it\\'s.db'",
+    ]
+    assert repeat_command(overrides, None, rerun=True)[-2:] == ["database=postgresql", "rerun=true"]
+
+
+def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None:
+    query = "SELECT identifier, count(*) AS n FROM run GROUP BY identifier ORDER BY n"
+    for form in ("rich", "md", "csv", "latex", "json", "html"):
+        code, out, _ = program("sql", query, *database(plain), "--format", form)
+        assert code == 0
+        assert "plsr" in out
+        code, out, _ = program("table", *database(plain), "--format", form)
+        assert code == 0
+        assert "plsr" in out
+    _, out, _ = program("sql", query, *database(plain), "--format", "csv")
+    assert out.splitlines()[:2] == ["identifier,n", "plsr,5"]
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "DELETE FROM run",
+        "UPDATE run SET seed = 1",
+        "DROP TABLE metric",
+        "INSERT INTO sweep SELECT * FROM sweep",
+        "CREATE TABLE x (y)",
+        "SELECT 1; DELETE FROM run",
+        "ATTACH 'other.db' AS other",
+        "VACUUM INTO 'copy.db'",
+        "PRAGMA journal_mode = DELETE",
+        "PRAGMA query_only = OFF",
+        "SELECT load_extension('x')",
+        "SELEC 1",
+        "",
+    ],
+)
+def test_sql_that_is_no_query_is_refused(
+    program: Program, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, query: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = program("sql", query, *database(plain))
+    assert (code, out) == (2, "")
+    assert len(err.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+    with sqlite3.connect(plain / "results.db") as connection:
+        assert connection.execute("SELECT count(*) FROM run").fetchone() == (17,)
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook here"),
+        (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
+        (["runs", "--database", "garbage://"], "unknown database dialect"),
+        (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
+        (["table", "--where", "seed>99"], "no runs match"),
+        (["table", "--where", "1=1"], "expected a column"),
+        (["table", "--format", "pdf"], "--format"),
+        (["table", "--nonsense"], "No such option: --nonsense"),
+        (["runs", "--limit", "0"], "--limit"),
+        (["runs", "--status", "lost"], "expected one of running"),
+        (["show", "99"], "there is no run 99"),
+        (["show", "first"], "Invalid value for"),
+        (["show"], "Missing argument"),
+        (["plot", "pie"], "pie"),
+        (["plot", "track"], "no finished run that matches has a series"),
+        (["plot", "orders"], "has the diagnostic order_mse"),
+        (["plot", "pareto"], "has the diagnostic pareto_objective"),
+        (["plot", "bars", "--metric", "speed"], "no finished run has speed"),
+        (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
+        (["plot", "residual", "--run", "99"], "no runs match"),
+        (["tables"], "No such command 'tables'"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    program: Program, plain: Path, arguments: list[str], expected: str
+) -> None:
+    if "--database" not in arguments:
+        arguments = [*arguments, *database(plain)]
+    code, out, err = program(*arguments)
+    assert (code, out) == (2, "")
+    assert expected in err
+    assert err.startswith("seatrial-results: ")
+    assert len(err.splitlines()) == 1
+
+
+def test_a_foreign_database_and_a_file_that_is_none_are_refused(
+    program: Program, tmp_path: Path
+) -> None:
+    sqlite3.connect(tmp_path / "foreign.db").execute("CREATE TABLE holiday (day)").close()
+    (tmp_path / "text.db").write_text("not a database, but long enough to look like a header" * 40)
+    for name in ("foreign.db", "text.db", "."):
+        code, out, err = program("runs", "--database", tmp_path / name)
+        assert (code, out, len(err.splitlines())) == (2, "", 1)
+
+
+def test_an_empty_logbook_says_so(program: Program, tmp_path: Path) -> None:
+    stored.logbook_at(tmp_path).close()
+    for command in (["runs"], ["table"], ["plot", "bars"]):
+        code, _, err = program(*command, *database(tmp_path))
+        assert code == 2
+        assert "no runs in the logbook yet" in err
+
+
+def _timed(*arguments: str) -> float:
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+    return time.perf_counter() - begin
+
+
+def test_help_imports_nothing_slow() -> None:
+    code = (
+        "import sys, runner.compare.__main__ as m; m.run(['table', '--help']);"
+        "slow = {'numpy', 'scipy', 'sqlalchemy', 'matplotlib', 'pyarrow', 'pandas', 'jinja2',"
+        "'hydra', 'numba', 'sklearn'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_help_is_at_most_a_fifth_of_a_second_slower_than_hydra() -> None:
+    bare = "import hydra, omegaconf; hydra.main(version_base='1.3', config_path=None)(lambda c: 0)"
+    hydra = min(_timed("-c", f"{bare}()", "--help") for _ in range(3))
+    ours = min(_timed("-m", "runner.compare", "--help") for _ in range(3))
+    assert ours < hydra + 0.2
+
+
+def test_nothing_of_the_models_but_their_errors_is_imported() -> None:
+    folder = Path(__file__).parents[3] / "runner" / "compare"
+    for file in folder.rglob("*.py"):
+        for line in file.read_text().splitlines():
+            if line.strip().startswith(("from models", "import models")):
+                assert "from models.errors import" in line, file
+
+
+def test_a_closed_pipe_is_no_error(plain: Path) -> None:
+    line = f"{sys.executable} -m runner.compare runs --database {plain}/results.db | head -1"
+    done = subprocess.run(line, shell=True, capture_output=True, text=True, env=dict(os.environ))
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,105 @@
+"""What is written is what was meant, whatever letters are in it."""
+
+import csv
+import io
+import json
+from html.parser import HTMLParser
+
+import pytest
+
+from runner.compare.formats import Format, render
+from runner.compare.grid import Cell, Grid, grid_of, number_text, one_line, unit_text, with_unit
+
+NASTY = 'a|b & 50 % of $x_1^2$ <b>"{é}\\'
+GRID = Grid(
+    "about | tables",
+    ("term", "value\n[N²]"),
+    [[Cell("|u|u"), Cell("1.2 ± 0.1", bold=True, sort=1.2)], [Cell(NASTY), Cell("†")]],
+    notes=["a note <&"],
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (2757.4, "2757"),
+        (12345.6, "12346"),
+        (0.043124, "0.04312"),
+        (9.99996, "10.00"),
+        (-1.5, "-1.500"),
+        (1.5e9, "1.500e+09"),
+        (1.23456e-7, "1.235e-07"),
+        (float("nan"), "nan"),
+        (float("-inf"), "-inf"),
+        (12, "12"),
+    ],
+)
+def test_figures_have_four_significant_digits(value: float, text: str) -> None:
+    assert number_text(value) == text
+
+
+def test_units_are_printed_as_they_are_read() -> None:
+    assert unit_text("(Nm)^2") == "(Nm)²"
+    assert with_unit("mse", "") == with_unit("mse", "1") == "mse"
+    assert one_line("a\n b" + "c" * 99, 10) == "a bcccccc…"
+
+
+def test_rich_keeps_brackets_and_is_never_cut_in_a_pipe() -> None:
+    grid = grid_of("[bold]title", ("a", "b"), [["[red]x" * 40, 1.5]])
+    shown = render(grid, Format.RICH)
+    assert "[bold]title" in shown
+    assert "[red]x" * 40 in shown
+    assert "\x1b" not in shown
+    assert "\x1b[1m" in render(GRID, Format.RICH, width=100, colour=True)
+
+
+def test_markdown_rows_have_the_same_number_of_columns() -> None:
+    lines = [line for line in render(GRID, Format.MD).splitlines() if line.startswith("|")]
+    assert {line.replace("\\|", "").count("|") for line in lines} == {3}
+    assert "**1.2 ± 0.1**" in lines[2]
+    assert r"\|u\|u" in lines[2]
+    assert "value<br>[N²]" in lines[0]
+
+
+def test_latex_escapes_what_is_special() -> None:
+    shown = render(GRID, Format.LATEX)
+    assert r"\textbf{1.2 $\pm$ 0.1}" in shown
+    assert r"\textbar{}u\textbar{}u" in shown
+    assert r"50 \% of \$x\_1\textasciicircum{}2\$" in shown
+    assert r"\shortstack{value \\ [N$^2$]}" in shown
+    assert shown.count("{") == shown.count("}")
+
+
+def test_html_is_well_formed_ascii_and_escaped() -> None:
+    shown = render(GRID, Format.HTML)
+    assert shown.isascii()
+    found: list[str] = []
+    open_tags: list[str] = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            if tag != "br":
+                open_tags.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            assert open_tags.pop() == tag
+
+        def handle_data(self, data: str) -> None:
+            found.append(data)
+
+    Reader().feed(shown)
+    assert not open_tags
+    assert NASTY in found
+    assert 'data-value="1.2"' in shown
+
+
+def test_csv_and_json_read_back() -> None:
+    grid = grid_of("", ("name", "value"), [["a,\nb", 0.1], ["c", None], ["d", float("nan")]])
+    rows = list(csv.reader(io.StringIO(render(grid, Format.CSV))))
+    assert rows == [["name", "value"], ["a,\nb", "0.1"], ["c", ""], ["d", ""]]
+    assert [r["value"] for r in json.loads(render(grid, Format.JSON))] == [0.1, None, None]
+    empty = grid_of("", ("name", "value"), [])
+    assert render(empty, Format.CSV) == "name,value"
+    assert json.loads(render(empty, Format.JSON)) == []
+    assert json.loads(render(GRID, Format.JSON))[0] == {"term": "|u|u", "value [N²]": "1.2 ± 0.1"}

@@ -1,0 +1,184 @@
+"""Figures: files of both kinds, the same every time, with titled axes, units and no overlap."""
+
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from models.errors import ConfigurationError
+from runner.compare.plots import KINDS, draw
+from runner.compare.plots.request import PlotRequest
+from runner.compare.plots.style import Drawing, drawn
+from runner.compare.results import Results, open_results
+
+
+@pytest.fixture
+def voyages(sailed: Path) -> Iterator[Results]:
+    with open_results(f"sqlite:///{sailed}/results.db") as opened:
+        yield opened
+
+
+def drawings(kind: str, results: Results, **options: object) -> list[Drawing]:
+    module = import_module(f"runner.compare.plots.{kind}")
+    with drawn():
+        request = PlotRequest(**options)  # type: ignore[arg-type]
+        made: list[Drawing] = module.drawings(results, request)
+        for one in made:
+            one.figure.draw_without_rendering()
+    return made
+
+
+def axes_of(kind: str, results: Results, **options: object) -> list[Axes]:
+    (drawing,) = drawings(kind, results, **options)
+    return drawing.figure.axes
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_writes_png_and_the_same_svg_twice(
+    voyages: Results, tmp_path: Path, kind: str
+) -> None:
+    first = draw(kind, voyages, PlotRequest(), tmp_path / "a" / "b")
+    second = draw(kind, voyages, PlotRequest(), tmp_path / "c")
+    assert [path.suffix for path in first] == [".png", ".svg"]
+    assert first[0].read_bytes().startswith(b"\x89PNG")
+    assert first[1].read_bytes() == second[1].read_bytes()
+    assert b"<dc:date>" not in first[1].read_bytes()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_axes_are_labelled_and_texts_do_not_overlap(voyages: Results, kind: str) -> None:
+    for drawing in drawings(kind, voyages):
+        figure = drawing.figure
+        boxes = []
+        for axes in figure.axes:
+            labels = [axes.xaxis.label, axes.yaxis.label]
+            if kind not in ("coefficients", "residual", "errors", "surface"):
+                assert all(label.get_text() for label in labels)
+            boxes += [label.get_window_extent() for label in labels if label.get_text()]
+        boxes += [legend.get_window_extent() for legend in figure.legends]
+        if figure._supxlabel is not None:
+            boxes.append(figure._supxlabel.get_window_extent())
+        for i, box in enumerate(boxes):
+            assert figure.bbox.contains(box.x0 + 1, box.y0 + 1)
+            assert figure.bbox.contains(box.x1 - 1, box.y1 - 1)
+            assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_drawing_leaves_the_settings_of_matplotlib_alone(voyages: Results, tmp_path: Path) -> None:
+    before = dict(mpl.rcParams)
+    draw("bars", voyages, PlotRequest(), tmp_path)
+    assert dict(mpl.rcParams) == before
+
+
+def test_bars_are_means_with_deviations_and_points_are_seeds(results: Results) -> None:
+    surge, yaw = axes_of("bars", results)
+    assert surge.get_ylabel() == "Force MSE, surge [N²]"
+    assert yaw.get_ylabel() == "Force MSE, yaw [(Nm)²]"
+    heights = [bar.get_height() for bar in surge.patches]
+    assert heights[0] == 102.0  # none, calm
+    assert heights[2:4] == [52.0, 90.0]  # ls, calm and noise
+    texts = [text.get_text() for text in surge.texts]
+    assert "1 diverged\n1 failed" in texts
+    assert "†" in texts
+    assert "1 no value" in texts
+    points = np.concatenate(
+        [line.get_ydata() for line in surge.lines if len(line.get_xdata()) == 3]
+    )
+    assert {50.0, 51.0, 55.0} <= set(points.tolist())
+
+
+def test_a_facet_makes_a_figure_each_with_a_safe_name(results: Results) -> None:
+    names = [one.name for one in drawings("bars", results, facet="seed", rows="identifier")]
+    assert names == ["bars-force_mse-seed-0", "bars-force_mse-seed-1", "bars-force_mse-seed-2"]
+    (one,) = drawings("bars", results, facet="identifier._target_", where="identifier=ls")
+    assert one.name == "bars-force_mse-identifier._target_-models.ls"
+
+
+def test_orders_mark_what_was_selected(voyages: Results) -> None:
+    surge, yaw = axes_of("orders", voyages)
+    line, *markers = surge.lines
+    assert line.get_ydata()[0] == pytest.approx(3000.0 + 90.0 + 0.5)  # median of two seeds
+    assert [marker.get_xdata()[0] for marker in markers] == [4, 5]
+    assert yaw.get_ylabel() == "Force MSE, yaw [(Nm)²]"
+
+
+def test_residual_says_the_error_of_the_held_out_part(voyages: Results) -> None:
+    surge, _ = axes_of("residual", voyages, run=1)
+    t = np.arange(50.0, 100.0, 0.5)
+    rms = 60.0 * np.sqrt(np.mean(np.sin(t / 5.0) ** 2))
+    assert surge.texts[0].get_text() == f"rms {rms:.1f} N"
+
+
+def test_track_is_north_up_with_equal_axes(voyages: Results) -> None:
+    nominal, identified = axes_of("track", voyages, run=1)
+    assert nominal.get_xlabel() == "East [m]"
+    assert nominal.get_ylabel() == "North [m]"
+    assert nominal.get_aspect() == 1.0
+    track = next(line for line in nominal.lines if line.get_label() == "nominal model")
+    assert track.get_ydata().max() == pytest.approx(20.5)  # north
+    assert track.get_xdata().max() == pytest.approx(60.5)  # east
+    assert nominal.get_xlim() == identified.get_xlim()
+    # where the heading is north the bow is the northernmost corner of the hull
+    hull = nominal.patches[-1].get_path().vertices
+    assert len(nominal.patches) == 24
+    bow, stern = hull[0], 0.5 * (hull[2] + hull[3])
+    psi = np.arctan2(bow[0] - stern[0], bow[1] - stern[1])
+    assert psi == pytest.approx(2.0 * np.pi * 199.5 / 200.0 - 2.0 * np.pi, abs=1e-6)
+
+
+def test_errors_are_in_metres_and_degrees(voyages: Results) -> None:
+    position, heading = axes_of("errors", voyages, run=1)
+    assert position.get_ylabel() == "Position error [m]"
+    assert [text.get_text() for text in position.texts] == ["MAE 0.500 m", "MAE 0.100 m"]
+    line = next(line for line in heading.lines if line.get_label() == "nominal model")
+    assert line.get_ydata()[0] == pytest.approx(np.degrees(0.05))
+
+
+def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Results) -> None:
+    surge, sway = axes_of("coefficients", voyages, where="identifier=ls", run=1)
+    ticks = [label.get_text() for label in surge.get_yticklabels()]
+    assert ticks == ["u_dot: 1195 kg", "u: 13.80 kg/s", "|u|u: 55.00 kg/m"]  # u^3 is truly zero
+    assert sway.get_xlabel() == "relative to the estimate"
+    (container,) = surge.containers
+    mark, _, (whiskers,) = container.lines
+    assert mark.get_xdata()[1] == pytest.approx(15.0 / 13.8)
+    low, high = whiskers.get_segments()[1][:, 0]
+    assert (high - low) / 2.0 == pytest.approx(1.959964 * 3.0 / 13.8, rel=1e-6)
+    assert any("→" in text.get_text() for text in surge.texts)  # 9000 of 55 is off the axis
+
+
+def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:
+    (one,) = drawings("track", voyages)
+    assert one.name == "track-run-4"
+    (one,) = drawings("track", voyages, where="identifier=ls")
+    assert one.name == "track-run-3"
+    with pytest.raises(ConfigurationError, match="run 5 has no series residual"):
+        drawings("residual", voyages, run=5)
+
+
+def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
+    import shutil
+
+    from models.errors import LogbookError
+
+    copy = tmp_path / "copy"
+    shutil.copytree(sailed, copy)
+    file = next((copy / "series").glob("run-000004-residual*"))
+    file.write_bytes(file.read_bytes()[:-1] + b"x")
+    with (
+        open_results(f"sqlite:///{copy}/results.db") as damaged,
+        pytest.raises(LogbookError, match="residual"),
+    ):
+        drawings("residual", damaged)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(voyages: Results, tmp_path: Path) -> None:
+    from models.errors import LogbookError
+
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LogbookError, match="cannot write the figure"):
+        draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")

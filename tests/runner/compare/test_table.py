@@ -1,0 +1,224 @@
+"""Tables against figures worked out by hand from the logbook that `conftest.plain` describes."""
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from models.errors import ConfigurationError
+from runner.compare.formats import Format, render
+from runner.compare.grid import Grid
+from runner.compare.results import Results, open_results
+from runner.compare.selection import request_of
+from runner.compare.table import comparison
+from tests.runner.compare import stored
+
+DEFAULTS = {
+    "rows": "identifier",
+    "columns": "disturbance",
+    "metrics": None,
+    "terms": None,
+    "all_terms": False,
+    "dofs": ["surge"],
+    "stages": None,
+    "models": None,
+    "statistics": None,
+    "interval": "t",
+    "baseline": None,
+    "where": None,
+    "digits": 4,
+}
+
+
+def table(results: Results, **options: object) -> Grid:
+    return comparison(results, request_of(**(DEFAULTS | options)))  # type: ignore[arg-type]
+
+
+def cells(grid: Grid) -> dict[tuple[str, ...], str]:
+    """Text of every cell by its labels and header; a star for bold."""
+    return {
+        (*(label.text for label in row[: grid.labels]), header): cell.text + "*" * cell.bold
+        for row in grid.rows
+        for header, cell in zip(grid.headers[grid.labels :], row[grid.labels :], strict=True)
+    }
+
+
+def test_mean_deviation_and_count_over_seeds(results: Results) -> None:
+    shown = cells(table(results))
+    assert shown["none", "calm"] == "102.0 ± 2.0 (n=3)"
+    assert shown["ls", "calm"] == "52.00 ± 2.6 (n=3)*"  # deviations -2, -1, 3: sqrt(14 / 2)
+    assert shown["none", "noise"] == "210.0 ± 10 (n=3)"
+
+
+def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Results) -> None:
+    grid = table(results)
+    shown = cells(grid)
+    assert shown["ls", "noise"] == "90.00 (n=1, 1 diverged, 1 failed)"
+    assert shown["plsr", "noise"] == "80.00 (n=1, 1 without value)*"
+    assert any("1 diverged, 1 failed" in note for note in grid.notes)
+
+
+def test_below_the_true_model_is_marked_and_never_best(results: Results) -> None:
+    grid = table(results)
+    assert cells(grid)["plsr", "calm"] == "41.00 ± 1.0 † (n=3)"
+    assert any("fits lag or feedback" in note for note in grid.notes)
+
+
+def test_a_row_of_failures_alone_is_still_a_row(results: Results) -> None:
+    grid = table(results, where="disturbance=noise and identifier=ls and seed>0")
+    assert cells(grid) == {("ls", "noise"): "– (1 diverged, 1 failed)"}
+
+
+def test_baseline_gives_ratio_wins_and_the_paired_test(results: Results) -> None:
+    grid = table(results, baseline="identifier=none")
+    shown = cells(grid)
+    p_value = stats.wilcoxon([50.0, 51.0, 49.0]).pvalue
+    assert p_value == 0.25
+    assert shown["none", "calm"].endswith("\nbaseline")
+    assert shown["ls", "calm"].endswith("\n× 0.510, p 0.25, won 3/3*")  # 52 / 102
+    assert "won 1/1" in shown["plsr", "noise"]
+    record = next(
+        r for r in grid.as_records() if (r["identifier"], r["disturbance"]) == ("ls", "calm")
+    )
+    assert record["ratio"] == pytest.approx(52.0 / 102.0)
+    assert (record["wins"], record["pairs"], record["p_value"]) == (3, 3, 0.25)
+
+
+def test_a_model_of_the_same_runs_can_be_the_baseline(results: Results) -> None:
+    grid = table(
+        results,
+        metrics=["e_pos_mae"],
+        dofs=None,
+        models=["identified"],
+        columns="model",
+        baseline="model=nominal",
+        where="disturbance=calm",
+    )
+    shown = cells(grid)
+    # none: 1.00, 1.02, 1.04 against 1.0: one tie and two losses
+    assert shown["none", "identified"].startswith("1.020 ± 0.020 (n=3)")
+    assert "won 0/3" in shown["none", "identified"]
+    assert "× 0.520" in shown["ls", "identified"]
+    assert ("ls", "nominal") not in shown
+
+
+def test_statistics_and_intervals(results: Results) -> None:
+    grid = table(results, statistics=["median,q25,max", "ci"])
+    record = grid.as_records()[0]
+    assert (record["identifier"], record["median"], record["q25"]) == ("none", 102.0, 101.0)
+    half = 4.302653 * 2.0 / math.sqrt(3.0)  # t(0.975, 2 degrees of freedom)
+    assert record["ci_low"] == pytest.approx(102.0 - half, rel=1e-6)
+    assert "median 102.0 q25 101.0 max 104.0 [97.03, 107.0]" in cells(grid)["none", "calm"]
+    bootstrap = table(results, statistics=["ci"], interval="bootstrap").as_records()[0]
+    low = bootstrap["ci_low"]
+    assert isinstance(low, float)
+    assert 100.0 <= low < 102.0
+
+
+def test_rows_and_columns_by_any_name(results: Results) -> None:
+    grid = table(results, rows="vessel, identifier.force", columns="seed", where="identifier=ls")
+    shown = cells(grid)
+    assert list(grid.headers) == ["vessel", "identifier.force", "0", "1", "2"]
+    assert shown["milliampere", "filtered", "0"].startswith("70.00 ± 28 (n=2)")  # 50 and 90
+    assert any("disturbance (calm, noise)" in note for note in grid.notes)
+    assert cells(table(results, columns="none"))["none", "value"].startswith("156.0")
+
+
+def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Results) -> None:
+    grid = table(results, metrics=["e_pos_mae,force_mse"], dofs=["all"], where="disturbance=calm")
+    shown = cells(grid)
+    assert grid.headers[:5] == ["metric", "stage", "dof", "identifier", "unit"]
+    assert shown["force_mse", "validation", "yaw", "ls", "(Nm)²", "calm"].startswith("104.0")
+    assert shown["e_pos_mae", "deployment", "position", "plsr", "m", "calm"].endswith("*")
+    assert grid.rows[0][0].text == "e_pos_mae"  # in the order they were asked for
+
+
+def test_coefficients_with_standard_errors_and_true_values(results: Results) -> None:
+    grid = table(results, terms=["u_dot", "u"], where="disturbance=calm")
+    shown = cells(grid)
+    # none is nearest to 1050 with 1102; ls with 1052 nearer still
+    assert shown["u_dot", "ls", "kg", "calm"] == "1052 ± 2.6 (n=3)\nse 3.0, true 1050*"
+    assert shown["u", "ls", "kg/s", "calm"] == "60.00 ± 0 (n=3)\nse 4.0"
+    assert grid.headers[0] == "term"
+    record = grid.as_records()[0]
+    assert (record["term"], record["std_error"], record["true_value"]) == ("u_dot", 3.0, 1050.0)
+    everything = table(results, all_terms=True, terms=None, dofs=None, where="disturbance=calm")
+    assert list(everything.headers[:3]) == ["dof", "term", "identifier"]
+
+
+def test_rounding_errors_are_neither_spread_nor_victory(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier, values in {"ls": (0.3, 0.1 + 0.2), "plsr": (0.3, 0.3)}.items():
+            for seed, value in enumerate(values):
+                stored.finish(
+                    logbook, stored.start(identifier, seed=seed), [stored.force_mse(value)]
+                )
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        assert {*cells(table(results)).values()} == {"0.3000 ± 0 (n=2)*"}
+
+
+def test_a_repeated_run_counts_once_by_its_latest_finish(tmp_path: Path) -> None:
+    begin = stored.start("ls", "calm", 0)
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.finish(logbook, begin, [stored.force_mse(10.0)])
+        stored.finish(logbook, begin, [stored.force_mse(20.0)], rerun=True)
+        begun = logbook.begin_run(begin, rerun=True)
+        logbook.fail_run(begun.run_id, "failed", "ValueError", "later failure", None)
+        mended = stored.start("plsr", "calm", 0)
+        stored.fail(logbook, mended)
+        stored.finish(logbook, mended, [stored.force_mse(30.0)])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        shown = cells(table(results))
+    assert shown == {("ls", "calm"): "20.00 (n=1)*", ("plsr", "calm"): "30.00 (n=1)"}
+
+
+def test_trials_that_share_a_seed_are_said_to_differ(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for scale in (0.5, 0.7):
+            begin = stored.start("ls", config={"plant": {"scale": scale}})
+            stored.finish(logbook, begin, [stored.force_mse(scale)])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        assert any("plant.scale (0.5, 0.7)" in note for note in table(results).notes)
+        assert not table(results, rows="plant.scale").notes
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
+        ({"columns": "config"}, "'config' is not known"),
+        ({"rows": "seed; drop table run"}, "is not known"),
+        ({"metrics": ["force_mae"]}, "no metric 'force_mae'; expected one of below_true_model,"),
+        ({"terms": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
+        ({"dofs": ["heave"]}, "dof heave; expected one of surge, yaw"),
+        ({"stages": ["deployment"]}, "stage deployment; expected one of validation"),
+        ({"models": ["plant"]}, "model plant; expected one of identified"),
+        ({"baseline": "identifier"}, "expected a factor and its level"),
+        ({"baseline": "identifier=ridge"}, "no run has identifier=ridge; expected one of none,"),
+        ({"where": "seed>50"}, "no runs match; the logbook has 17"),
+        ({"rows": "seed", "columns": "seed"}, "both name seed"),
+        ({"metrics": ["force_mse"], "terms": ["u"]}, "got both"),
+    ],
+)
+def test_what_is_not_known_is_refused_in_one_line(
+    results: Results, options: dict[str, object], expected: str
+) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        table(results, **options)
+    assert expected in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_machine_formats_hold_every_fact_at_full_precision(results: Results) -> None:
+    grid = table(results, statistics=["mean", "std", "n"])
+    from_json = json.loads(render(grid, Format.JSON))
+    from_csv = list(csv.DictReader(io.StringIO(render(grid, Format.CSV))))
+    assert len(from_json) == len(from_csv) == 6
+    assert from_json[2]["std"] == float(from_csv[2]["std"]) == pytest.approx(math.sqrt(7.0))
+    failed = next(r for r in from_json if r["failed"])
+    assert (failed["identifier"], failed["diverged"], failed["std"]) == ("ls", 1, None)
+    assert from_csv[2]["unit"] == "N^2"
