@@ -23,6 +23,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 MODEL_COLOURS = {"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"}
 REFERENCE = "#000000"
 MUTED = "#595959"
+TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, with room to spare
 SHADE = "#E8E8E8"
 
@@ -117,6 +118,7 @@ def headed(made: Figure, axes: Sequence[Axes], title: str) -> None:
     for one in axes:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
+    title = "\n".join(wrap(title, int(made.get_figwidth() * TITLE_LETTERS_PER_INCH)))
     if not found:
         made.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
         return
