@@ -29,8 +29,9 @@ demo: $(VENV)/demo.stamp
 	$(BIN)/python -m runner -m identifier=none,ls,plsr disturbance=calm,noise,constant
 	$(BIN)/python -m runner.compare table --rows identifier --columns disturbance \
 	    --metric force_mse --dof surge --stage validation --model identified
-	$(BIN)/python -m runner.compare plot bars --metric force_mse --dof surge \
-	    --stage validation --model identified
+	for figure in 'bars --dof surge --log' orders residual track errors coefficients; do \
+	    $(BIN)/python -m runner.compare plot $$figure || exit 1; \
+	done
 
 test: $(VENV)/test.stamp
 	$(BIN)/python -m pytest

@@ -38,8 +38,8 @@ def main() -> int:
         if traceback_wanted:
             raise
         return _complain(one_line(error, overrides), 2)
-    except (ValueError, RuntimeError) as error:
-        # Hydra's own plain errors about the command line; later on they would be bugs.
+    except Exception as error:
+        # Hydra raises all sorts of errors about a command line; later on they would be bugs.
         if session.started or traceback_wanted:
             raise
         return _complain(one_line(error, overrides), 2)

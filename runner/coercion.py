@@ -26,10 +26,10 @@ def coerce(value: Any, annotation: Any, key: str, *, build: Builder | None = Non
 
     `build(node, key, cls)` makes the objects of nested nodes.
     """
-    if annotation is Any or annotation is object:
-        return build(value, key, None) if build and _is_node(value) else value
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigurationError(f"{key}: got {value}, expected a finite number")
+    if annotation is Any or annotation is object:
+        return build(value, key, None) if build and _is_node(value) else value
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         return _union(value, arguments, key, build)

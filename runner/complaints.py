@@ -21,6 +21,8 @@ _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/'
 _NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.*)'")
 _ALREADY = re.compile(r"An item is already at '(?P<key>[^']*)'")
+_NO_NAME = re.compile(r"null|true|false|[-+.\d].*|[\[{].*", re.IGNORECASE)
+_NOT_A_CHOICE = re.compile(r"Config group override must be")
 _NO_VARIABLE = re.compile(r"Environment variable '(?P<name>[^']*)' not found")
 _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
 
@@ -44,6 +46,8 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
         return f"{found['override']}: several values, expected one (a sweep needs -m)"
     if found := _ALREADY.search(text):
         return f"+{found['key']}: there is such an option already, write {found['key']}=..."
+    if _NOT_A_CHOICE.match(text):
+        return _not_a_choice(overrides) or text
     if found := _NO_VARIABLE.search(text):
         return f"{key}: the environment variable {found['name']} is not set"
     line = _joined(text)
@@ -66,7 +70,7 @@ def _missing_config(error: MissingConfigException) -> str:
     found = _NOT_FOUND.search(str(error))
     if found is None:
         return _joined(str(error))
-    options = sorted(error.options or _options(found["group"]))
+    options = sorted(error.options or ()) or _options(found["group"])
     close = get_close_matches(found["option"], options, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return (
@@ -75,14 +79,25 @@ def _missing_config(error: MissingConfigException) -> str:
     )
 
 
+def _not_a_choice(overrides: Sequence[str]) -> str | None:
+    """A group that was given something else than a name, e.g. null."""
+    for override in overrides:
+        group, _, value = override.partition("=")
+        options = _options(group)
+        if options and _NO_NAME.fullmatch(value):
+            return f"{group}: got {value}, expected one of {', '.join(options)}"
+    return None
+
+
 def _options(group: str) -> list[str]:
-    return [path.stem for path in (CONF / group).glob("*.yaml")]
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     """Name the option, and those that look like it."""
     known = _known_keys(overrides)
-    close = get_close_matches(key, known, n=3, cutoff=0.7)
+    as_deep = [name for name in known if name.count(".") == key.count(".")]
+    close = get_close_matches(key, as_deep, n=2, cutoff=0.7)
     if not close:  # right name in the wrong place, or the other way round
         leaf = key.rpartition(".")[2]
         close = [name for name in known if name.rpartition(".")[2] == leaf][:3]

@@ -6,6 +6,7 @@ here and against their ranges in the class's own `__post_init__`. Every error na
 was got and what was expected.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
@@ -36,6 +37,7 @@ SETTINGS = (
     "dry_run",
 )
 ROOTS = ("models", "runner")  # the only packages a `_target_` may name
+TARGET = re.compile(rf"({'|'.join(ROOTS)})(\.[A-Za-z]\w*)+")
 
 Node = Mapping[str, Any]
 
@@ -148,7 +150,7 @@ def _annotations(cls: type) -> dict[str, Any]:
 def _target(name: Any, key: str) -> type:
     """The dataclass that a `_target_` names."""
     where = f"{key}._target_"
-    if not isinstance(name, str) or name.partition(".")[0] not in ROOTS:
+    if not isinstance(name, str) or not TARGET.fullmatch(name):
         raise ConfigurationError(f"{where}: got {name!r}, expected a class inside models or runner")
     module_name, _, class_name = name.rpartition(".")
     try:
@@ -178,7 +180,9 @@ def _listed(names: tuple[str, ...]) -> str:
 def _section(config: Node, name: str, known: tuple[str, ...]) -> Node:
     section = config.get(name)
     if not isinstance(section, Mapping):
-        raise ConfigurationError(f"{name}: got {section!r}, expected the options {known}")
+        raise ConfigurationError(
+            f"{name}: got {section!r}, expected the option {', '.join(known)}"
+        )
     _only_known(section, known, f"{name}.")
     return section
 

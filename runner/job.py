@@ -29,10 +29,7 @@ class Order:
     overrides: Sequence[str]
 
     def __str__(self) -> str:
-        from runner.database import without_passwords
-
-        asked = [one for one in self.overrides if not one.startswith("dry_run=")]
-        return without_passwords(" ".join(asked)) or "the default trial"
+        return shown(self.overrides)
 
     def fingerprint(self, sources: str) -> str:
         """What makes this trial the same as another; `sources` is the digest of the models."""
@@ -51,6 +48,14 @@ class Outcome:
     run_id: int | None
     error_type: str | None = None
     error: str | None = None
+
+
+def shown(overrides: Sequence[str]) -> str:
+    """How a trial is named to people: by what was asked for, without passwords."""
+    from runner.database import without_passwords
+
+    asked = [one for one in overrides if not one.startswith("dry_run=")]
+    return without_passwords(" ".join(asked)) or "the default trial"
 
 
 def prepare(order: Order) -> Trial:

@@ -82,15 +82,14 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
     from runner.database import Logbook
 
     told: set[int] = set()
-    started, first = time.monotonic(), None
+    pace = Pace()
     try:
         with Logbook.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
                 asked = time.monotonic()
                 status = logbook.sweep_status(sweep_id)
-                first = _done(status) if first is None else first
-                view.show(_standing(status, first, asked - started))
+                view.show(_standing(status, pace))
                 for run in status.failed:
                     if run.run_id not in told and run.status != "interrupted":
                         told.add(run.run_id)
@@ -104,17 +103,33 @@ def _done(status: "SweepStatus") -> int:
     return sum(status.counts.get(name, 0) for name in ENDED)
 
 
-def _standing(status: "SweepStatus", first: int, elapsed_s: float) -> Standing:
-    """`first` trials were done when the watch began, `elapsed_s` [s] ago."""
+def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
     done = _done(status)
-    rate = (done - first) / elapsed_s if elapsed_s > 0.0 else 0.0
     return Standing(
         done=done,
         planned=status.planned,
         running=status.counts.get("running", 0),
         failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
-        left_s=(status.planned - done) / rate if rate > 0.0 else None,
+        left_s=pace.left_s(done, status.planned, time.monotonic()),
     )
+
+
+class Pace:
+    """Trials a second, counted from the first that ends: what comes before is preparation."""
+
+    def __init__(self) -> None:
+        self._before: int | None = None  # done when the watch began
+        self._first: tuple[int, float] | None = None  # done, and time [s], at the first end
+
+    def left_s(self, done: int, planned: int, now_s: float) -> float | None:
+        """Time [s] until all are done, or None while it cannot be known."""
+        if self._before is None:
+            self._before = done
+        if self._first is None and done > self._before:
+            self._first = (done, now_s)
+        if self._first is None or done == self._first[0] or now_s <= self._first[1]:
+            return None
+        return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
 
 
 @contextmanager

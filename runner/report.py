@@ -14,8 +14,13 @@ COMPARE = "python -m runner.compare"
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
-def sweep_summary(status: "SweepStatus", outcomes: Sequence["Outcome"], url: str) -> list[str]:
-    """The lines that end a sweep: how many, which failed and why, and where to look."""
+def sweep_summary(
+    status: "SweepStatus", outcomes: Sequence["Outcome"], url: str, factors: Sequence[str]
+) -> list[str]:
+    """The lines that end a sweep: how many, which failed and why, and where to look.
+
+    `factors` are the options that the sweep varied.
+    """
     counts = Counter(status.counts)
     busy = sum(outcome.state == "busy" for outcome in outcomes)
     undone = status.planned - sum(counts[name] for name in ("finished", "failed", "diverged"))
@@ -33,8 +38,16 @@ def sweep_summary(status: "SweepStatus", outcomes: Sequence["Outcome"], url: str
         lines.append(f"  and {len(status.failed) - LISTED} more")
     lines += [f"  lost: {outcome.error}" for outcome in outcomes if outcome.state == "lost"]
     lines.append(f"results: {_shown(url)}")
-    lines.append(f"show them: {compare('runs', url, '--where', f'sweep_id={status.sweep_id}')}")
+    lines.append(f"compare: {_comparison(status, url, factors)}")
     return lines
+
+
+def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
+    """The command that shows a sweep: a table over what it varied, or a list."""
+    if not factors:
+        return compare("runs", url, "--where", f"sweep_id={status.sweep_id}")
+    columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
+    return compare("table", url, "--rows", factors[0], *columns)
 
 
 def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:

@@ -20,14 +20,15 @@ from hydra.core.plugins import Plugins
 from hydra.core.utils import JobStatus
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from models.errors import ConfigurationError, SeatrialError
 from runner import progress, report
 from runner.complaints import EXPECTED, one_line
-from runner.config import GROUPS, build_trial
-from runner.job import Order, Outcome, perform, prepare
+from runner.composition import Composer, order_of
+from runner.config import build_trial
+from runner.job import Order, Outcome, perform, prepare, shown
 from runner.planned import Plan, Refusal, known, listed
 from runner.provenance import Provenance, collect
 
@@ -59,7 +60,7 @@ class Session:
         """Run the one trial of a command without -m."""
         self.started = True
         try:
-            self._run(plan_of(config, HydraConfig.get()))
+            self._run(_plan(order_of(config, HydraConfig.get())))
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
 
@@ -113,28 +114,19 @@ class SeatrialSweeper(Sweeper):
         self.session.started = True
         overrides = self._parsed(arguments)
         (jobs,) = BasicSweeper.split_arguments(overrides, None)
-        plans = [self._planned(job) for job in jobs]
+        composer = Composer(self._context.config_loader, self._config)
+        plans = [_planned(composer, job) for job in jobs]
         if any(one.key_or_group == "dry_run" and one.value() is True for one in overrides):
             print("\n".join(report.dry_run(listed(plans))))
         else:
-            self._run(_accepted(plans), arguments)
+            self._run(_accepted(plans), arguments, _factors(jobs))
 
     def _parsed(self, arguments: list[str]) -> list[Override]:
         loader = self._context.config_loader
         given = [f"{key}={value}" for key, value in self.params.items()]
         return OverridesParser.create(config_loader=loader).parse_overrides([*given, *arguments])
 
-    def _planned(self, job: list[str]) -> Plan | Refusal:
-        """Compose and check one job."""
-        try:
-            config: Any = self._context.config_loader.load_sweep_config(self._config, job)
-            HydraConfig.instance().set_config(config)
-            task = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
-            return plan_of(task, config.hydra)
-        except EXPECTED as error:
-            return Refusal(" ".join(job), one_line(error, job))
-
-    def _run(self, plans: Sequence[Plan], arguments: list[str]) -> None:
+    def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         from runner.database import Logbook
 
         trial, provenance = plans[0].trial, collect()
@@ -150,7 +142,7 @@ class SeatrialSweeper(Sweeper):
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched
-        print("\n".join(report.sweep_summary(status, outcomes, url)))
+        print("\n".join(report.sweep_summary(status, outcomes, url, factors)))
         self.session.exit_code = report.sweep_exit_code(status, outcomes)
         if bugs:
             raise bugs[0]
@@ -186,21 +178,16 @@ def register() -> None:
     Plugins.instance().class_name_to_class[PLUGIN] = SeatrialSweeper
 
 
-def order_of(task: DictConfig, hydra: Any) -> Order:
-    """The order in a composed configuration; `hydra` is Hydra's own part of it."""
-    config: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
-    choices = hydra.runtime.choices
-    return Order(
-        config=config,
-        names={group: str(choices.get(group) or "none") for group in GROUPS},
-        overrides=list(hydra.overrides.task),
-    )
-
-
-def plan_of(task: DictConfig, hydra: Any) -> Plan:
-    """The order in a composed configuration, built and checked."""
-    order = order_of(task, hydra)
+def _plan(order: Order) -> Plan:
     return Plan(prepare(order), order, order.fingerprint(collect().sources))
+
+
+def _planned(composer: Composer, job: list[str]) -> Plan | Refusal:
+    """Compose, build and check one job."""
+    try:
+        return _plan(composer.order(job))
+    except EXPECTED as error:
+        return Refusal(shown(job), one_line(error, job))
 
 
 def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
@@ -210,13 +197,13 @@ def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
-    accepted = {plan.fingerprint: plan for plan in plans if isinstance(plan, Plan)}
-    places = {(plan.trial.database_url, plan.trial.results_dir) for plan in accepted.values()}
+    ready = [plan for plan in plans if isinstance(plan, Plan)]
+    places = {(plan.trial.database_url, plan.trial.results_dir) for plan in ready}
     if len(places) > 1:
         raise ConfigurationError(
             f"database.url, results_dir: got {len(places)} logbooks in one sweep, expected one"
         )
-    return list(accepted.values())
+    return list({plan.fingerprint: plan for plan in ready}.values())
 
 
 def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome], list[Plan]]:
@@ -229,6 +216,16 @@ def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome
         else:
             todo.append(plan)
     return outcomes, todo
+
+
+def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
+    """The options that differ between the jobs, in their order; replicates are no factor."""
+    values: dict[str, set[str]] = {}
+    for job in jobs:
+        for override in job:
+            key, _, value = override.partition("=")
+            values.setdefault(key.lstrip("+"), set()).add(value)
+    return [key for key, taken in values.items() if len(taken) > 1 and key != "seed"]
 
 
 def _sweep_name(arguments: Sequence[str]) -> str:

@@ -1,0 +1,116 @@
+"""The command line called inside the tests' process, with a trial that takes no time."""
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import runner
+from models.errors import ConfigurationError, Diverged
+from runner.config import Trial
+from runner.database.records import Metric, Results
+from runner.provenance import collect
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+@dataclass
+class FakeTrial:
+    """Stands in for runner.trial: what happens depends on the seed."""
+
+    failing: set[int] = field(default_factory=set)
+    diverging: set[int] = field(default_factory=set)
+    refused: set[int] = field(default_factory=set)
+    interrupted: set[int] = field(default_factory=set)
+    ran: list[int] = field(default_factory=list)
+
+    def check(self, trial: Trial) -> None:
+        if trial.seed in self.refused:
+            raise ConfigurationError(f"seed: {trial.seed} is not seaworthy")
+
+    def run(self, trial: Trial) -> Results:
+        self.ran.append(trial.seed)
+        metric = Metric("validation", "identified", "surge", "force_mse", float(trial.seed), "N^2")
+        results = Results(metrics=[metric])
+        if trial.seed in self.interrupted:
+            raise KeyboardInterrupt
+        if trial.seed in self.failing:
+            raise ZeroDivisionError(f"seed {trial.seed}\nran aground")
+        if trial.seed in self.diverging:
+            error = Diverged("|r| = 11 rad/s exceeds 10 at t = 3.0 s", 3.0, "r")
+            error.results = results  # type: ignore[attr-defined]
+            raise error
+        return results
+
+
+class Command:
+    """Calls `python -m runner` in a folder of its own."""
+
+    def __init__(
+        self,
+        folder: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:
+        self.folder = folder
+        self.fake = FakeTrial()
+        self._monkeypatch = monkeypatch
+        self._capsys = capsys
+        monkeypatch.chdir(folder)
+        monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+
+    def pretend(self) -> FakeTrial:
+        """From here on trials take no time."""
+        module = SimpleNamespace(check=self.fake.check, run=self.fake.run)
+        self._monkeypatch.setattr(runner, "trial", module, raising=False)
+        self._monkeypatch.setitem(sys.modules, "runner.trial", module)
+        return self.fake
+
+    def __call__(self, *arguments: str) -> Answer:
+        from runner.__main__ import main
+
+        self._capsys.readouterr()
+        collect.cache_clear()
+        with self._monkeypatch.context() as patch, logging_kept():
+            patch.setattr(sys, "argv", ["seatrial", *arguments])
+            patch.setattr(sys, "orig_argv", ["python", "-m", "runner", *arguments])
+            try:
+                code = main()
+            except SystemExit as end:
+                code = end.code if isinstance(end.code, int) else 0
+        said = self._capsys.readouterr()
+        return Answer(code, said.out, said.err)
+
+    def refuses(self, *arguments: str) -> str:
+        """The one line of a command that is refused, which must leave nothing behind."""
+        answer = self(*arguments)
+        assert answer.code == 2, answer
+        assert answer.out == ""
+        assert answer.err.startswith("seatrial: ")
+        assert answer.err.count("\n") == 1, answer.err
+        assert list(self.folder.iterdir()) == []
+        return answer.err.removeprefix("seatrial: ").rstrip("\n")
+
+
+@contextmanager
+def logging_kept() -> Iterator[None]:
+    """Undo what Hydra does to the logging of the whole process."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    try:
+        yield
+    finally:
+        root.handlers[:] = handlers
+        root.setLevel(level)

@@ -1,0 +1,257 @@
+"""Wrong commands are refused in one line; exit codes say what became of the right ones."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from runner.database import Logbook
+from tests.runner.command import Command
+
+ROOT = Path(__file__).parents[2]
+
+REFUSED = {
+    "sample_time_s=-1": "sample_time_s must be positive, got -1",
+    "sample_time_s=abc": "sample_time_s: got 'abc', expected a number",
+    "sample_time_s=nan": "sample_time_s: got nan, expected a finite number",
+    "plant.scale=0": "plant.scale must be positive, got 0",
+    "integration_step_s=1": "integration_step_s must not be above sample_time_s = 0.1, got 1",
+    "seed=-1": "seed must not be negative, got -1",
+    "seed=": "seed: got '', expected an integer",
+    "seed=1,2": "seed=1,2: several values, expected one (a sweep needs -m)",
+    "seed": "'seed' cannot be read, expected option=value",
+    "seed=[1": "'seed=[1' cannot be read, expected option=value",
+    "seed=${nowhere}": "seed: Interpolation key 'nowhere' not found",
+    "+seed=2": "+seed: there is such an option already, write seed=...",
+    "~seed": "seed is missing",
+    "bogus=1": "bogus: unknown option, see python -m runner --cfg job",
+    "identifer=ls": "identifer: unknown option, did you mean identifier?",
+    "sampel_time_s=1": "sampel_time_s: unknown option, did you mean sample_time_s?",
+    "plant.scael=1": "plant.scael: unknown option, did you mean plant.scale?",
+    "lowpass_hz=1": "lowpass_hz: unknown option, did you mean identifier.lowpass_hz?",
+    "hydra.bogus=1": "hydra.bogus: unknown option, see python -m runner --cfg job",
+    "vessel=null": "vessel: got null, expected one of milliampere, ",
+    "vessel=miliampere": (
+        "vessel: no option 'miliampere', did you mean milliampere? expected one of milliampere, "
+    ),
+    "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, joblib",
+    "identifier.force=best": "identifier.force: got 'best', expected one of commanded, ",
+    "identifier.lowpass_hz=abc": "identifier.lowpass_hz: got 'abc', expected a number or null",
+    "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
+    "identifier._target_=os.system": (
+        "identifier._target_: got 'os.system', expected a class inside models or runner"
+    ),
+    "database=postgresql": "database.url: the environment variable SEATRIAL_DATABASE is not set",
+    "database.url=3": "database.url: got 3, expected text",
+    "database.url=mysql://a/b": "database.url: unknown database dialect 'mysql' in mysql://a/b; ",
+    "database.url=results.db": "database.url is not a database URL: got 'results.db'; ",
+    "--bogus": "unrecognized arguments: --bogus ",
+    "--config-name=nope": "Cannot find primary config 'nope'.",
+    "--resolve": "The --resolve flag can only be used in conjunction with --cfg or --help",
+}
+
+
+@pytest.mark.parametrize("argument", REFUSED)
+def test_a_wrong_argument_is_refused(argument: str, seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    assert seatrial.refuses(argument).startswith(REFUSED[argument])
+    assert fake.ran == []
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        "plant.scale=0",
+        "seed=${nowhere}",
+        "~seed",
+        "bogus=1",
+        "vessel=null",
+        "vessel=miliampere",
+        "identifier.force=best",
+        "database=postgresql",
+        "database.url=mysql://a/b",
+    ],
+)
+def test_a_sweep_refuses_it_too(argument: str, seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    said = seatrial.refuses("-m", "disturbance=calm,noise", argument)
+    assert REFUSED[argument] in said
+    assert fake.ran == []
+
+
+def test_a_flag_in_the_midst_of_options(seatrial: Command) -> None:
+    said = seatrial.refuses("seed=1", "-m", "identifier=ls,none")
+    assert said.startswith("unrecognized arguments: identifier=ls,none (flags come before")
+
+
+def test_a_missing_recording_is_named(seatrial: Command) -> None:
+    said = seatrial.refuses("vessel=surge_linear", "excitation=recording", "identifier=ls")
+    assert said.startswith("excitation.path")
+
+
+def test_a_file_that_is_no_database_is_left_alone(seatrial: Command) -> None:
+    seatrial.pretend()
+    foreign = seatrial.folder / "notes.db"
+    foreign.write_text("these are my notes\n" * 100)
+    for mode in ([], ["-m"]):
+        answer = seatrial(*mode, f"database.url=sqlite:///{foreign}")
+        assert answer.code == 2
+        assert answer.err.count("\n") == 1
+        assert "notes.db" in answer.err
+    assert foreign.read_text() == "these are my notes\n" * 100
+    assert list(seatrial.folder.iterdir()) == [foreign]
+
+
+def test_a_trial_is_run_once(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    first = seatrial("seed=5")
+    assert (first.code, fake.ran) == (0, [5])
+    assert first.out.startswith("run 1 finished; see python -m runner.compare show 1")
+    again = seatrial("seed=5")
+    assert (again.code, fake.ran) == (0, [5])
+    assert "already in the logbook as run 1" in again.out
+    assert seatrial("seed=5", "rerun=true").out.startswith("run 2 finished")
+    assert fake.ran == [5, 5]
+
+
+def test_what_is_stored_of_a_run(seatrial: Command) -> None:
+    seatrial.pretend()
+    seatrial("seed=5", "identifier=none", "database.url=sqlite:///${results_dir}/results.db")
+    with Logbook.read("sqlite:///results/results.db") as logbook:
+        run = logbook.run(1)
+        (metric,) = logbook.metrics(1)
+    assert run.summary.status == "finished"
+    assert (run.summary.identifier, run.summary.vessel) == ("none", "milliampere")
+    assert run.config["seed"] == 5
+    assert "database" not in run.config
+    assert run.overrides[:2] == ["seed=5", "identifier=none"]
+    assert run.command is not None
+    assert run.command.startswith("python -m runner seed=5 identifier=none")
+    assert {"python", "cpus", "numpy", "hydra-core"} <= run.versions.keys()
+    assert (metric.name, metric.value, metric.unit) == ("force_mse", 5.0, "N^2")
+
+
+def test_a_failed_trial(seatrial: Command) -> None:
+    seatrial.pretend().failing = {3}
+    answer = seatrial("seed=3")
+    assert answer.code == 1
+    line = "seatrial: run 1 failed: ZeroDivisionError: seed 3 ran aground; see python -m runner."
+    assert answer.err.startswith(line)
+    assert answer.err.count("\n") == 1
+    with Logbook.read("sqlite:///results/results.db") as logbook:
+        run = logbook.run(1)
+    assert (run.summary.status, run.summary.error_type) == ("failed", "ZeroDivisionError")
+    assert run.traceback is not None
+    assert "command.py" in run.traceback
+
+
+def test_a_diverged_trial_keeps_what_still_holds(seatrial: Command) -> None:
+    seatrial.pretend().diverging = {3}
+    answer = seatrial("seed=3")
+    assert answer.code == 1
+    assert "run 1 diverged: Diverged: |r| = 11 rad/s" in answer.err
+    with Logbook.read("sqlite:///results/results.db") as logbook:
+        assert logbook.run(1).summary.status == "diverged"
+        assert len(logbook.metrics(1)) == 1
+
+
+def test_an_interrupted_trial(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.interrupted = {3}
+    answer = seatrial("seed=3")
+    assert answer.code == 130
+    assert answer.err.startswith("seatrial: interrupted")
+    assert answer.err.count("\n") == 1
+    with Logbook.read("sqlite:///results/results.db") as logbook:
+        assert logbook.run(1).summary.status == "interrupted"
+    fake.interrupted = set()
+    assert seatrial("seed=3").code == 0
+
+
+def test_a_refused_trial_leaves_no_row(seatrial: Command) -> None:
+    seatrial.pretend().refused = {3}
+    assert seatrial.refuses("seed=3") == "seed: 3 is not seaworthy"
+
+
+def test_a_dry_run_runs_nothing(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    answer = seatrial("seed=3", "dry_run=true")
+    assert answer.code == 0
+    assert re.match(r"new +seed=3\n1 trial: 1 new; nothing was run\n", answer.out)
+    assert fake.ran == []
+    assert list(seatrial.folder.iterdir()) == []
+
+
+def test_no_password_is_stored_or_shown(seatrial: Command) -> None:
+    seatrial.pretend()
+    answer = seatrial("database.url=postgresql://me:s3cret@127.0.0.1:9/none")
+    assert answer.code == 2
+    assert "s3cret" not in answer.err + answer.out
+
+
+def test_full_error_keeps_the_traceback(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from models.errors import ConfigurationError
+
+    seatrial.pretend()
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    with pytest.raises(ConfigurationError, match="seed must not be negative"):
+        seatrial("seed=-1")
+    assert os.environ["HYDRA_FULL_ERROR"] == "1"
+
+
+def test_the_environment_is_left_as_it_was(seatrial: Command) -> None:
+    seatrial.pretend()
+    before = dict(os.environ)
+    seatrial("-m", "seed=1,2")
+    assert dict(os.environ) == before
+
+
+def spawned(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
+    environment.pop("HYDRA_FULL_ERROR", None)
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_as_a_program_of_its_own(tmp_path: Path) -> None:
+    answer = spawned("-m", "runner", "sample_time_s=-1", folder=tmp_path)
+    assert answer.returncode == 2
+    assert answer.stderr == "seatrial: sample_time_s must be positive, got -1\n"
+    assert answer.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("flag", ["--help", "--cfg job", "-sc query=bash", "--hydra-help"])
+def test_looking_around_imports_nothing_heavy(flag: str, tmp_path: Path) -> None:
+    heavy = "numpy|numba|scipy|sklearn|sqlalchemy|pyarrow|matplotlib|pandas|rich|joblib"
+    code = (
+        "import sys\n"
+        f"sys.argv = ['seatrial', *{flag.split()!r}]\n"
+        "from runner.__main__ import main\n"
+        "try:\n    main()\nfinally:\n"
+        "    print({name.partition('.')[0] for name in sys.modules}, file=sys.stderr)\n"
+    )
+    answer = spawned("-c", code, folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert re.search(rf"'({heavy})'", answer.stderr) is None, answer.stderr
+    assert "'hydra'" in answer.stderr
+
+
+def test_help_says_what_it_is(tmp_path: Path) -> None:
+    said = spawned("-m", "runner", "--help", folder=tmp_path).stdout
+    assert said.startswith("seatrial: sea trials for models and controllers of marine vessels.")
+    for group in ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation"):
+        assert re.search(rf"^{group}: \w", said, re.MULTILINE)
+    assert "python -m runner -m" in said

@@ -1,0 +1,58 @@
+"""Every file under conf/ can be composed, and what it describes can be built."""
+
+from pathlib import Path
+
+import pytest
+
+from runner.complaints import CONF
+from runner.config import GROUPS
+from tests.trials import composed
+
+# An option that only works beside others, and those.
+NEEDS = {"excitation/recording": ["vessel=surge_linear", "excitation.path=surge.csv"]}
+OPTIONS = sorted(
+    path.relative_to(CONF).with_suffix("").as_posix()
+    for group in GROUPS
+    for path in (CONF / group).glob("*.yaml")
+)
+
+
+@pytest.fixture(autouse=True)
+def _environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SEATRIAL_DATABASE", "postgresql://sailor@localhost/seatrial")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_an_option_builds(option: str) -> None:
+    group, _, name = option.partition("/")
+    trial = composed(*NEEDS.get(option, []), f"{group}={name}")
+    assert trial.names[group] == name
+    assert (getattr(trial, group) is None) == (trial.config[group] == {})
+
+
+def test_the_default_trial_can_be_run() -> None:
+    from runner.trial import check
+
+    check(composed())
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (CONF / "experiment").glob("*.yaml")))
+def test_an_experiment_composes(name: str) -> None:
+    composed(f"experiment={name}")
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
+def test_a_database_composes(database: str) -> None:
+    assert composed(f"database={database}").database_url.startswith(database)
+
+
+def test_the_groups_are_those_that_are_named() -> None:
+    folders = {path.name for path in CONF.iterdir() if path.is_dir()}
+    assert folders <= {*GROUPS, "database", "experiment", "hydra"}
+
+
+def test_nothing_composed_is_left_out_of_the_trial() -> None:
+    trial = composed("seed=4", "plant.scale=0.7", "sample_time_s=0.2")
+    assert (trial.seed, trial.plant_scale, trial.sample_time_s) == (4, 0.7, 0.2)
+    assert composed().plant_scale == 0.5  # milliampere's own

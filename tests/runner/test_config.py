@@ -1,0 +1,158 @@
+"""Nodes of a configuration become checked objects; errors name the key."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from models.errors import ConfigurationError
+from models.thruster import SecondOrderLag
+from runner.config import GROUPS, build, build_trial
+
+LAG = {
+    "_target_": "models.thruster.SecondOrderLag",
+    "natural_frequency_rad_s": 2,
+    "damping": 0.8,
+}
+NAMES = dict.fromkeys(GROUPS, "none")
+
+
+def configuration(**changes: Any) -> dict[str, Any]:
+    """A whole configuration with empty groups; `changes` by name, None removes."""
+    whole: dict[str, Any] = {
+        **{group: {} for group in GROUPS},
+        "seed": 0,
+        "sample_time_s": 0.1,
+        "integration_step_s": 0.05,
+        "plant": {"scale": 0.5},
+        "results_dir": "results",
+        "database": {"url": "sqlite:///results/results.db"},
+        "rerun": False,
+        "dry_run": False,
+    }
+    return {key: value for key, value in (whole | changes).items() if value is not None}
+
+
+def refusal(node: Any, key: str = "thruster") -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        build(node, key)
+    return str(caught.value)
+
+
+def test_builds_an_object() -> None:
+    lag = build(LAG, "thruster")
+    assert lag == SecondOrderLag(natural_frequency_rad_s=2.0, damping=0.8)
+
+
+def test_an_empty_node_is_none() -> None:
+    assert build({}, "controller") is None
+    assert build(None, "controller") is None
+
+
+def test_a_node_inside_a_node() -> None:
+    vessel = build(VESSEL | {"thruster": LAG}, "vessel")
+    assert isinstance(vessel.thruster, SecondOrderLag)
+
+
+VESSEL = {
+    "_target_": "models.parameters.VesselParameters",
+    "name": "buoy",
+    "dofs": ["surge"],
+    "inertia": [[10.0]],
+    "derivatives": {"X_u": -1.0},
+    "velocity_limits": [5.0],
+}
+
+
+def test_names_the_key_inside_a_node() -> None:
+    said = refusal(VESSEL | {"thruster": LAG | {"damping": "much"}}, "vessel")
+    assert said == "vessel.thruster.damping: got 'much', expected a number"
+
+
+def test_a_node_of_another_class_is_refused() -> None:
+    said = refusal(VESSEL | {"thruster": VESSEL}, "vessel")
+    assert said == "vessel.thruster: got a VesselParameters, expected a SecondOrderLag"
+
+
+def test_unknown_and_missing_options() -> None:
+    assert refusal(LAG | {"dampin": 1}).startswith("thruster.dampin: unknown option, did you mean")
+    assert refusal(LAG | {"zzz": 1}).startswith("thruster.zzz: unknown option, expected one of")
+    missing = {key: value for key, value in LAG.items() if key != "damping"}
+    assert refusal(missing) == "thruster.damping is missing"
+
+
+def test_a_range_error_of_the_class_gets_its_key() -> None:
+    assert refusal(LAG | {"damping": -1}).startswith("thruster: ")
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "os.system",
+        "subprocess.Popen",
+        "modelsX.thruster.SecondOrderLag",
+        "models",
+        "models.thruster",
+        "models.thruster.Nothing",
+        "models.nowhere.SecondOrderLag",
+        "models.vessel.np.ndarray",
+        "models.parameters.field",
+        "models.errors.Diverged",
+        "runner.provenance.subprocess.Popen",
+        "runner.config.Path",
+        "runner..config.Trial",
+        "",
+        3,
+        None,
+    ],
+)
+def test_a_target_must_be_a_dataclass_of_ours(target: Any) -> None:
+    assert refusal({"_target_": target}).startswith(f"thruster._target_: got {target!r}")
+
+
+def test_a_node_needs_a_target() -> None:
+    assert refusal({"damping": 1}) == "thruster._target_ is missing, expected the name of a class"
+    assert refusal(3) == "thruster: got 3, expected a group of options"
+    assert refusal("ls") == "thruster: got 'ls', expected a group of options"
+
+
+def test_builds_a_trial() -> None:
+    config = configuration(plant={"scale": 2}, seed=7)
+    trial = build_trial(config, NAMES)
+    assert (trial.seed, trial.plant_scale, trial.sample_time_s) == (7, 2.0, 0.1)
+    assert trial.results_dir == Path("results")
+    assert trial.config == config
+    assert trial.controller is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sample_time_s": -1}, "sample_time_s must be positive, got -1"),
+        ({"sample_time_s": 0}, "sample_time_s must be positive, got 0"),
+        ({"sample_time_s": "abc"}, "sample_time_s: got 'abc', expected a number"),
+        ({"sample_time_s": True}, "sample_time_s: got true, expected a number"),
+        ({"sample_time_s": float("nan")}, "sample_time_s: got nan, expected a finite number"),
+        ({"integration_step_s": 0}, "integration_step_s must be positive, got 0"),
+        (
+            {"integration_step_s": 0.2},
+            "integration_step_s must not be above sample_time_s = 0.1, got 0.2",
+        ),
+        ({"plant": {"scale": 0}}, "plant.scale must be positive, got 0"),
+        ({"plant": {}}, "plant.scale is missing"),
+        ({"plant": {"scale": 1, "mass": 2}}, "plant.mass: unknown option, expected one of scale"),
+        ({"plant": 3}, "plant: got 3, expected the option scale"),
+        ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
+        ({"seed": None}, "seed is missing"),
+        ({"seeds": 1}, "seeds: unknown option, did you mean seed?"),
+        ({"rerun": "yes"}, "rerun: got 'yes', expected true or false"),
+        ({"database": {"url": 3}}, "database.url: got 3, expected text"),
+        ({"results_dir": ""}, "results_dir: got '', expected a path"),
+        ({"vessel": "ferry"}, "vessel: got 'ferry', expected a group of options"),
+    ],
+)
+def test_refuses_a_trial(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        build_trial(configuration(**changes), NAMES)
+    assert str(caught.value) == message

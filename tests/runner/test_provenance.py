@@ -1,0 +1,58 @@
+"""Where results come from is told without guessing, and costs next to nothing."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from runner import provenance
+
+
+@pytest.fixture(autouse=True)
+def _forget() -> None:
+    provenance.collect.cache_clear()
+
+
+def git(folder: Path, *arguments: str) -> None:
+    identity = ["-c", "user.name=A", "-c", "user.email=a@b.c"]
+    subprocess.run(["git", "-C", str(folder), *identity, *arguments], check=True)
+
+
+def test_the_commit_and_whether_it_was_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    git(tmp_path, "init", "-q")
+    (tmp_path / "a.txt").write_text("a")
+    git(tmp_path, "add", "a.txt")
+    git(tmp_path, "commit", "-q", "-m", "Begin")
+    first = provenance.collect()
+    assert first.git_commit is not None
+    assert len(first.git_commit) == 40
+    assert first.git_dirty is False
+    (tmp_path / "a.txt").write_text("b")
+    assert provenance.collect() is first
+    provenance.collect.cache_clear()
+    assert provenance.collect().git_dirty is True
+
+
+def test_without_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    assert provenance.collect().git_commit is None
+    assert provenance.collect().git_dirty is None
+    provenance.collect.cache_clear()
+    monkeypatch.setenv("PATH", "")
+    assert provenance.collect().git_commit is None
+
+
+def test_the_command_line_can_be_typed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "runner", "-m", "seed=range(0,2)"])
+    assert provenance.collect().command == "python -m runner -m 'seed=range(0,2)'"
+
+
+def test_versions() -> None:
+    versions = provenance.collect().versions
+    assert versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert {"numpy", "scipy", "numba", "sqlalchemy", "cpus", "platform"} <= versions.keys()

@@ -1,0 +1,243 @@
+"""Sweeps: checked as a whole, run once, resumed, summed up."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+
+from runner.complaints import CONF
+from runner.composition import Composer, order_of
+from runner.database import Logbook
+from runner.database.records import RunSummary
+from tests.runner.command import Command
+
+DATABASE = "sqlite:///results/results.db"
+
+
+def runs() -> list[RunSummary]:
+    with Logbook.read(DATABASE) as logbook:
+        return logbook.runs()
+
+
+def test_all_combinations_are_run(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    answer = seatrial("-m", "identifier=none,ls", "seed=range(0,3)")
+    assert answer.code == 0
+    assert sorted(fake.ran) == [0, 0, 1, 1, 2, 2]
+    assert {(run.identifier, run.seed, run.status, run.sweep_id) for run in runs()} == {
+        (name, seed, "finished", 1) for name in ("none", "ls") for seed in range(3)
+    }
+    assert answer.out.splitlines() == [
+        "sweep 1, 6 runs: 6 finished, 0 failed, 0 diverged",
+        "results: sqlite:///results/results.db",
+        "compare: python -m runner.compare table --rows identifier",
+    ]
+
+
+def test_only_what_is_missing_is_run_again(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.failing = {1}
+    assert seatrial("-m", "seed=0,1").code == 1
+    fake.failing, fake.ran = set(), []
+    answer = seatrial("-m", "seed=0,1,2")
+    assert answer.code == 0
+    assert sorted(fake.ran) == [1, 2]
+    assert "seed=0: already in the logbook as run 1" in answer.err
+    assert "sweep 2, 3 runs: 3 finished (1 already in the logbook), 0 failed" in answer.out
+    fake.ran = []
+    assert "3 finished (3 already in the logbook)" in seatrial("-m", "seed=0,1,2").out
+    assert fake.ran == []
+
+
+def test_rerun_runs_all_again(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    seatrial("-m", "seed=0,1")
+    assert seatrial("-m", "seed=0,1", "rerun=true").code == 0
+    assert sorted(fake.ran) == [0, 0, 1, 1]
+
+
+def test_a_failure_does_not_end_the_sweep(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.failing, fake.diverging = {1, 3}, {2}
+    answer = seatrial("-m", "seed=range(0,5)")
+    assert answer.code == 1
+    assert sorted(fake.ran) == [0, 1, 2, 3, 4]
+    assert "sweep 1, 5 runs: 2 finished, 2 failed, 1 diverged" in answer.out
+    for run, status, why in (
+        (2, "failed", "ZeroDivisionError: seed 1 ran aground"),
+        (3, "diverged", "Diverged: |r| = 11 rad/s exceeds 10 at t = 3.0 s"),
+        (4, "failed", "ZeroDivisionError: seed 3 ran aground"),
+    ):
+        assert f"run {run} {status} (vessel=milliampere " in answer.out
+        assert why in answer.out
+    assert "Traceback" not in answer.err + answer.out
+
+
+def test_a_long_list_of_failures_is_cut(seatrial: Command) -> None:
+    seatrial.pretend().failing = set(range(25))
+    answer = seatrial("-m", "seed=range(0,25)")
+    assert answer.out.count("ran aground") == 20
+    assert "  and 5 more\n" in answer.out
+
+
+def test_one_bad_trial_stops_the_sweep_before_it_starts(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.refused = {2}
+    assert seatrial.refuses("-m", "seed=0,1,2") == "seed=2: seed: 2 is not seaworthy"
+    fake.refused = {1, 2}
+    said = seatrial.refuses("-m", "seed=0,1,2")
+    assert said == "seed=1: seed: 1 is not seaworthy (and 1 more: dry_run=true lists them)"
+    said = seatrial.refuses("-m", "identifier=ls,foo", "seed=0")
+    assert said.startswith("identifier=foo seed=0: identifier: no option 'foo', expected one of")
+    assert fake.ran == []
+
+
+def test_the_same_trial_twice_is_one_run(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    answer = seatrial("-m", "plant.scale=1,1.0,1")
+    assert (answer.code, fake.ran) == (0, [0])
+    assert "sweep 1, 1 run: 1 finished" in answer.out
+
+
+def test_one_sweep_has_one_logbook(seatrial: Command) -> None:
+    seatrial.pretend()
+    said = seatrial.refuses("-m", "results_dir=a,b")
+    assert said == "database.url, results_dir: got 2 logbooks in one sweep, expected one"
+
+
+def test_a_dry_run_lists_every_trial(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.failing, fake.refused = {1}, {3}
+    fake.refused = set()
+    seatrial("-m", "seed=0,1")
+    fake.ran, fake.refused = [], {3}
+    answer = seatrial("-m", "seed=0,1,2,3", "dry_run=true")
+    assert answer.code == 0
+    assert answer.out.splitlines() == [
+        "finished     seed=0  run 1",
+        "failed       seed=1  run 2: seed 1 ran aground",
+        "new          seed=2",
+        "refused      seed=3  seed: 3 is not seaworthy",
+        "4 trials: 1 finished, 1 failed, 1 new, 1 refused; nothing was run",
+    ]
+    assert fake.ran == []
+    assert len(runs()) == 2
+
+
+def test_a_dry_run_makes_no_database(seatrial: Command) -> None:
+    seatrial.pretend()
+    assert "2 trials: 2 new" in seatrial("-m", "seed=0,1", "dry_run=true").out
+    assert list(seatrial.folder.iterdir()) == []
+
+
+def test_a_sweep_in_batches(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    assert seatrial("-m", "seed=range(0,5)", "hydra.sweeper.max_batch_size=2").code == 0
+    assert fake.ran == [0, 1, 2, 3, 4]
+
+
+def test_parameters_of_the_sweeper(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    assert seatrial("-m", "+hydra.sweeper.params.seed='range(3,5)'").code == 0
+    assert fake.ran == [3, 4]
+
+
+def test_an_interrupted_sweep_is_taken_up_again(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    fake.interrupted = {2}
+    answer = seatrial("-m", "seed=range(0,5)")
+    assert answer.code == 130
+    assert answer.err.splitlines()[-1].startswith("seatrial: interrupted")
+    assert [run.status for run in runs()] == ["finished", "finished", "interrupted"]
+    fake.interrupted, fake.ran = set(), []
+    assert seatrial("-m", "seed=range(0,5)").code == 0
+    assert fake.ran == [2, 3, 4]
+
+
+def test_what_the_logbook_cannot_take_is_lost_and_said(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from models.errors import LogbookError
+
+    seatrial.pretend()
+
+    def full(self: Logbook, *_: Any, **__: Any) -> None:
+        raise LogbookError("results.db: database or disk is full")
+
+    monkeypatch.setattr(Logbook, "finish_run", full)
+    answer = seatrial("-m", "seed=0,1")
+    assert answer.code == 1
+    assert "2 not done" in answer.out
+    assert "  lost: seed=0: results.db: database or disk is full" in answer.out
+    assert seatrial("seed=0").code == 2
+
+
+def test_a_bug_is_not_hidden(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    seatrial.pretend()
+
+    def bug(self: Logbook, *_: Any, **__: Any) -> None:
+        raise AssertionError("a bug")
+
+    monkeypatch.setattr(Logbook, "begin_run", bug)
+    with pytest.raises(AssertionError, match="a bug"):
+        seatrial("-m", "seed=0,1")
+
+
+JOBS = [
+    ["seed=3"],
+    ["identifier=ls", "seed=3"],
+    ["identifier=ls", "identifier.lowpass_hz=0.5", "seed=4"],
+    ["identifier.lowpass_hz=0.5", "identifier=ls"],
+    ["controller.kp=[1,2,3]", "plant.scale=2"],
+    ["vessel=surge_linear", "+identifier.note='a b'"],
+    ["~controller", "seed=1"],
+    ["results_dir=elsewhere", "seed=1"],
+    ["seed=${plant.scale}", "plant.scale=3"],
+]
+
+
+@pytest.fixture
+def composer() -> Any:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        loader = GlobalHydra.instance().config_loader()
+        master = loader.load_configuration("trial", [], run_mode=RunMode.MULTIRUN)
+        yield Composer(loader, master)
+
+
+@pytest.mark.parametrize("job", JOBS, ids=" ".join)
+def test_composing_fast_is_composing_right(job: list[str], composer: Composer) -> None:
+    for _ in range(2):  # the second time from what the first has kept
+        fast = composer.order(job)
+    whole = compose("trial", job, return_hydra_config=True)
+    HydraConfig.instance().set_config(whole)
+    hydra = whole.hydra
+    whole = whole.copy()
+    whole._set_flag("struct", False)
+    del whole["hydra"]
+    slow = order_of(whole, hydra)
+    assert (fast.config, fast.names, fast.overrides) == (slow.config, slow.names, job)
+
+
+def test_the_name_of_an_experiment_is_the_sweeps(
+    seatrial: Command, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    extra = tmp_path_factory.mktemp("conf")
+    (extra / "experiment").mkdir()
+    Path(extra, "experiment", "table_9.yaml").write_text(
+        "# @package _global_\n"
+        "defaults:\n  - override /identifier: ls\n"
+        "plant:\n  scale: 3.0\n"
+        "hydra:\n  sweeper:\n    params:\n      seed: 7,8\n"
+    )
+    fake = seatrial.pretend()
+    answer = seatrial("--config-dir", str(extra), "-m", "experiment=table_9")
+    assert answer.code == 0, answer
+    assert [(run.sweep, run.identifier, run.seed) for run in runs()] == [
+        ("table_9", "ls", 7),
+        ("table_9", "ls", 8),
+    ]
+    assert fake.ran == [7, 8]
