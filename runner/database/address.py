@@ -9,7 +9,6 @@ from sqlalchemy.exc import ArgumentError
 
 from models.errors import LogbookError
 
-_SECRET_OPTIONS = ("password", "sslpassword")
 _PASSWORD_IN_URL = re.compile(r"(?P<user>\b[\w+.-]+://[^\s:/@?#]*:)[^\s/?#]*@")
 _PASSWORD_OPTION = re.compile(r"(?P<name>\b(?:ssl)?password=)[^\s&'\"]+", re.IGNORECASE)
 
@@ -67,8 +66,7 @@ def display_url(url: str | URL) -> str:
             url = make_url(url)
         except (ArgumentError, ValueError, TypeError):
             return without_passwords(str(url))
-    hidden = {name: "***" for name in url.query if name.lower() in _SECRET_OPTIONS}
-    return url.update_query_dict(hidden).render_as_string(hide_password=True)
+    return without_passwords(url.render_as_string(hide_password=True))
 
 
 def without_passwords(text: str) -> str:

@@ -159,10 +159,16 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         raise LogbookError(
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
+    # Compiling a query takes longer than answering any of ours.
+    options = {} if "options" in address.url.query else {"options": "-c jit=off"}
     return create_engine(
         address.url,
         pool_pre_ping=True,
         json_serializer=_to_json,
-        connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "application_name": "seatrial"},
+        connect_args={
+            "connect_timeout": CONNECT_TIMEOUT_S,
+            "application_name": "seatrial",
+            **options,
+        },
         execution_options={"postgresql_readonly": True} if read_only else {},
     )

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +44,7 @@ def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
             parquet.ParquetWriter(unfinished[0], schema, compression="zstd") as columns,
             csv.CSVWriter(unfinished[1], schema) as lines,
         ):
-            for rows in _batches(connection, table):
-                batch = pa.Table.from_pylist(rows, schema=schema)
+            for batch in _batches(connection, table, schema):
                 columns.write_table(batch)
                 lines.write_table(batch)
         for temporary, path in zip(unfinished, paths, strict=True):
@@ -57,17 +55,23 @@ def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
     return paths
 
 
-def _batches(connection: Connection, table: Table) -> Iterator[list[dict[str, Any]]]:
+def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]:
+    import pyarrow as pa
+
     order = list(table.primary_key)
     statement = select(table).order_by(*order).execution_options(yield_per=_BATCH)
-    for partition in connection.execute(statement).partitions():
-        yield [{name: _plain(value) for name, value in row._asdict().items()} for row in partition]
+    for rows in connection.execute(statement).partitions():
+        arrays = [
+            pa.array(map(_json, values) if isinstance(column.type, JSON) else values, field.type)
+            for column, field, values in zip(
+                table.columns, schema, zip(*rows, strict=True), strict=True
+            )
+        ]
+        yield pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict | list):
-        return json.dumps(value, ensure_ascii=False)
-    return value.astimezone(UTC) if isinstance(value, datetime) else value
+def _json(value: Any) -> str | None:
+    return None if value is None else json.dumps(value, ensure_ascii=False)
 
 
 def _arrow(pa: Any, column: TypeEngine[Any]) -> Any:

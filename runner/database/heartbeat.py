@@ -6,7 +6,9 @@ from threading import Event, Lock, Thread
 from sqlalchemy import Engine, update
 from sqlalchemy.exc import SQLAlchemyError
 
+from models.errors import LogbookError
 from runner.database import liveness
+from runner.database.engine import one_line
 from runner.database.tables import Run
 
 _log = logging.getLogger(__name__)
@@ -57,6 +59,6 @@ class Heartbeat:
                     .where(Run.id.in_(runs), Run.status == "running")
                     .values(heartbeat_at=liveness.database_now())
                 )
-        except SQLAlchemyError as error:
+        except (SQLAlchemyError, LogbookError) as error:
             # The next beat may pass; if none does, the run counts as interrupted.
-            _log.warning("no heartbeat for runs %s: %s", runs, error)
+            _log.warning("no heartbeat for runs %s: %s", runs, one_line(error))

@@ -55,24 +55,18 @@ def prepare(address: Address, *, create: bool) -> None:
     Raises LogbookError, and changes nothing, where the database is not ours, of a newer version,
     damaged or out of reach, and where it is missing and not to be made.
     """
-    if address.path is not None and not address.path.exists():
-        if not create:
-            raise _missing(address)
-        _make_folder(address.path)
-        found = Condition.EMPTY
-    else:
-        found = inspect(address)
+    found = inspect(address)
     if found is Condition.CURRENT:
         return
     if found is Condition.EMPTY and not create:
         raise _missing(address)
+    if address.path is not None:
+        _make_folder(address.path)
     _bring_up_to_date(address)
 
 
 def require_current(address: Address) -> None:
     """Raise LogbookError unless a logbook of this version can be read at `address`."""
-    if address.path is not None and not address.path.exists():
-        raise _missing(address)
     found = inspect(address)
     if found is Condition.EMPTY:
         raise _missing(address)
@@ -85,6 +79,11 @@ def require_current(address: Address) -> None:
 
 def inspect(address: Address) -> Condition:
     """What is at `address`, found out without any way to change it."""
+    if address.path is not None:
+        if not address.path.exists():
+            return Condition.EMPTY
+        if not address.path.is_file():
+            raise LogbookError(f"{address}: got a folder, expected a SQLite file")
     engine = engines.reader(address)
     try:
         with engines.explained(address), engine.connect() as connection:

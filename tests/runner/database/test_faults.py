@@ -1,0 +1,164 @@
+"""Folders that cannot be written, files that were damaged: one line, and nothing lost."""
+
+import multiprocessing
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import pytest
+
+from models.errors import LogbookError
+from runner.database import Logbook
+from runner.database.schema import backup
+from tests.runner.database.samples import make_results, make_start
+
+NOBODY = 65534
+
+
+@pytest.fixture
+def shared() -> Iterator[Path]:
+    """A folder that every user can enter."""
+    folder = Path(tempfile.mkdtemp(prefix="seatrial-test-"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder)
+
+
+def fill(folder: Path) -> str:
+    url = f"sqlite:///{folder}/results.db"
+    with Logbook.open(url, results_dir=folder) as logbook:
+        logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
+    return url
+
+
+def as_nobody(task: Callable[[str], object], url: str) -> object:
+    """What `task` gives, or the error it meets, to a user who may not write here."""
+    here, there = multiprocessing.Pipe(duplex=False)
+    process = multiprocessing.get_context("forkserver").Process(
+        target=_as_nobody, args=(task, url, there)
+    )
+    process.start()
+    there.close()
+    said = here.recv()
+    process.join(30)
+    return said
+
+
+def _as_nobody(task: Callable[[str], object], url: str, to: Connection) -> None:
+    if os.getuid() == 0:
+        with tempfile.TemporaryDirectory() as folder:
+            read_statuses(fill(Path(folder)))  # imports everything while it may still be read
+        os.setgroups([])
+        os.setgid(NOBODY)
+        os.setuid(NOBODY)
+    try:
+        to.send(task(url))
+    except BaseException as error:
+        to.send(f"{type(error).__name__}: {error}")
+
+
+def read_statuses(url: str) -> list[str]:
+    with Logbook.read(url) as reader:
+        reader.series(1, "recording")
+        return [run.status for run in reader.runs()]
+
+
+def write_a_run(url: str) -> None:
+    with Logbook.open(url, results_dir=Path(url.removeprefix("sqlite:///")).parent) as logbook:
+        logbook.finish_run(logbook.begin_run(make_start(2)).run_id, make_results())
+
+
+def test_a_read_only_folder_can_be_read_and_says_that_it_cannot_be_written(shared: Path) -> None:
+    url = fill(shared)
+    shared.chmod(0o555)
+    assert as_nobody(read_statuses, url) == ["finished"]
+    said = str(as_nobody(write_a_run, url))
+    assert said.startswith(f"LogbookError: {shared}/results.db: ")
+    assert "readonly" in said or "cannot open" in said
+    assert "\n" not in said
+    assert as_nobody(read_statuses, url) == ["finished"]
+    shared.chmod(0o755)
+
+
+def test_a_reader_who_may_not_write_sees_what_a_writer_has_just_written(shared: Path) -> None:
+    url = fill(shared)
+    shared.chmod(0o555)
+    with Logbook.open(url, results_dir=shared) as logbook:
+        logbook.begin_run(make_start(3))
+        assert as_nobody(read_statuses, url) == ["finished", "running"]
+    shared.chmod(0o755)
+
+
+def test_a_series_folder_that_cannot_be_written_leaves_the_run_under_way(shared: Path) -> None:
+    url = fill(shared)
+    (shared / "series").rename(shared / "away")
+    (shared / "series").touch()
+    with Logbook.open(url, results_dir=shared) as logbook:
+        run = logbook.begin_run(make_start(2)).run_id
+        with pytest.raises(LogbookError, match=r"run-000002-recording.parquet: cannot be written"):
+            logbook.finish_run(run, make_results())
+        assert logbook.run(run).summary.status == "running"
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogbookError, match=r"file/results.db: cannot make the folder"):
+        Logbook.open(f"sqlite:///{tmp_path}/file/results.db", results_dir=tmp_path)
+    (tmp_path / "folder.db").mkdir()
+    with pytest.raises(LogbookError, match=r"folder.db: got a folder, expected a SQLite file"):
+        Logbook.open(f"sqlite:///{tmp_path}/folder.db", results_dir=tmp_path)
+
+
+@pytest.mark.parametrize("page", [1, 5, 20])
+def test_damaged_pages_are_told(tmp_path: Path, page: int) -> None:
+    """Garbage in a page is found by `verify`, and by whoever reads it; nobody sees a traceback."""
+    url = fill(tmp_path)
+    path = tmp_path / "results.db"
+    content = bytearray(path.read_bytes())
+    assert len(content) > 21 * 4096
+    content[page * 4096 : page * 4096 + 2000] = b"\xa5" * 2000
+    path.write_bytes(content)
+    with pytest.raises(LogbookError, match=f"^{path}: .*malformed|found by verify"):
+        read_all(url)
+
+
+def read_all(url: str) -> None:
+    with Logbook.read(url) as reader:
+        found = reader.verify().problems
+        reader.runs()
+        reader.coefficients(1)
+        reader.metrics(1)
+    if found:
+        raise LogbookError("found by verify")
+
+
+def test_a_truncated_file_is_told(tmp_path: Path) -> None:
+    url = fill(tmp_path)
+    path = tmp_path / "results.db"
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(LogbookError, match="malformed"):
+        read_all(url)
+
+
+def test_a_backup_is_whole_while_others_write(tmp_path: Path) -> None:
+    url = fill(tmp_path)
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        logbook.begin_run(make_start(2))  # still in the write-ahead log
+        backup(tmp_path / "results.db", tmp_path / "copy.db")
+    with closing(sqlite3.connect(tmp_path / "copy.db")) as copy:
+        assert copy.execute("SELECT count(*) FROM run").fetchone() == (2,)
+        assert copy.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert copy.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+
+
+def test_at_rest_a_logbook_is_one_file(tmp_path: Path) -> None:
+    url = fill(tmp_path)
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        logbook.begin_run(make_start(2))
+        logbook.runs()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["results.db", "series"]

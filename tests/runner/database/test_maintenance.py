@@ -1,0 +1,196 @@
+"""verify finds what is wrong, prune deletes what it should, export writes every table."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from sqlalchemy import delete, insert, update
+
+from models.errors import LogbookError
+from runner.database import Logbook, Results, engine, series
+from runner.database.address import parse
+from runner.database.records import SeriesFile
+from runner.database.tables import Base, Metric, Run, Series, Sweep
+from tests.runner.database.samples import make_results, make_start
+
+
+@pytest.fixture
+def filled(logbook: Logbook) -> Logbook:
+    """Runs 1 and 2 finished, 3 failed, 4 diverged, 5 under way."""
+    sweep = logbook.begin_sweep("s", "python -m runner -m", [], 5)
+    for trial in range(1, 6):
+        run = logbook.begin_run(make_start(trial), sweep).run_id
+        if trial in (1, 2):
+            logbook.finish_run(run, make_results())
+        elif trial == 3:
+            logbook.fail_run(run, "failed", "ValueError", "no", "trace")
+        elif trial == 4:
+            logbook.fail_run(run, "diverged", "Diverged", "no", None, make_results())
+    return logbook
+
+
+def change(url: str, statement: object) -> None:
+    """Change rows behind the logbook's back, foreign keys or not."""
+    writer = engine.writer(parse(url), foreign_keys=False)
+    with writer.begin() as connection:
+        connection.execute(statement)  # type: ignore[call-overload]
+    writer.dispose()
+
+
+def test_a_sound_logbook_has_no_problems(filled: Logbook) -> None:
+    found = filled.verify()
+    assert (found.runs, found.series, found.problems) == (5, 3, [])
+
+
+def test_what_happened_to_series_files_is_found(filled: Logbook, results_dir: Path) -> None:
+    folder = results_dir / "series"
+    (folder / "run-000001-recording.parquet").write_bytes(b"changed")
+    (folder / "run-000002-recording.parquet").unlink()
+    (folder / "run-000009-recording.parquet").touch()
+    (folder / ".run-000004-recording.parquet.77.tmp").touch()
+    (folder / "run-000005-recording.parquet").touch()  # run 5 may be about to name it
+    problems = filled.verify().problems
+    assert [problem.where for problem in problems[:2]] == [
+        "run 1, series recording",
+        "run 2, series recording",
+    ]
+    assert "not what the run wrote: got SHA-256" in problems[0].what
+    assert "cannot be read: No such file" in problems[1].what
+    assert [Path(problem.where).name for problem in problems[2:]] == [
+        ".run-000004-recording.parquet.77.tmp",
+        "run-000009-recording.parquet",
+    ]
+    with pytest.raises(LogbookError, match="not what the run wrote"):
+        filled.series(1, "recording")
+    with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
+        filled.series(1, "other")
+    assert [path.name for path in filled.remove_orphans()] == [
+        ".run-000004-recording.parquet.77.tmp",
+        "run-000009-recording.parquet",
+    ]
+    assert len(filled.verify().problems) == 2
+
+
+def test_rows_that_were_changed_are_found(filled: Logbook, url: str) -> None:
+    change(url, update(Series).where(Series.run_id == 1).values(n_rows=7))
+    (problem,) = filled.verify().problems
+    assert "got 100 rows of t, u; expected 7 of t, u" in problem.what
+    if parse(url).sqlite:  # PostgreSQL has no way round a foreign key
+        change(url, delete(Run).where(Run.id == 2))
+        found = {problem.where: problem.what for problem in filled.verify().problems}
+        assert found["table metric"] == "30 rows point to no run"
+        assert found["table coefficient"] == "100 rows point to no run"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../secret",
+        "/etc/passwd",
+        "series/../../secret",
+        "results.db",
+        "series",
+        "",
+        "series/a\x00b",
+    ],
+)
+def test_paths_lead_nowhere_else(tmp_path: Path, path: str) -> None:
+    (tmp_path / "results").mkdir()
+    file = SeriesFile("recording", path, "parquet", 1, "0" * 64, {})
+    with pytest.raises(LogbookError, match="expected a file within"):
+        series.read(tmp_path / "results", file)
+
+
+def test_links_lead_nowhere_else(tmp_path: Path) -> None:
+    (tmp_path / "series").mkdir()
+    (tmp_path / "series" / "link").symlink_to("/etc/passwd")
+    with pytest.raises(LogbookError, match="expected a file within"):
+        series.locate(tmp_path, "series/link")
+
+
+def test_a_path_in_the_database_cannot_delete_other_files(
+    filled: Logbook, url: str, results_dir: Path
+) -> None:
+    (results_dir / "precious").touch()
+    change(url, update(Series).where(Series.run_id == 1).values(path="precious"))
+    assert "expected a file within" in filled.verify().problems[0].what
+    pruned = filled.prune([1])
+    assert (pruned.runs, pruned.files, pruned.left) == (1, 0, ["precious"])
+    assert (results_dir / "precious").exists()
+
+
+def test_prune_deletes_rows_with_their_files(filled: Logbook, results_dir: Path) -> None:
+    pruned = filled.prune([2, 3, 5, 99])
+    assert (pruned.runs, pruned.files, pruned.left) == (2, 1, [])
+    assert [run.run_id for run in filled.runs()] == [1, 4, 5]
+    assert filled.sql("SELECT DISTINCT run_id FROM metric ORDER BY run_id").rows == [(1,), (4,)]
+    assert sorted(path.name for path in (results_dir / "series").iterdir()) == [
+        "run-000001-recording.parquet",
+        "run-000004-recording.parquet",
+    ]
+    assert filled.verify().problems == []
+    assert filled.begin_run(make_start(2)).run_id == 6  # a number is never given twice
+
+
+def test_what_may_be_pruned(filled: Logbook, url: str) -> None:
+    def numbers(**conditions: object) -> list[int]:
+        return [run.run_id for run in filled.prunable(**conditions)]  # type: ignore[arg-type]
+
+    old = datetime.now(UTC) - timedelta(days=40)
+    change(url, update(Run).where(Run.id.in_([2, 3])).values(started_at=old))
+    assert numbers() == [1, 2, 3, 4]
+    assert numbers(older_than=timedelta(days=30)) == [2, 3]
+    assert numbers(older_than=timedelta(days=30), statuses=["failed"]) == [3]
+    assert numbers(statuses=["failed", "diverged"]) == [3, 4]
+    assert [run.run_id for run in filled.prunable(Run.seed == 4)] == [4]
+    change(url, update(Run).where(Run.id == 5).values(heartbeat_at=old))
+    assert numbers(statuses=["interrupted"]) == [5]
+    assert filled.prune([5]).runs == 1
+
+
+def test_many_runs_are_pruned(logbook: Logbook, url: str) -> None:
+    row = make_start(0)
+    values = {
+        **{name: getattr(row, name) for name in ("vessel", "disturbance", "excitation")},
+        **{name: getattr(row, name) for name in ("identifier", "controller", "evaluation")},
+        **{"seed": 0, "config": {}, "overrides": [], "versions": {}, "host": "h", "pid": 1},
+        **{"status": "failed", "attempt": 1, "started_at": datetime.now(UTC)},
+    }
+    change(url, insert(Run).values([values | {"fingerprint": f"{k:064x}"} for k in range(1200)]))
+    assert logbook.prune([run.run_id for run in logbook.prunable()]).runs == 1200
+    assert logbook.runs() == []
+
+
+def test_export_writes_every_table(filled: Logbook, tmp_path: Path) -> None:
+    paths = filled.export(tmp_path / "out" / "deep")
+    names = {f"{table}.{suffix}" for table in Base.metadata.tables for suffix in ("parquet", "csv")}
+    assert {path.name for path in paths} == names
+    assert {path.name for path in (tmp_path / "out" / "deep").iterdir()} == names
+    by_name = {path.name: path for path in paths}
+    for table in Base.metadata.tables:
+        (count,) = filled.sql(f"SELECT count(*) FROM {table}").rows[0]
+        columns = [column.name for column in Base.metadata.tables[table].columns]
+        read = pyarrow.parquet.read_table(by_name[f"{table}.parquet"])
+        assert (read.num_rows, read.column_names) == (count, columns)
+        lines = pyarrow.csv.read_csv(by_name[f"{table}.csv"])
+        assert (lines.num_rows, lines.column_names) == (count, columns)
+    runs = pyarrow.parquet.read_table(by_name["run.parquet"]).to_pylist()
+    assert runs[0]["config"] == '{"plant": {"scale": 0.5}, "seed": 1}'
+    assert abs(runs[0]["started_at"] - datetime.now(UTC)) < timedelta(minutes=1)
+    assert runs[2]["traceback"] == "trace"
+
+
+def test_export_to_a_place_that_cannot_be_written(filled: Logbook, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogbookError, match="file/out: cannot export"):
+        filled.export(tmp_path / "file" / "out")
+
+
+def test_sweeps_are_listed(filled: Logbook) -> None:
+    (sweep,) = filled.sweeps()
+    assert (sweep.name, sweep.planned, sweep.finished_at) == ("s", 5, None)
+    assert filled.select(Sweep.__table__.select())[0].id == sweep.id
+    assert len(filled.select(Metric.__table__.select())) == 90
+    filled.finish_run(5, Results())
