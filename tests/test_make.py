@@ -1,0 +1,124 @@
+"""What make says on a machine where it cannot set up, and that it does not set up twice."""
+
+import os
+import re
+import shutil
+import stat
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MAKE = shutil.which("make")
+
+pytestmark = pytest.mark.skipif(MAKE is None, reason="make is not installed")
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder with the Makefile, and a PATH with nothing but what it calls."""
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in ("sh", "touch", "mkdir", "rm", "find"):
+        found = shutil.which(name)
+        assert found is not None
+        (tools / name).symlink_to(found)
+    return tmp_path
+
+
+def pretend_python(checkout: Path, name: str, version: str, venv: bool) -> None:
+    """An interpreter of this version, with or without its venv module; notes what it is asked."""
+    script = checkout / "tools" / name
+    script.write_text(
+        "#!/bin/sh\n"
+        f'echo "{name} $*" >> "{checkout}/asked"\n'
+        'case "$*" in\n'
+        f"*version_info*) echo {version} ;;\n"
+        f"*ensurepip*) exit {0 if venv else 1} ;;\n"
+        f'*"-m venv"*) mkdir -p .venv/bin; : > .venv/bin/python ;;\n'
+        f"--version) echo Python {version} ;;\n"
+        "esac\n"
+    )
+    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+
+
+def make(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    assert MAKE is not None
+    environment = {"PATH": str(checkout / "tools"), "HOME": str(checkout)}
+    return subprocess.run(
+        [MAKE, "--no-print-directory", *arguments],
+        cwd=checkout,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def asked(checkout: Path) -> str:
+    return (checkout / "asked").read_text()
+
+
+def test_no_python(checkout: Path) -> None:
+    answer = make(checkout, ".venv/bin/python")
+    assert answer.returncode != 0
+    assert "seatrial: no Python 3.11, 3.12 or 3.13 found" in answer.stderr
+
+
+def test_only_an_old_or_too_new_python(checkout: Path) -> None:
+    pretend_python(checkout, "python3", "3.10", venv=True)
+    assert "no Python 3.11, 3.12 or 3.13 found" in make(checkout, ".venv/bin/python").stderr
+    pretend_python(checkout, "python3", "3.14", venv=True)
+    assert "no Python 3.11, 3.12 or 3.13 found" in make(checkout, ".venv/bin/python").stderr
+
+
+def test_no_venv_module_names_the_package(checkout: Path) -> None:
+    pretend_python(checkout, "python3", "3.12", venv=False)
+    answer = make(checkout, ".venv/bin/python")
+    assert answer.returncode != 0
+    assert "install Debian's package python3.12-venv" in answer.stderr
+    assert not (checkout / ".venv").exists()
+
+
+def test_the_newest_that_can_is_taken(checkout: Path) -> None:
+    pretend_python(checkout, "python3", "3.11", venv=True)
+    pretend_python(checkout, "python3.12", "3.12", venv=True)
+    pretend_python(checkout, "python3.13", "3.13", venv=False)
+    answer = make(checkout, ".venv/bin/python")
+    assert answer.returncode == 0, answer.stderr
+    assert "setting up .venv with Python 3.12" in answer.stdout
+    assert "python3.12 -m venv .venv" in asked(checkout)
+
+
+def test_another_python_can_be_named(checkout: Path) -> None:
+    pretend_python(checkout, "python3.13", "3.13", venv=True)
+    pretend_python(checkout, "mine", "3.11", venv=True)
+    assert make(checkout, ".venv/bin/python", "PYTHON=mine").returncode == 0
+    assert "mine -m venv .venv" in asked(checkout)
+
+
+def test_it_installs_again_only_for_a_change(checkout: Path) -> None:
+    binaries = checkout / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    pretend_python(checkout, "stub", "3.11", venv=True)
+    shutil.copy(checkout / "tools" / "stub", binaries / "python")
+    for _ in range(2):
+        assert make(checkout, ".venv/test.stamp").returncode == 0
+    (install,) = re.findall(r"stub -m pip install .*", asked(checkout))
+    assert install.endswith("--editable .[test]")
+    future = (checkout / ".venv" / "test.stamp").stat().st_mtime + 2.0
+    os.utime(checkout / "constraints.txt", (future, future))
+    assert make(checkout, ".venv/test.stamp").returncode == 0
+    assert len(re.findall(r"pip install", asked(checkout))) == 2
+
+
+def test_constraints_are_names_and_versions_only() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = [line for line in lines if not line.startswith("#")]
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", pin) for pin in pins)
+    names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
+    assert len(names) == len(set(names))
+    assert "setuptools" in names  # for builds of packages that come as sources
