@@ -1,12 +1,13 @@
-"""The command line of the comparison: what each command takes. The work is done elsewhere.
+"""What the commands share: the program, its common options, and how tables are printed.
 
-Nothing slow is imported here: every command imports what it needs, so that --help is at once.
+The commands are in `asking` and `keeping`. Nothing slow is imported by either: every command
+imports what it needs, so that --help is at once.
 """
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -37,195 +38,18 @@ ResultsDir = Annotated[
     typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
 ]
 Several = list[str] | None
-PlotKind = Literal[
-    "bars",
-    "orders",
-    "residual",
-    "track",
-    "errors",
-    "coefficients",
-    "pareto",
-    "surface",
-    "spectrum",
-]
-
-
-@app.command()
-def runs(
-    database: Database = DEFAULT_DATABASE,
-    where: Where = None,
-    status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
-    limit: Annotated[int, typer.Option(min=1, help="How many, newest first.")] = 50,
-    form: Form = Format.RICH,
-) -> None:
-    """List runs, newest first, failed ones too."""
-    from .listing import run_list
-    from .results import open_results
-
-    with open_results(database) as results:
-        show_grid(run_list(results, where, status, limit), form)
-
-
-@app.command()
-def show(
-    run: Annotated[int, typer.Argument(help="Number of the run.")],
-    database: Database = DEFAULT_DATABASE,
-    traceback: Annotated[bool, typer.Option("--traceback", help="Only its traceback.")] = False,
-    command: Annotated[
-        bool, typer.Option("--command", help="Only the command that repeats it, on one line.")
-    ] = False,
-    form: Form = Format.RICH,
-) -> None:
-    """Show all that is known of one run."""
-    from .listing import command_of, run_details, traceback_of
-    from .results import open_results
-
-    with open_results(database) as results:
-        if command:
-            typer.echo(command_of(results, run))
-        elif traceback:
-            typer.echo(traceback_of(results, run))
-        else:
-            show_grids(run_details(results, run), form)
-
-
-@app.command()
-def table(
-    rows: Annotated[
-        str, typer.Option("--rows", "-r", help="Factors of the rows, parted by commas.")
-    ] = "identifier",
-    columns: Annotated[
-        str, typer.Option("--columns", "-c", help="Factors of the columns, parted by commas.")
-    ] = "disturbance",
-    metric: Annotated[
-        Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
-    ] = None,
-    coefficient: Annotated[
-        Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
-    ] = None,
-    coefficients: Annotated[
-        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
-    ] = False,
-    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ...; all.")] = None,
-    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None,
-    model: Annotated[
-        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
-    ] = None,
-    statistic: Annotated[
-        Several,
-        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
-    ] = None,
-    interval: Annotated[
-        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
-    ] = "t",
-    baseline: Annotated[
-        str | None,
-        typer.Option(help="As identifier=none: adds ratio, paired test and wins against it."),
-    ] = None,
-    where: Where = None,
-    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4,
-    database: Database = DEFAULT_DATABASE,
-    form: Form = Format.RICH,
-) -> None:
-    """Compare a metric or coefficients over seeds.
-
-    Rows and columns go by any choice (vessel, disturbance, excitation, identifier, controller,
-    evaluation, seed, ...), by a dotted name of the configuration (plant.scale), or by metric,
-    term, dof, stage and model.
-    """
-    from .results import open_results
-    from .selection import request_of
-    from .table import comparison
-
-    request = request_of(
-        rows=rows,
-        columns=columns,
-        metrics=metric,
-        terms=coefficient,
-        all_terms=coefficients,
-        dofs=dof,
-        stages=stage,
-        models=model,
-        statistics=statistic,
-        interval=interval,
-        baseline=baseline,
-        where=where,
-        digits=digits,
-    )
-    with open_results(database) as results:
-        show_grid(comparison(results, request), form)
-
-
-@app.command()
-def plot(
-    kind: Annotated[PlotKind, typer.Argument(help="Kind of figure.")],
-    run: Annotated[
-        int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
-    ] = None,
-    metric: Annotated[
-        str, typer.Option("--metric", "-m", help="Metric of the bars.")
-    ] = "force_mse",
-    rows: Annotated[str, typer.Option("--rows", "-r", help="Factor of colours.")] = "identifier",
-    columns: Annotated[
-        str, typer.Option("--columns", "-c", help="Factor of groups.")
-    ] = "disturbance",
-    dof: Annotated[Several, typer.Option(help="Only these degrees of freedom.")] = None,
-    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified",
-    facet: Annotated[
-        str | None, typer.Option("--facet", help="One figure for each level of this factor.")
-    ] = None,
-    log: Annotated[bool, typer.Option("--log", help="Logarithmic scale of the figures.")] = False,
-    where: Where = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of the PNG and SVG files.")
-    ] = Path("results/figures"),
-    database: Database = DEFAULT_DATABASE,
-    results_dir: ResultsDir = None,
-) -> None:
-    """Draw figures as PNG and SVG and print their paths.
-
-    bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
-    one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
-    identifier found.
-    """
-    from .plots import draw
-    from .plots.request import PlotRequest
-    from .results import open_results
-
-    request = PlotRequest(
-        run=run,
-        metric=metric,
-        rows=rows,
-        columns=columns,
-        dofs=split(dof),
-        model=model,
-        facet=facet,
-        log=log,
-        where=where,
-    )
-    with open_results(database, results_dir) as results:
-        for path in draw(kind, results, request, output):
-            typer.echo(path)
-
-
-@app.command()
-def sql(
-    query: Annotated[str, typer.Argument(metavar="SELECT", help="One query that reads.")],
-    database: Database = DEFAULT_DATABASE,
-    form: Form = Format.RICH,
-) -> None:
-    """Answer a query in SQL; whatever would write is refused."""
-    from .listing import answer
-    from .results import open_results
-
-    with open_results(database) as results:
-        show_grid(answer(results, query), form)
 
 
 def split(texts: Several) -> tuple[str, ...]:
     """Options that may be repeated or parted by commas, as one list."""
     parts = (part.strip() for text in texts or () for part in text.split(","))
     return tuple(part for part in parts if part)
+
+
+def shown_path(path: Path) -> Path:
+    """The path from here where it leads down, else the whole path."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def show_grid(grid: "Grid", form: Format) -> None:

@@ -7,8 +7,12 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from .grid import Cell, Grid, Scalar
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 
 class Format(StrEnum):
@@ -184,6 +188,25 @@ def _html(grid: Grid) -> str:
         *(f"<p>{_html_text(note)}</p>" for note in grid.notes),
     ]
     return "\n".join(lines).encode("ascii", "xmlcharrefreplace").decode("ascii")
+
+
+def html_table(grid: Grid) -> "Markup":
+    """The table for a page: scrolls by itself, headings are buttons that sort it."""
+    from markupsafe import Markup
+
+    heads = "".join(
+        f'<th scope="col"{" class=label" if index < grid.labels else ""}>'
+        f'<button type="button">{_html_text(header)}</button></th>'
+        for index, header in enumerate(grid.headers)
+    )
+    rows = "\n".join("<tr>" + _html_row(grid, row) + "</tr>" for row in grid.rows)
+    title = _html_text(grid.title)
+    caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
+    notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
+    return Markup(  # every text in it went through _html_text
+        f'{caption}<div class="scroll" tabindex="0"><table><thead><tr>{heads}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>{notes}"
+    )
 
 
 def _html_row(grid: Grid, row: Sequence[Cell]) -> str:

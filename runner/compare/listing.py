@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigurationError
-from runner.database.records import RunDetail
+from runner.database.records import RunDetail, RunSummary
 from runner.database.tables import STATUSES
 from runner.database.views import run_overview
 
@@ -42,16 +42,25 @@ PLACES = ("results_dir=", "database.url=", "database=")
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
     """The newest runs that meet the condition, newest first; every attempt is listed."""
-    if status is not None and status not in STATUSES:
-        raise ConfigurationError(f"--status: got {status!r}, expected one of {', '.join(STATUSES)}")
-    condition = results.where(where)
-    conditions = [] if condition is None else [results.names.clause(condition)]
-    if status is not None:
-        conditions.append(run_overview.c.status == status)
-    found = results.reader.runs(*conditions, newest_first=True, limit=limit)
+    found = runs_of(results, where, [status] if status else [])[:limit]
     if not found:
         raise ConfigurationError(results.why_none(where, status))
-    return _runs_grid([[_plain(getattr(run, n)) for n in RUN_COLUMNS] for run in found], limit)
+    return _runs_grid([[plain(getattr(run, n)) for n in RUN_COLUMNS] for run in found], limit)
+
+
+def runs_of(results: Results, where: str | None, statuses: Sequence[str]) -> list[RunSummary]:
+    """Runs that meet the condition and have one of the statuses (any where empty), newest first."""
+    for status in statuses:
+        if status not in STATUSES:
+            expected = ", ".join(STATUSES)
+            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
+    condition = results.where(where)
+    conditions = [] if condition is None else [results.names.clause(condition)]
+    if statuses:  # a run whose process is gone is known to be interrupted before the view says so
+        shown = [*statuses, *(["running"] if "interrupted" in statuses else [])]
+        conditions.append(run_overview.c.status.in_(shown))
+    found = results.reader.runs(*conditions, newest_first=True)
+    return [run for run in found if not statuses or run.status in statuses]
 
 
 def _runs_grid(rows: Sequence[Sequence[Scalar]], limit: int) -> Grid:
@@ -105,7 +114,7 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
 
 
 def _facts(title: str, names: Sequence[str], facts: Sequence[object], labels: int) -> Grid:
-    rows = [[_plain(getattr(fact, name)) for name in names] for fact in facts]
+    rows = [[plain(getattr(fact, name)) for name in names] for fact in facts]
     shown = [
         [
             unit_text(str(value)) if name == "unit" else value
@@ -139,7 +148,7 @@ def _property(value: Any) -> Scalar:
     """A value as a person reads it: dates to the second, nothing for no."""
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d %H:%M:%S} UTC"
-    return None if value is False else "yes" if value is True else _plain(value)
+    return None if value is False else "yes" if value is True else plain(value)
 
 
 def _config_text(value: Any) -> str:
@@ -161,7 +170,7 @@ def command_of(results: Results, run_id: int) -> str:
 def answer(results: Results, query: str) -> Grid:
     """The answer to one query in SQL."""
     found = results.reader.sql(query)
-    rows = [[_plain(value) for value in row] for row in found.rows]
+    rows = [[plain(value) for value in row] for row in found.rows]
     return grid_of("", found.columns, rows, labels=0, digits=6)
 
 
@@ -199,7 +208,8 @@ def _quoted(text: str) -> str:
     return f"'{escaped}'"
 
 
-def _plain(value: Any) -> Scalar:
+def plain(value: Any) -> Scalar:
+    """A value of the database as a cell holds it: dates as ISO text, JSON as JSON."""
     if isinstance(value, datetime):
         return value.isoformat()
     if value is None or isinstance(value, str | int | float | bool):

@@ -6,7 +6,7 @@ are bound as parameters: text from the command line never becomes SQL.
 """
 
 import operator as op
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from typing import Any
@@ -67,13 +67,24 @@ class Names:
             case Comparison():
                 return self._compare(condition.name, condition.operator, condition.value)
             case Among():
-                found = [self._compare(condition.name, "=", value) for value in condition.values]
-                return sa.or_(*found)
+                return self._among(condition.name, condition.values)
             case Not():
                 return sa.not_(self.clause(condition.condition))
             case Joined():
                 parts = [self.clause(part) for part in condition.conditions]
                 return sa.and_(*parts) if condition.by == "and" else sa.or_(*parts)
+
+    def _among(self, name: str, values: Sequence[Value]) -> sa.ColumnElement[bool]:
+        """One IN for the plain values: thousands of them, as of a sweep, are no deep expression."""
+        self.check(name, "--where")
+        if name in self.columns:
+            column = self.columns[name]
+            plain = [_for_column(name, column, value) for value in values if value is not None]
+            found: list[sa.ColumnElement[bool]] = []
+            found += [sa.func.coalesce(column.in_(plain), sa.false())] if plain else []
+            found += [column.is_(None)] if None in values else []
+            return sa.or_(*found)
+        return sa.or_(*(self._compare_key(name, "=", value) for value in dict.fromkeys(values)))
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
         self.check(name, "--where")

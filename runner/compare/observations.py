@@ -19,6 +19,7 @@ class Run:
     id: int
     status: str  # running, finished, diverged, failed or interrupted
     levels: Mapping[str, str] = field(repr=False)
+    sweep: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

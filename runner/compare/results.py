@@ -73,12 +73,15 @@ class Results:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         texts = [self.names.text(name) for name in names]
-        query = self._of_runs(sa.select(RUN.c.id, run_overview.c.status, *texts), condition)
+        columns = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, *texts)
+        query = self._of_runs(sa.select(*columns), condition)
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         found = [
-            Run(id_, status, dict(zip(names, map(_text, levels), strict=True)))
-            for id_, status, *levels in map(tuple, self.reader.select(query.order_by(RUN.c.id)))
+            Run(id_, status, dict(zip(names, map(_text, levels), strict=True)), sweep)
+            for id_, status, sweep, *levels in map(
+                tuple, self.reader.select(query.order_by(RUN.c.id))
+            )
         ]
         if not found:
             raise ConfigurationError(self.why_none(condition))
@@ -143,6 +146,12 @@ class Results:
         """Configurations of the given runs, with dotted names."""
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
+
+    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[Any]]:
+        """Rows (git_commit, git_dirty, host, versions, command) of the runs, newest first."""
+        r = RUN.c
+        query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
+        return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
 
     def _of_runs(self, query: sa.Select[Any], condition: Condition | None) -> sa.Select[Any]:
         joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)

@@ -14,16 +14,17 @@ from ..results import Results
 from ..selection import pooled
 from .request import Facet, PlotRequest, facets
 from .style import (
-    MARKERS,
     MUTED,
     PALETTE,
     Drawing,
     footnote,
     headed,
+    marker_of,
     metric_label,
     panels,
 )
 
+LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
 
 
@@ -78,12 +79,20 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
     axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
     axes.margins(y=0.12)
-    if request.log:
+    if _logarithmic(table, request):
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     if sum(len(key[0]) for key in table.column_keys) * 0.09 > panel_width:
         axes.tick_params(axis="x", rotation=20)
+
+
+def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
+    """As asked for, else where the smallest bar would not be seen beside the largest."""
+    if request.log is not None:
+        return request.log
+    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.observed]
+    return len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
 
 
 def _bars(
@@ -117,7 +126,7 @@ def _bars(
             axes.plot(
                 places,
                 sample,
-                MARKERS[i % len(MARKERS)],
+                marker_of(i),
                 color="white",
                 markeredgecolor="black",
                 markeredgewidth=0.6,

@@ -19,7 +19,7 @@ from ..pivot import DOF_ORDER
 from ..results import Results
 from ..statistics import confidence_interval
 from .request import Facet, PlotRequest, facets
-from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
 
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far
@@ -160,7 +160,7 @@ def _tick(one: Estimate) -> str:
 def _marks(
     axes: Axes, estimates: Sequence[Estimate], places: Sequence[float], i: int, label: str
 ) -> None:
-    colour, marker = PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]
+    colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
     values = np.array([one.value for one in estimates])
     spans = np.array([[one.value - one.low, one.high - one.value] for one in estimates])
     axes.errorbar(

@@ -15,7 +15,7 @@ from ..pivot import DOF_ORDER
 from ..results import Results
 from ..statistics import Sample
 from .request import Facet, PlotRequest, facets
-from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
 
 LINE_STYLES = ("-", "--", ":", "-.")
 NAMES = ("order_mse", "selected_order")
@@ -121,7 +121,7 @@ def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str)
             axes.plot(
                 [order],
                 [middle[curves.orders.index(order)]],
-                MARKERS[colour_index % len(MARKERS)],
+                marker_of(colour_index),
                 color=colour,
                 markeredgecolor="black",
                 markersize=7,

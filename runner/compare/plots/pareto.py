@@ -16,7 +16,7 @@ from ..grid import with_unit
 from ..results import Results
 from ..statistics import Sample
 from .request import Facet, PlotRequest, facets
-from .style import MARKERS, PALETTE, Drawing, footnote, headed, panels
+from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
 
 OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
 MOST_PANELS = 6
@@ -70,7 +70,7 @@ def _panel(
         i = labels.index(label)
         colour = PALETTE[i % len(PALETTE)]
         x, y = front[:, pair[0]], front[:, pair[1]]
-        marker = MARKERS[i % len(MARKERS)]
+        marker = marker_of(i)
         axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=label)
         for at in chosen & set(range(len(front))):
             axes.plot(x[at], y[at], "o", markersize=11, fillstyle="none", color="black", zorder=4)

@@ -22,7 +22,7 @@ class PlotRequest:
     dofs: Sequence[str] = ()
     model: str = "identified"
     facet: str | None = None
-    log: bool = False
+    log: bool | None = None  # None lets the figures decide
     where: str | None = None
 
 

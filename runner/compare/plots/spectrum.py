@@ -17,7 +17,7 @@ from models.errors import ConfigurationError
 from ..grid import with_unit
 from ..results import Results
 from .request import PlotRequest, facets
-from .style import MARKERS, MUTED, PALETTE, Drawing, footnote, headed, panels
+from .style import MUTED, PALETTE, Drawing, footnote, headed, marker_of, panels
 
 SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
@@ -65,7 +65,7 @@ def _singular_values(axes: Axes, found: Sequence[Any], i: int, label: str) -> No
     points = sorted((row.i, row.value) for row in found if row.name == SINGULAR and row.value)
     order = next((row.value for row in found if row.name == ORDER), None)
     unit = next((row.unit for row in found if row.name == SINGULAR), "")
-    colour, marker = PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]
+    colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
     numbers, values = [n for n, _ in points], [v for _, v in points]
     axes.plot(numbers, values, marker=marker, color=colour, fillstyle="none", label=label)
     if order is not None:
@@ -88,7 +88,7 @@ def _eigenvalues(axes: Axes, found: Sequence[Any], i: int, label: str) -> None:
     axes.plot(
         [real[k] for k in shared],
         [imaginary[k] for k in shared],
-        MARKERS[i % len(MARKERS)],
+        marker_of(i),
         color=PALETTE[i % len(PALETTE)],
         label=label,
         markersize=6,

@@ -81,6 +81,11 @@ class Drawing:
     figure: Figure
 
 
+def marker_of(i: int) -> str:
+    """The marker of group i: with the colour of PALETTE, 49 pairs that differ."""
+    return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
+
+
 @contextmanager
 def drawn() -> Iterator[None]:
     """Draw and save inside this: the settings above, and matplotlib's defaults for the rest."""

@@ -1,0 +1,28 @@
+"use strict";
+// A click on a heading sorts its table: by number where the cells have one, else by their text.
+function key(row, column) {
+  const cell = row.cells[column];
+  const number = parseFloat(cell.dataset.value);
+  return Number.isNaN(number) ? cell.textContent.trim() : number;
+}
+function compare(left, right) {
+  const numbers = typeof left === "number", others = typeof right === "number";
+  if (numbers && others) return left - right;
+  if (numbers !== others) return numbers ? -1 : 1;  // cells without a figure come last
+  return left.localeCompare(right, "en", { numeric: true });
+}
+function sort(heading) {
+  const table = heading.closest("table"), body = table.tBodies[0], column = heading.cellIndex;
+  const down = heading.getAttribute("aria-sort") === "ascending";
+  const rows = Array.from(body.rows).map((row) => [key(row, column), row]);
+  rows.sort((a, b) => {
+    const order = compare(a[0], b[0]);
+    return down && typeof a[0] === typeof b[0] ? -order : order;
+  });
+  body.append(...rows.map((pair) => pair[1]));
+  for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+  heading.setAttribute("aria-sort", down ? "descending" : "ascending");
+}
+for (const heading of document.querySelectorAll("thead th")) {
+  heading.firstElementChild.addEventListener("click", () => sort(heading));
+}
