@@ -24,6 +24,7 @@ from models.compiled import kernel
 from models.identification.design import Samples
 
 EXHAUSTED = 1e-15  # share of a variance below which there is nothing left to explain
+SQUARINGS = 40
 
 
 class Components(NamedTuple):
@@ -33,6 +34,51 @@ class Components(NamedTuple):
     loadings: Array  # P (J, orders)
     output_loadings: Array  # Q (K, orders)
     coefficients: Array  # Theta_pre of every order, (orders, J, K)
+
+
+@kernel
+def _dominant(left: Array, w: Array) -> float:
+    """Write the dominant left singular vector of E'F (J, K) to w, unit length; returns |w| before.
+
+    The eigenvector of (E'F)'(E'F), K by K, comes by squaring the matrix until it has rank one.
+    """
+    n_x, n_y = left.shape
+    power = np.zeros((n_y, n_y))
+    for i in range(n_x):
+        for k in range(n_y):
+            for m in range(n_y):
+                power[k, m] += left[i, k] * left[i, m]
+    square = np.empty((n_y, n_y))
+    for _ in range(SQUARINGS if n_y > 1 else 0):
+        trace = 0.0
+        for k in range(n_y):
+            trace += power[k, k]
+        if trace <= 0.0:
+            return 0.0
+        for k in range(n_y):
+            for m in range(n_y):
+                total = 0.0
+                for j in range(n_y):
+                    total += power[k, j] * power[j, m]
+                square[k, m] = total / (trace * trace)
+        power, square = square, power
+    best = 0
+    for k in range(n_y):
+        if power[k, k] > power[best, best]:
+            best = k
+    length, norm = 0.0, 0.0
+    for k in range(n_y):
+        norm += power[k, best] ** 2
+    for i in range(n_x):
+        w[i] = 0.0
+        for k in range(n_y):
+            w[i] += left[i, k] * power[k, best]
+        length += w[i] ** 2
+    if length <= 0.0:
+        return 0.0
+    for i in range(n_x):
+        w[i] /= np.sqrt(length)
+    return float(np.sqrt(length / norm))
 
 
 @kernel
@@ -46,38 +92,51 @@ def partial_least_squares(
     explain the coefficients stay as they are.
     """
     orders, n_x, n_y = coefficients.shape
-    left = xy.copy()
-    r = np.zeros((orders, n_x))
-    floor = EXHAUSTED * np.max(np.abs(xy)) if xy.size else 0.0
+    left, r = np.empty((n_x, n_y)), np.empty((orders, n_x))
+    e, w = np.empty(n_x), np.empty(n_x)
+    for i in range(n_x):
+        for k in range(n_y):
+            left[i, k] = xy[i, k]
+    first, found, exhausted = 0.0, 0, False
     for a in range(orders):
-        if a > 0:
-            coefficients[a] = coefficients[a - 1]
-        if n_y == 1:
-            w = left[:, 0].copy()
-        else:
-            _, vectors = np.linalg.eigh(left.T @ left)
-            w = left @ np.ascontiguousarray(vectors[:, n_y - 1])
-        length = np.sqrt(np.sum(w * w))
-        if length <= floor:
-            coefficients[a:] = coefficients[a]
-            return a
-        w /= length
-        r[a] = w
-        for j in range(a):
-            r[a] -= np.sum(loadings[:, j] * w) * r[j]
-        e = xx @ r[a]
-        variance = np.sum(r[a] * e)
-        if variance <= EXHAUSTED * np.trace(xx) * np.sum(r[a] * r[a]):
-            coefficients[a:] = coefficients[a]
-            return a
-        p = e / variance
-        q = (left.T @ r[a]) / variance
         for i in range(n_x):
             for k in range(n_y):
-                left[i, k] -= variance * p[i] * q[k]
-                coefficients[a, i, k] += r[a, i] * q[k]
-        weights[:, a], loadings[:, a], output[:, a] = w, p, q
-    return int(orders)
+                coefficients[a, i, k] = coefficients[a - 1, i, k] if a > 0 else 0.0
+        if exhausted:
+            continue
+        length = _dominant(left, w)
+        first = max(first, length)
+        for i in range(n_x):
+            r[a, i] = w[i]
+        for j in range(a):
+            along = 0.0
+            for i in range(n_x):
+                along += loadings[i, j] * w[i]
+            for i in range(n_x):
+                r[a, i] -= along * r[j, i]
+        variance, size, trace = 0.0, 0.0, 0.0
+        for i in range(n_x):
+            e[i] = 0.0
+            for j in range(n_x):
+                e[i] += xx[i, j] * r[a, j]
+            variance += r[a, i] * e[i]
+            size += r[a, i] ** 2
+            trace += xx[i, i]
+        exhausted = length <= EXHAUSTED * first or variance <= EXHAUSTED * trace * size
+        if exhausted:
+            continue
+        found += 1
+        for k in range(n_y):
+            q = 0.0
+            for i in range(n_x):
+                q += left[i, k] * r[a, i] / variance
+            for i in range(n_x):
+                left[i, k] -= e[i] * q
+                coefficients[a, i, k] += r[a, i] * q
+            output[k, a] = q
+        for i in range(n_x):
+            weights[i, a], loadings[i, a] = w[i], e[i] / variance
+    return found
 
 
 def components(xx: Array, xy: Array, orders: int) -> Components:
@@ -114,6 +173,16 @@ class Columns:
     def y_scale(self) -> Array:
         """Standard deviation of the K outputs."""
         return self.scale[self.n_x :]
+
+    @property
+    def x(self) -> Array:
+        """The constant and the terms, (N, 1 + J)."""
+        return self.z[:, : 1 + self.n_x]
+
+    @property
+    def y(self) -> Array:
+        """The outputs, (N, K)."""
+        return self.z[:, 1 + self.n_x :]
 
     def like(self, samples: Samples) -> Array:
         """Z of other samples, by the same means and scales."""

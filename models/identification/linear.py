@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from models.basis import Array
 from models.errors import IdentificationError
 from models.identification.design import Samples
+from models.identification.uncertainty import (
+    ErrorKind,
+    block_bootstrap,
+    hac_variance,
+    stationary_variance,
+)
 
 SINGULAR = 1e-12
 
@@ -42,35 +48,42 @@ class Decomposition:
         """s^2 / (s^2 + penalty), whose sum is the effective number of parameters."""
         return np.asarray(self.s**2 / (self.s**2 + penalty))
 
+    def parameters(self, penalty: float) -> float:
+        """Effective number of parameters, with the intercept."""
+        return float(np.sum(self.shrinkage(penalty))) + (self.constant is not None)
+
     def coefficients(self, targets: Array, penalty: float = 0.0) -> Array:
         """Coefficients of the terms, shape (n_terms, m), of targets (N, m)."""
-        offset = self._mean(targets)
-        weighted = np.sqrt(self.weights)[:, None] * (targets - offset)
-        scaled = self.vt.T @ ((self.shrinkage(penalty) / self.s)[:, None] * (self.u.T @ weighted))
+        along = self.u.T @ self.weighted(targets)
+        scaled = self.vt.T @ ((self.shrinkage(penalty) / self.s)[:, None] * along)
         theta = np.zeros((self.n_terms, targets.shape[1]))
         theta[self.columns] = scaled / self.scale[:, None]
         if self.constant is not None:
-            theta[self.constant] = offset - self.mean @ theta[self.columns]
+            theta[self.constant] = self._offset(targets) - self.mean @ theta[self.columns]
         return theta
 
-    def influence(self, rest: Array, penalty: float = 0.0) -> Array:
-        """What each sample adds to the error of the coefficients, shape (N, n_terms).
+    def weighted(self, targets: Array) -> Array:
+        """Weighted targets (N, m), centred where there is an intercept."""
+        root = np.sqrt(self.weights)[:, None]
+        return np.asarray(root * (targets - self._offset(targets)))
 
-        rest (N,) is what the fit leaves; the sum over samples is zero without a penalty.
+    def gains(self, penalty: float = 0.0) -> Array:
+        """Weight of each sample's residual in each coefficient, shape (N, n_terms).
+
+        The coefficients of targets are gains' targets.
         """
-        weighted = (np.sqrt(self.weights) * rest)[:, None] * self.u
-        share = (weighted * (self.shrinkage(penalty) / self.s)) @ self.vt / self.scale
-        psi = np.zeros((len(rest), self.n_terms))
-        psi[:, self.columns] = share
+        root = np.sqrt(self.weights)[:, None]
+        scaled = (root * self.u * (self.shrinkage(penalty) / self.s)) @ self.vt / self.scale
+        g = np.zeros((len(scaled), self.n_terms))
+        g[:, self.columns] = scaled
         if self.constant is not None:
-            intercept = self.weights * rest / np.sum(self.weights)
-            psi[:, self.constant] = intercept - share @ self.mean
-        return psi
+            g[:, self.constant] = self.weights / np.sum(self.weights) - scaled @ self.mean
+        return g
 
-    def _mean(self, values: Array) -> Array:
+    def _offset(self, targets: Array) -> Array:
         if self.constant is None:
-            return np.zeros(values.shape[1])
-        return np.asarray(np.average(values, axis=0, weights=self.weights))
+            return np.zeros(targets.shape[1])
+        return np.asarray(np.average(targets, axis=0, weights=self.weights))
 
 
 def decompose(samples: Samples, weights: Array) -> Decomposition:
@@ -99,14 +112,21 @@ def decompose(samples: Samples, weights: Array) -> Decomposition:
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """A fit of every degree of freedom, and what each sample adds to its error."""
+    """A fit of every degree of freedom, and the gains that its errors follow from."""
 
     theta: Array  # (n_terms, n_dof)
     shared: Array  # (m,)
     rest: Array  # (N, n_dof) what the fit leaves
-    influence: Array  # (N, n_terms, n_dof)
-    shared_influence: Array  # (N, m)
+    own_gains: tuple[Array, ...]  # a degree of freedom: (N, n_terms), what makes theta of epsilon
+    cross: Array  # (n_dof, n_terms, m): the same of the shared columns
+    shared_gains: Array  # (n_dof, N, m): what makes the shared unknowns of epsilon
     condition: Array  # (n_dof,)
+    parameters: Array  # (n_dof,) effective number fitted
+
+    def gains(self, source: int, dof: int) -> Array:
+        """Weight of each sample's residual in `source` in theta of `dof`, (N, n_terms)."""
+        indirect = -self.shared_gains[source] @ self.cross[dof].T
+        return np.asarray(self.own_gains[dof] + indirect if source == dof else indirect)
 
 
 def fit(
@@ -117,40 +137,74 @@ def fit(
     The shared unknowns follow by projecting the own columns out of their columns and targets
     (Frisch, Waugh and Lovell): sum_k S_k' W (I - H_k) S_k f = sum_k S_k' W (I - H_k) y_k.
     """
-    y = samples.epsilon
+    y, phi = samples.epsilon, samples.phi
     n, n_dof = y.shape
     ridge = np.zeros(n_dof) if penalties is None else penalties
-    columns = np.zeros((n_dof, n, 0)) if shared is None else shared
-    m = columns.shape[2]
+    s = np.zeros((n_dof, n, 0)) if shared is None else shared
     parts = decompositions(samples, weights)
-    own = [
-        part.coefficients(np.column_stack([y[:, k], columns[k]]), ridge[k])
-        for k, part in enumerate(parts)
-    ]
-    left = [np.column_stack([y[:, k], columns[k]]) - samples.phi @ own[k] for k in range(n_dof)]
-    normal = sum(
-        ((weights[:, k, None] * columns[k]).T @ left[k] for k in range(n_dof)), np.zeros((m, 1 + m))
+    own = [p.coefficients(y[:, [k]], ridge[k])[:, 0] for k, p in enumerate(parts)]
+    cross = np.array([p.coefficients(s[k], ridge[k]) for k, p in enumerate(parts)])
+    left = weights.T[:, :, None] * (s - phi @ cross)
+    normal = np.einsum("knm,knl->ml", left, s)
+    f = np.linalg.solve(normal, np.einsum("knm,nk->m", left, y))
+    theta = np.stack(own, axis=1) - np.einsum("ktm,m->tk", cross, f)
+    return LinearFit(
+        theta=theta,
+        shared=f,
+        rest=y - phi @ theta - np.einsum("knm,m->nk", s, f),
+        own_gains=tuple(p.gains(ridge[k]) for k, p in enumerate(parts)),
+        cross=cross,
+        shared_gains=np.array([np.linalg.solve(normal, part.T).T for part in left]),
+        condition=np.array([p.condition for p in parts]),
+        parameters=np.array([p.parameters(ridge[k]) for k, p in enumerate(parts)]),
     )
-    f = np.linalg.solve(normal[:, 1:], normal[:, 0]) if m else np.zeros(0)
-    theta = np.stack([b[:, 0] - b[:, 1:] @ f for b in own], axis=1)
-    rest = np.stack([r[:, 0] - r[:, 1:] @ f for r in left], axis=1)
-    scores = sum(
-        (weights[:, k, None] * left[k][:, 1:] * rest[:, k, None] for k in range(n_dof)),
-        np.zeros((n, m)),
-    )
-    f_influence = np.linalg.solve(normal[:, 1:], scores.T).T if m else scores
-    influence = np.stack(
-        [
-            part.influence(rest[:, k], ridge[k]) - f_influence @ own[k][:, 1:].T
-            for k, part in enumerate(parts)
-        ],
-        axis=2,
-    )
-    condition = np.array([part.condition for part in parts])
-    return LinearFit(theta, f, rest, influence, f_influence, condition)
 
 
 def decompositions(samples: Samples, weights: Array) -> list[Decomposition]:
-    """One decomposition a degree of freedom; equal weights share one."""
+    """One decomposition a degree of freedom; those of equal weights are one."""
     first = decompose(samples, weights[:, 0])
     return [first if np.array_equal(w, weights[:, 0]) else decompose(samples, w) for w in weights.T]
+
+
+def standard_errors(fitted: LinearFit, kind: ErrorKind) -> tuple[Array, Array]:
+    """Standard errors of theta (n_terms, n_dof) and of the shared unknowns (m,).
+
+    `stationary` takes residuals of different degrees of freedom as independent. Terms that do not
+    vary have NaN.
+    """
+    n, n_dof = fitted.rest.shape
+    rest = fitted.rest * np.sqrt(n / np.maximum(n - fitted.parameters, 1.0))
+    sources = range(n_dof)
+
+    def deviation(gains: list[Array]) -> Array:
+        if kind == "hac":
+            series = [g * rest[:, [k]] for k, g in enumerate(gains)]
+            variance = hac_variance(np.sum(series, axis=0))
+        else:
+            parts = [stationary_variance(g, rest[:, k]) for k, g in enumerate(gains)]
+            variance = np.sum(parts, axis=0)
+        return np.asarray(np.sqrt(np.clip(variance, 0.0, None)))
+
+    own = [deviation([fitted.gains(source, k) for source in sources]) for k in sources]
+    return _known(np.stack(own, axis=1), fitted), deviation(list(fitted.shared_gains))
+
+
+def bootstrap_errors(
+    fitted: LinearFit, length: int, replicates: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """The same by drawing blocks of residuals again; the fit is linear in them."""
+    n_terms, n_dof = fitted.theta.shape
+
+    def refit(rest: Array) -> Array:
+        f = np.einsum("knm,nk->m", fitted.shared_gains, rest)
+        own = [g.T @ rest[:, k] - fitted.cross[k] @ f for k, g in enumerate(fitted.own_gains)]
+        return np.concatenate([*own, f])
+
+    errors = block_bootstrap(refit, fitted.rest, length, replicates, rng)
+    theta = errors[: n_terms * n_dof].reshape(n_dof, n_terms).T
+    return _known(theta, fitted), errors[n_terms * n_dof :]
+
+
+def _known(errors: Array, fitted: LinearFit) -> Array:
+    varies = np.any(fitted.own_gains[0], axis=0)
+    return np.where(varies[:, None], errors, np.nan)

@@ -20,29 +20,29 @@ from models.identification.components import (
     mean_squares,
     output_moment,
 )
-from models.identification.design import CONSTANT, ResidualOptions, Samples
+from models.identification.design import CONSTANT, ResidualOptions
+from models.identification.lag import thruster_of
 from models.identification.problem import Finding, Identified, Problem
 from models.identification.selection import (
     Selection,
     check_folds,
     left_out_mse,
-    moment_pairs,
+    part,
+    split,
 )
-from models.identification.uncertainty import block_bootstrap, block_moments, check_bootstrap
+from models.identification.uncertainty import block_bootstrap, check_bootstrap
+from models.thruster import SecondOrderLag
 from models.vessel import FORCE_UNIT, Vessel
 
 
 @dataclass(frozen=True)
-class Plsr(ResidualOptions):
-    """PLSR over all degrees of freedom together (`joint`) or each alone.
+class PartialLeastSquares(ResidualOptions):
+    """What both regressions by partial least squares are told; the constant is always in the basis.
 
-    The constant is always in the basis. `max_order` null: as many as there are terms.
     `bootstrap` is the number of block-bootstrap replicates for standard errors, null for none.
+    They tell the spread of the estimate, not how far it is drawn towards the nominal model.
     """
 
-    joint: bool
-    max_order: int | None
-    selection: Selection
     folds: int
     bootstrap: int | None
     block_s: float
@@ -51,34 +51,80 @@ class Plsr(ResidualOptions):
         super().__post_init__()
         check_folds(self.folds)
         check_bootstrap(self.bootstrap, self.block_s)
-        if self.max_order is not None and self.max_order < 1:
-            raise ConfigurationError(f"max_order must be at least 1 or null, got {self.max_order}")
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the constant."""
         chosen = super().terms(nominal)
         return chosen if CONSTANT in chosen else (CONSTANT, *chosen)
 
+    def held_out(self, problem: Problem, z: Columns, lag: SecondOrderLag | None) -> Array:
+        """Z of the validation part, for the selection that is allowed to see it."""
+        return z.like(self.samples(problem.validation, problem.nominal, lag))
+
+    def bootstrap_errors(
+        self,
+        z: Columns,
+        theta: Callable[[Array], Array],
+        period_s: float,
+        rng: np.random.Generator,
+    ) -> Array | None:
+        """Standard errors of the table of theta(outputs), (n_terms, K); None without a bootstrap.
+
+        Residuals are drawn again in blocks; the regressors stay.
+        """
+        if self.bootstrap is None:
+            return None
+        fitted = z.x @ theta(z.y)
+        length = round(self.block_s / period_s)
+        errors = block_bootstrap(
+            lambda rest: z.table(theta(fitted + rest)), z.y - fitted, length, self.bootstrap, rng
+        )
+        errors[np.setdiff1d(np.arange(z.n_terms), [*z.terms, z.constant])] = np.nan
+        return errors
+
+
+@dataclass(frozen=True)
+class Plsr(PartialLeastSquares):
+    """PLSR over all degrees of freedom together (`joint`) or each alone.
+
+    `max_order` null: as many as there are terms. The bootstrap chooses the order again each time.
+    """
+
+    joint: bool
+    max_order: int | None
+    selection: Selection
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_order is not None and self.max_order < 1:
+            raise ConfigurationError(f"max_order must be at least 1 or null, got {self.max_order}")
+
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the chosen orders, with the MSE of every order."""
-        samples = self.samples(problem.training, problem.nominal, problem.thruster)
+        lag, findings = thruster_of(self, problem)
+        samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)
-        pairs = moment_pairs(self.selection, z.z, self.held_out(problem, z), self.folds, rng)
-        mse = left_out_mse(pairs, lambda kept, left: mean_squares(left, self.fit(kept, z)))
-        chosen = np.argmin(mse, axis=0)
+        held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
+        splits = split(self.selection, z.x, held_out, self.folds, rng)
+        whole = part(z.x, np.arange(len(samples)))
 
-        def table(moment: Array) -> Array:
-            theta = self.fit(moment, z)
-            picked = np.stack([theta[a, :, k] for k, a in enumerate(chosen)], axis=1)
-            return z.table(picked)
+        def order_mse(outputs: Array) -> Array:
+            return left_out_mse(
+                splits.pairs(outputs), lambda kept, left: mean_squares(left, self.fit(kept, z))
+            )
 
-        residual = Vessel("residual", problem.nominal.dofs, samples.terms, table(z.z.T @ z.z))
-        return Identified(
-            problem.nominal + residual,
-            residual,
-            bootstrap_errors(self.bootstrap, self.block_s, samples, z.z, table, rng),
-            order_findings(mse * z.y_scale**2, chosen, residual.dofs, self.selection),
-        )
+        def theta(outputs: Array) -> Array:
+            every, chosen = (
+                self.fit(whole.moment(outputs), z),
+                np.argmin(order_mse(outputs), axis=0),
+            )
+            return np.stack([every[a, :, k] for k, a in enumerate(chosen)], axis=1)
+
+        mse = order_mse(z.y) * z.y_scale**2
+        residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta(z.y)))
+        errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
+        findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
+        return Identified(problem.nominal + residual, residual, errors, findings)
 
     def fit(self, moment: Array, z: Columns) -> Array:
         """Coefficients on Z of every order, shape (orders, 1 + J, K)."""
@@ -88,27 +134,6 @@ class Plsr(ResidualOptions):
         outputs = range(len(moment) - 1 - z.n_x)
         alone = [all_orders(output_moment(moment, z.n_x, k), z.beta, orders) for k in outputs]
         return np.concatenate(alone, axis=2)
-
-    def held_out(self, problem: Problem, z: Columns) -> Array | None:
-        """Z of the validation part, only for the selection that is allowed to see it."""
-        if self.selection != "test":
-            return None
-        return z.like(self.samples(problem.validation, problem.nominal, problem.thruster))
-
-
-def bootstrap_errors(
-    replicates: int | None,
-    block_s: float,
-    samples: Samples,
-    z: Array,
-    table: Callable[[Array], Array],
-    rng: np.random.Generator,
-) -> Array | None:
-    """Block-bootstrap standard errors of a table computed from moments of Z; None for none."""
-    if replicates is None:
-        return None
-    moments = block_moments(z, max(round(block_s / samples.period_s), 1))
-    return block_bootstrap(moments, table, replicates, rng)
 
 
 def order_findings(

@@ -10,6 +10,7 @@ from models import basis
 from models.basis import Array, Term
 from models.errors import ConfigurationError
 from models.recording import FORCES, Recording
+from models.statespace import StateSpace
 from models.thruster import SecondOrderLag
 from models.vessel import PLANAR, Vessel
 
@@ -52,6 +53,8 @@ class Identified:
     residual: Vessel
     std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
     findings: tuple[Finding, ...] = field(default=())
+    stages: tuple[Vessel, ...] = ()  # residual tables of each stage, where there were several
+    state_space: StateSpace | None = None  # where a linear model was identified
 
 
 class Identifier(Protocol):
@@ -90,5 +93,5 @@ def check_force(kind: str | None) -> None:
 
 def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array:
     """epsilon = tau - F(nu_dot, nu) [N, Nm], shape (N, n_dof). Jervan (2020), eq. (3.20)."""
-    fitted = model.inverse(recording.nu_dot, recording.nu, recording.attitude)
+    fitted = model.inverse(recording.nu_dot, recording.nu, recording.attitude, recording.wind)
     return recording.force(force) - fitted

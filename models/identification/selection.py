@@ -7,7 +7,8 @@ test     the held-out validation part itself, as the thesis does; not a fair fig
 """
 
 from collections.abc import Callable
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,18 +43,54 @@ def folds(selection: Selection, n: int, count: int, rng: np.random.Generator) ->
     return list(KFold(count, shuffle=True, random_state=seed).split(everything))
 
 
-def moment_pairs(
-    selection: Selection, z: Array, held_out: Array | None, count: int, rng: np.random.Generator
-) -> list[Pair]:
-    """Moments of the training part and of what is left out, of every fold of Z (N, m).
+class Part(NamedTuple):
+    """Some of the samples: their rows, regressors with the constant, and X'X."""
 
-    `held_out` is Z of the validation part, which only `test` uses.
+    rows: NDArray[np.int64]
+    x: Array
+    xx: Array
+
+    def moment(self, outputs: Array) -> Array:
+        """Z'Z of Z = [X, Y] for outputs of all samples (N, K)."""
+        y = outputs[self.rows]
+        xy = self.x.T @ y
+        return np.block([[self.xx, xy], [xy.T, y.T @ y]])
+
+
+def part(x: Array, rows: NDArray[np.int64]) -> Part:
+    """The samples of some rows."""
+    return Part(rows, x[rows], x[rows].T @ x[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Splits:
+    """What is trained on and what is left out, for any outputs on the same regressors.
+
+    `held_out` is Z'Z of the validation part, which only `test` looks at.
     """
+
+    kept: tuple[Part, ...]
+    left: tuple[Part, ...]
+    held_out: Array | None
+
+    def pairs(self, outputs: Array) -> list[Pair]:
+        """Moments of the training part and of what is left out, of every fold."""
+        kept = [one.moment(outputs) for one in self.kept]
+        if self.held_out is not None:
+            return [(kept[0], self.held_out)]
+        return list(zip(kept, (one.moment(outputs) for one in self.left), strict=True))
+
+
+def split(
+    selection: Selection, x: Array, held_out: Array | None, count: int, rng: np.random.Generator
+) -> Splits:
+    """Splits of regressors x (N, 1 + J); `held_out` is Z of the validation part, for `test`."""
     if selection == "test":
         assert held_out is not None
-        return [(z.T @ z, held_out.T @ held_out)]
-    splits = folds(selection, len(z), count, rng)
-    return [(z[kept].T @ z[kept], z[left].T @ z[left]) for kept, left in splits]
+        return Splits((part(x, np.arange(len(x))),), (), held_out.T @ held_out)
+    both = folds(selection, len(x), count, rng)
+    kept, left = (tuple(part(x, fold[i]) for fold in both) for i in (0, 1))
+    return Splits(kept, left, None)
 
 
 def left_out_mse(pairs: list[Pair], score: Callable[[Array, Array], Array]) -> Array:

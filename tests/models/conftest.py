@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from models.control.pid import PidFeedforward
 from models.identification.problem import Problem
 from models.recording import Recording
 from models.simulation import Plant, Voyage, recording_of, sail
@@ -36,8 +35,10 @@ class Lap:
 
 
 def configured(group: str, name: str, **changes: Any) -> Any:
+    """The object of a configuration file, sailing the ferry, with some options changed."""
     node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
-    return build(OmegaConf.to_container(node), group)
+    config = {"vessel": OmegaConf.load(CONF / "vessel" / "milliampere.yaml"), group: node}
+    return build(OmegaConf.to_container(OmegaConf.create(config), resolve=True)[group], group)
 
 
 @cache
@@ -52,7 +53,6 @@ def voyage(disturbance: str, seed: int, model: Vessel | None = None, step_s: flo
     weather = configured("disturbance", disturbance).realise(
         len(t), vessel.dofs, np.random.default_rng(seed)
     )
-    pid = PidFeedforward(**{k: tuple(v) for k, v in vessel.tuning["pid"].items()})
     truth = vessel.plant_scale * vessel.nominal()
     plant = Plant(truth, vessel.thruster, vessel.velocity_limits)
     return weather, sail(
@@ -60,7 +60,7 @@ def voyage(disturbance: str, seed: int, model: Vessel | None = None, step_s: flo
         weather,
         mission.guidance(t, np.zeros(3)),
         mission.reference_filter.table(PERIOD_S),
-        pid.build(model or vessel.nominal(), PERIOD_S),
+        configured("controller", "pid_ff").build(model or vessel.nominal(), PERIOD_S),
         np.zeros(3),
         PERIOD_S,
         step_s,

@@ -89,3 +89,153 @@ def test_a_combination_that_cannot_work_is_refused(identifier, calm) -> None:
         identifier("ls", force="filtered").check(nominal, None, True)
     with pytest.raises(ConfigurationError, match="term w has w, but milliampere moves in"):
         identifier("ls", extra_terms=["w"]).check(nominal, calm.thruster, False)
+
+
+def findings(found, name: str) -> list:
+    return [f for f in found.findings if f.name == name]
+
+
+def relative_error(found, truth) -> float:
+    """Largest relative error of the residual's coefficients that are not zero."""
+    table = truth.on(found.residual.terms).theta
+    real = table != 0.0
+    return float(np.max(np.abs(found.residual.theta[real] / table[real] - 1.0)))
+
+
+@pytest.mark.parametrize("basis", ["full", "physical"])
+@pytest.mark.parametrize("name", ["ls", "ridge"])
+def test_a_constant_ned_force_is_found_exactly(constant, identifier, rng, name, basis) -> None:
+    found = identifier(name, ned_force=True, basis=basis).identify(constant.problem, rng)
+    force = {f.label: f.value for f in findings(found, "ned_force")}
+    assert force["north"] == pytest.approx(200.0, abs=1e-6)
+    assert force["east"] == pytest.approx(100.0, abs=1e-6)
+    assert relative_error(found, constant.residual) < 1e-6
+
+
+def test_without_its_columns_a_constant_force_spoils_the_inertia(constant, identifier, rng) -> None:
+    found = identifier("ls", basis="physical").identify(constant.problem, rng)
+    assert np.max(np.abs(diagonal(found.model) / diagonal(constant.truth) - 1.0)) > 0.02
+
+
+def test_a_ned_force_is_told_from_noise(lap, identifier, rng) -> None:
+    ls = identifier("ls", ned_force=True, lowpass_hz=0.5)
+    found = [ls.identify(lap("noise", seed).problem, rng) for seed in range(10)]
+    force = np.array([[f.value for f in findings(one, "ned_force")] for one in found])
+    error = np.array([[f.value for f in findings(one, "ned_force_std_error")] for one in found])
+    assert np.all(np.abs(force) < 4.0 * error)
+    assert np.all(error < 2.0)
+
+
+@pytest.mark.parametrize("disturbance", ["calm", "constant"])
+def test_the_thruster_lag_is_found_from_the_recording(lap, identifier, rng, disturbance) -> None:
+    ls = identifier("ls", thruster="estimated", ned_force=True)
+    problem = lap(disturbance).problem
+    blind = type(problem)(problem.training, problem.validation, problem.nominal, None)
+    found = ls.identify(blind, rng)
+    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, abs=1e-3)
+    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, abs=1e-3)
+    assert relative_error(found, lap(disturbance).residual) < 1e-3
+
+
+def test_the_thruster_lag_is_found_under_noise(lap, identifier, rng) -> None:
+    ls = identifier("ls", thruster="estimated", lowpass_hz=0.5, basis="physical")
+    found = ls.identify(lap("noise", 0).problem, rng)
+    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, rel=0.05)
+    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
+
+
+def test_without_a_thruster_the_command_is_taken(calm, identifier, rng) -> None:
+    problem = calm.problem
+    alone = problem.training.part(slice(None))
+    object.__setattr__(alone, "tau_actual", None)
+    problem = type(problem)(alone, problem.validation, problem.nominal, problem.thruster)
+    found = [
+        identifier("ls", **options).identify(problem, rng).residual.theta
+        for options in ({"thruster": "none"}, {"force": "commanded"})
+    ]
+    np.testing.assert_array_equal(*found)
+
+
+def spoiled(problem, rows: slice, factor: float):
+    """The problem with some of the acting force multiplied."""
+    training = problem.training.part(slice(None))
+    force = training.tau_actual.copy()
+    force[rows] *= factor
+    object.__setattr__(training, "tau_actual", force)
+    return type(problem)(training, problem.validation, problem.nominal, problem.thruster)
+
+
+def test_huber_weights_withstand_outliers(calm, identifier, rng) -> None:
+    problem = spoiled(calm.problem, slice(None, None, 25), 5.0)
+    error = {
+        weighting: relative_error(
+            identifier("ls", force="actual", basis="physical", weighting=weighting).identify(
+                problem, rng
+            ),
+            calm.residual,
+        )
+        for weighting in ("uniform", "huber")
+    }
+    assert error["uniform"] > 0.1
+    assert error["huber"] < 1e-3
+
+
+def test_a_half_life_forgets_what_is_long_ago(calm, identifier, rng) -> None:
+    problem = spoiled(calm.problem, slice(0, 1200), 1.5)
+    options = {"force": "actual", "basis": ["u_dot", "u", "|u|u"], "ned_force": False}
+    inertia = [
+        identifier("ls", half_life_s=half, **options).identify(problem, rng).model.inertia[0, 0]
+        for half in (None, 20.0)
+    ]
+    error = np.abs(np.array(inertia) / calm.truth.inertia[0, 0] - 1.0)
+    assert error[1] < 0.1 * error[0]
+
+
+def test_ridge_equals_scikit_learn(calm, identifier, rng) -> None:
+    from sklearn.linear_model import Ridge
+
+    ridge = identifier("ridge", penalty=0.01, force="commanded")
+    found = ridge.identify(calm.problem, rng)
+    samples = ridge.samples(calm.problem.training, calm.problem.nominal, None)
+    x = samples.phi[:, 1:]
+    scale = x.std(axis=0)
+    peer = Ridge(alpha=0.01 * len(x)).fit(x / scale, samples.epsilon)
+    np.testing.assert_allclose(found.residual.theta[1:], peer.coef_.T / scale[:, None], rtol=1e-8)
+    np.testing.assert_allclose(found.residual.theta[0], peer.intercept_, rtol=1e-8)
+
+
+def test_the_penalty_minimises_generalised_cross_validation(lap, identifier, rng) -> None:
+    ridge = identifier("ridge", lowpass_hz=0.5)
+    problem = lap("noise", 2).problem
+    found = ridge.identify(problem, rng)
+    samples = ridge.samples(problem.training, problem.nominal, problem.thruster)
+    x = samples.phi[:, 1:] - samples.phi[:, 1:].mean(axis=0)
+    x /= x.std(axis=0)
+    y = samples.epsilon - samples.epsilon.mean(axis=0)
+    n = len(x)
+
+    def gcv(penalty: float, k: int) -> float:
+        """By its definition, with the hat matrix applied and its trace counted."""
+        solve = np.linalg.solve(x.T @ x + penalty * n * np.eye(x.shape[1]), x.T)
+        rest = y[:, k] - x @ (solve @ y[:, k])
+        return n * np.sum(rest**2) / (n - 1.0 - np.sum(solve.T * x)) ** 2
+
+    for k, chosen in enumerate(f.value for f in findings(found, "ridge_penalty")):
+        assert gcv(chosen, k) <= min(gcv(p, k) for p in np.geomspace(1e-9, 1.0, 46)) * (1 + 1e-9)
+
+
+def test_a_heavy_penalty_leaves_the_nominal_model(calm, identifier, rng) -> None:
+    found = identifier("ridge", penalty=1e12, basis="physical").identify(calm.problem, rng)
+    np.testing.assert_allclose(
+        found.model.on(calm.problem.nominal.terms).theta, calm.problem.nominal.theta, atol=1e-6
+    )
+
+
+def test_shared_unknowns_need_surge_sway_and_yaw(identifier, calm) -> None:
+    ls = identifier("ls", ned_force=True)
+    nominal = calm.problem.nominal
+    alone = type(nominal)("one", ("surge",), nominal.terms[:1], np.ones((1, 1)))
+    with pytest.raises(ConfigurationError, match="ned_force needs a vessel in surge, sway, yaw"):
+        ls.check(alone, None, False)
+    with pytest.raises(ConfigurationError, match=r"already has cos\(psi\)"):
+        identifier("ls", ned_force=True, extra_terms=["cos(psi)"]).check(nominal, None, False)

@@ -1,0 +1,120 @@
+"""Standard errors against known variances and against the spread over replications."""
+
+import numpy as np
+import pytest
+
+from models.identification.uncertainty import (
+    autocovariances,
+    block_bootstrap,
+    hac_variance,
+    residual_blocks,
+    stationary_variance,
+)
+
+AXES = ("surge", "sway", "yaw")
+NAMES = ("u_dot", "v_dot", "r_dot")
+
+
+def autoregression(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
+    """x_i = rho x_(i-1) + white noise of variance 1."""
+    from scipy.signal import lfilter
+
+    return lfilter([1.0], [1.0, -rho], rng.standard_normal(n + 500))[500:]
+
+
+def test_autocovariances_are_sums_of_products() -> None:
+    x = np.random.default_rng(0).standard_normal((40, 2))
+    direct = [[np.sum(x[: 40 - lag, k] * x[lag:, k]) for k in (0, 1)] for lag in range(40)]
+    np.testing.assert_allclose(autocovariances(x), direct, atol=1e-12)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7, 0.95])
+@pytest.mark.parametrize("kind", ["stationary", "hac", "bootstrap"])
+def test_error_of_the_contrast_of_two_halves_of_an_autoregression(kind, rho) -> None:
+    n = 20_000
+    gain = np.where(np.arange(n) < n // 2, -1.0, 1.0)[:, None] / n
+    found = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        e = autoregression(rng, n, rho)[:, None]
+        if kind == "stationary":
+            found.append(np.sqrt(stationary_variance(gain, e[:, 0])[0]))
+        elif kind == "hac":
+            found.append(np.sqrt(hac_variance(gain * e)[0]))
+        else:
+            found.append(block_bootstrap(lambda rest: np.sum(gain * rest), e, 400, 200, rng))
+    assert np.mean(found) == pytest.approx(1.0 / (1.0 - rho) / np.sqrt(n), rel=0.15)
+
+
+def test_blocks_keep_columns_together_and_are_centred() -> None:
+    rng = np.random.default_rng(0)
+    rest = np.column_stack([np.arange(100.0), -2.0 * np.arange(100.0)])
+    drawn = residual_blocks(rest, 7, rng)
+    assert drawn.shape == rest.shape
+    np.testing.assert_allclose(drawn[:, 1], -2.0 * drawn[:, 0])
+    np.testing.assert_allclose(np.mean(drawn, axis=0), 0.0, atol=1e-12)
+    steps = np.diff(drawn[:, 0])
+    assert np.mean(np.abs(steps - 1.0) < 1e-9) > 0.8
+
+
+def test_white_residuals_give_the_textbook_error(identifier, calm, rng) -> None:
+    ls = identifier("ls", force="actual", basis="physical")
+    training = calm.problem.training.part(slice(None))
+    noise = rng.standard_normal(training.tau_actual.shape)
+    object.__setattr__(training, "tau_actual", training.tau_actual + noise)
+    problem = type(calm.problem)(
+        training, calm.problem.validation, calm.problem.nominal, calm.thruster
+    )
+    found = ls.identify(problem, rng)
+    phi = ls.samples(training, problem.nominal, None).phi
+    textbook = np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
+    ratio = found.std_error / textbook[:, None]
+    assert np.all((ratio > 0.8) & (ratio < 1.25))
+
+
+def replicate(lap, ls, seeds: range) -> tuple[np.ndarray, np.ndarray]:
+    """Relative errors of the three diagonal inertia entries, and their standard errors."""
+    error, reported = [], []
+    for seed in seeds:
+        sailed = lap("noise", seed)
+        truth = np.diag(sailed.truth.inertia)
+        found = ls.identify(sailed.problem, np.random.default_rng(seed))
+        rows = [[str(one) for one in found.residual.terms].index(name) for name in NAMES]
+        error.append(np.diag(found.model.inertia) / truth - 1.0)
+        reported.append([found.std_error[i, k] / truth[k] for k, i in enumerate(rows)])
+    return np.array(error), np.array(reported)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bootstrap", [None, 200])
+def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap) -> None:
+    ls = identifier("ls", lowpass_hz=0.5, basis="physical", bootstrap=bootstrap)
+    error, reported = replicate(lap, ls, range(100))
+    spread = np.std(error, axis=0, ddof=1)
+    ratio = np.mean(reported, axis=0) / spread
+    bias = np.mean(error, axis=0)
+    covered = np.mean(np.abs(error) < 1.96 * reported, axis=0)
+    about_mean = np.mean(np.abs(error - bias) < 1.96 * reported, axis=0)
+    for k, dof in enumerate(AXES):
+        print(
+            f"{dof}: bias {100 * bias[k]:+.2f} %, spread {100 * spread[k]:.3f} %, reported/spread "
+            f"{ratio[k]:.2f}, 95 % intervals cover the truth in {100 * covered[k]:.0f} %, "
+            f"the mean estimate in {100 * about_mean[k]:.0f} %"
+        )
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
+    assert np.all(about_mean > 0.85)
+
+
+def test_the_textbook_error_would_be_too_small(lap, identifier) -> None:
+    ls = identifier("ls", lowpass_hz=0.5, basis="physical")
+    error, reported = replicate(lap, ls, range(12))
+    problem = lap("noise", 0).problem
+    samples = ls.samples(problem.training, problem.nominal, problem.thruster)
+    found = ls.identify(problem, np.random.default_rng(0))
+    rest = samples.epsilon - samples.phi @ found.residual.theta
+    covariance = np.linalg.inv(samples.phi.T @ samples.phi)
+    rows = [[str(one) for one in samples.terms].index(name) for name in NAMES]
+    truth = np.diag(lap("noise", 0).truth.inertia)
+    textbook = np.std(rest, axis=0) * np.sqrt(np.diag(covariance)[rows]) / truth
+    assert np.all(reported.mean(axis=0) > 2.0 * textbook)
+    assert np.all(np.std(error, axis=0, ddof=1) > 1.5 * textbook)
