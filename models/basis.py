@@ -1,9 +1,14 @@
 """Named basis functions of the motion, their parser and the compiled kernel.
 
 Every term is a product of up to three factors out of 1, x_i and |x_i|, where x is the vector of
-*variables* below: accelerations, velocities, attitude. Terms are written as in the literature:
+*variables* below: accelerations, velocities, attitude, and the motion through the air. Terms are
+written as in the literature:
 
-    1   u_dot   u   |u|u   u^3   |u|   u^2   vr   |r|v   |u||v|   cos(psi)   sin(theta)
+    1   u_dot   u   |u|u   u^3   |u|   u^2   vr   |r|v   |u||v|   cos(psi)   sin(theta)   V_qu_q
+
+`u`, `v`, ... are velocities through the water, which are those over ground where there is no
+current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
+Ljungberg) and `V_q` their norm, the relative wind speed.
 
 With z = [x, |x|] and the codes (a, b, c) of a term, phi = z_a z_b z_c. Codes are what the kernel
 evaluates; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
@@ -27,13 +32,14 @@ DOFS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 ACCELERATIONS = tuple(f"{name}_dot" for name in VELOCITIES)
 ATTITUDE = tuple(f"{f}({angle})" for angle in ("phi", "theta", "psi") for f in ("cos", "sin"))
-VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE)
+AIR = ("V_q", "u_q", "v_q")
+VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR)
 N_VARIABLES = len(VARIABLES)
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
 FACTORS = 3
 
 _FACTOR = re.compile(
-    r"\|(?P<abs>[a-z_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-z])"
+    r"\|(?P<abs>[a-zV_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-zV]_q|[a-z])"
 )
 _POWER = re.compile(r"\^([123])")
 
@@ -149,19 +155,25 @@ def evaluate(basis: Sequence[Term], x: Array) -> Array:
     return phi
 
 
-def variables(nu_dot: Array, nu: Array, attitude: Array, dofs: Sequence[str]) -> Array:
+def variables(
+    nu_dot: Array, nu: Array, attitude: Array, dofs: Sequence[str], wind: Array | None = None
+) -> Array:
     """Variables x of sampled motion, shape (N, N_VARIABLES).
 
     nu_dot [m/s^2, rad/s^2] and nu [m/s, rad/s] have shape (N, n_dof) with columns `dofs`;
-    attitude is (phi, theta, psi) [rad], shape (N, 3).
+    attitude is (phi, theta, psi) [rad], shape (N, 3). `wind` is the velocity of the air in body
+    axes [m/s], shape (N, 2); None is still air.
     """
     x = np.zeros((len(nu), N_VARIABLES))
     x[:, 0] = 1.0
     for column, dof in enumerate(dofs):
         x[:, INDEX[ACCELERATIONS[DOFS.index(dof)]]] = nu_dot[:, column]
         x[:, INDEX[VELOCITIES[DOFS.index(dof)]]] = nu[:, column]
-    x[:, INDEX["cos(phi)"] :: 2] = np.cos(attitude)
-    x[:, INDEX["sin(phi)"] :: 2] = np.sin(attitude)
+    angles = slice(INDEX["cos(phi)"], INDEX["cos(phi)"] + len(ATTITUDE))
+    x[:, angles][:, 0::2], x[:, angles][:, 1::2] = np.cos(attitude), np.sin(attitude)
+    through = x[:, [INDEX["u"], INDEX["v"]]] - (0.0 if wind is None else wind)
+    x[:, INDEX["u_q"]], x[:, INDEX["v_q"]] = through.T
+    x[:, INDEX["V_q"]] = np.hypot(*through.T)
     return x
 
 

@@ -1,15 +1,23 @@
-"""Disturbance cases: measurement noise and constant forces, realised from seeded generators."""
+"""Disturbance cases, composed of parts and realised from seeded generators.
+
+Noise has a generator of its own, the other parts share one and draw from it in a fixed way: a part
+that is added or left out does not change what the others realise.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from models import basis
 from models.basis import DOFS, Array
+from models.current import Current
+from models.dynamics import Weather
 from models.errors import ConfigurationError
-from models.simulation import Weather
 from models.vessel import PLANAR, Vessel
+from models.waves import Waves
+from models.wind import Wind
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,7 @@ class MeasurementNoise:
     angular_rate_deg_s: float
     acceleration_m_s2: float
     angular_acceleration_deg_s2: float
+    wind_m_s: float = 0.0  # of each body component of the measured wind
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -64,22 +73,102 @@ class ConstantForce:
 
 
 @dataclass(frozen=True)
+class ProcessNoise:
+    """White accelerations, held over a sample: eta of Bargouth (2022), (2.24)-(2.26).
+
+    `size` [m/s^2, rad/s^2], one a degree of freedom, is the standard deviation, or half the width
+    of a uniform distribution about zero.
+    """
+
+    size: tuple[float, ...]
+    distribution: Literal["normal", "uniform"]
+
+    def __post_init__(self) -> None:
+        if min(self.size, default=0.0) < 0.0:
+            raise ConfigurationError(f"size must not be negative, got {list(self.size)}")
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """One size a degree of freedom."""
+        if len(self.size) != len(dofs):
+            raise ConfigurationError(
+                f"disturbance.process.size: got {len(self.size)} numbers, expected {len(dofs)} "
+                f"for {', '.join(dofs)}"
+            )
+
+    def realise(self, n: int, rng: np.random.Generator) -> Array:
+        """Accelerations, shape (n, n_dof)."""
+        shape = (n, len(self.size))
+        normal = self.distribution == "normal"
+        drawn = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
+        return np.asarray(drawn * np.array(self.size), dtype=np.float64)
+
+
+@dataclass(frozen=True)
 class Disturbance:
     """A disturbance case, composed of parts; a part that is None is absent."""
 
-    noise: MeasurementNoise | None
-    force: ConstantForce | None
+    noise: MeasurementNoise | None = None
+    force: ConstantForce | None = None
+    wind: Wind | None = None
+    current: Current | None = None
+    waves: Waves | None = None
+    process: ProcessNoise | None = None
 
-    def realise(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
-        """One realisation of n control instants; the same generator gives the same weather."""
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError for a part that a vessel of these dofs cannot meet."""
+        for part in (self.wind, self.waves, self.process):
+            if part is not None:
+                part.check(dofs)
+
+    def realise(
+        self,
+        n: int,
+        dofs: Sequence[str],
+        noise_rng: np.random.Generator,
+        weather_rng: np.random.Generator | None = None,
+        period_s: float | None = None,
+    ) -> Weather:
+        """One realisation of n control instants; the same generators give the same weather.
+
+        `weather_rng` and the control period [s] are for wind, current, waves and process noise.
+        """
+        weather = self._steady(n, dofs, noise_rng)
+        if not (self.wind or self.current or self.waves or self.process):
+            return weather
+        if weather_rng is None or period_s is None:
+            raise TypeError("weather_rng and period_s are needed for what varies")
+        seeds = weather_rng.integers(0, 2**63, size=4)
+        wind_rng, current_rng, wave_rng, process_rng = (np.random.default_rng(s) for s in seeds)
+        if self.wind is not None:
+            deviation = 0.0 if self.noise is None else self.noise.wind_m_s
+            weather = weather._replace(
+                wind_ned=self.wind.realise(n, period_s, wind_rng),
+                wind_noise=deviation * noise_rng.standard_normal((n, 2)),
+            )
+        if self.current is not None:
+            weather = weather._replace(current_ned=self.current.realise(n, period_s, current_rng))
+        if self.waves is not None:
+            motion = self.waves.realise(n, period_s, wave_rng)
+            weather = weather._replace(wave_motion=motion, pose_noise=weather.pose_noise + motion)
+        if self.process is not None:
+            weather = weather._replace(process=self.process.realise(n, process_rng))
+        return weather
+
+    def _steady(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
+        """Measurement noise and the constant force."""
         deviations = np.zeros((3, len(dofs))) if self.noise is None else self.noise.deviations(dofs)
         draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
         force = np.zeros(len(dofs)) if self.force is None else self.force.ned(dofs)
         pose, velocity, acceleration = (np.ascontiguousarray(draws[:, i]) for i in range(3))
         return Weather(pose, velocity, acceleration, np.tile(force, (n, 1)))
 
+    def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
+        """The terms that the wind adds to the vessel that sails in it."""
+        if self.wind is None:
+            return Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
+        return self.wind.windage.table(dofs)
+
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """What the disturbance adds to the force a motion needs, as far as it is a table."""
-        if self.force is None:
-            return Vessel("undisturbed", dofs, (), np.zeros((0, len(dofs))))
-        return self.force.table(dofs)
+        table = self.aerodynamics(dofs)
+        return table if self.force is None else table + self.force.table(dofs)

@@ -25,6 +25,25 @@ def unroll(headings: Array) -> Array:
     return np.asarray(np.unwrap(headings, axis=0), dtype=np.float64)
 
 
+def in_body(ned: Array, psi: Array) -> Array:
+    """Horizontal vectors (north, east), shape (N, 2), seen from body axes at headings (N,)."""
+    c, s = np.cos(psi), np.sin(psi)
+    return np.stack([c * ned[:, 0] + s * ned[:, 1], c * ned[:, 1] - s * ned[:, 0]], axis=1)
+
+
+def through_water(nu_dot: Array, nu: Array, psi: Array, current_ned: Array) -> tuple[Array, Array]:
+    """Acceleration and velocity through a stream that is constant in NED, planar, shape (N, 3).
+
+    nu_r = nu - nu_c and nu_r_dot = nu_dot + S(omega) nu_c; current_ned [m/s], shape (N, 2).
+    """
+    stream = in_body(current_ned, psi)
+    nu_r, nu_r_dot = nu.copy(), nu_dot.copy()
+    nu_r[:, :2] -= stream
+    nu_r_dot[:, 0] -= nu[:, 2] * stream[:, 1]
+    nu_r_dot[:, 1] += nu[:, 2] * stream[:, 0]
+    return nu_r_dot, nu_r
+
+
 def body_velocity(eta_dot: Array, psi: float) -> Array:
     """nu = R(psi)' eta_dot for planar motion; eta_dot NED [m/s, m/s, rad/s], shape (3,)."""
     return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)

@@ -23,7 +23,8 @@ class Recording:
 
     `tau` is the commanded force; `tau_filtered` the command passed through a known thruster
     lag; `tau_actual` the acting force where it was measured (or simulated). Forces at a row act
-    at its instant, the command at a row is applied from its instant on.
+    at its instant, the command at a row is applied from its instant on. `wind` is the measured
+    velocity of the air.
     """
 
     dofs: tuple[str, ...]
@@ -35,6 +36,7 @@ class Recording:
     attitude: Array  # (N, 3) (phi, theta, psi) [rad]
     tau_filtered: Array | None = None
     tau_actual: Array | None = None
+    wind: Array | None = None  # (N, 2) velocity of the air in body axes [m/s]
 
     def __post_init__(self) -> None:
         if len(self.t) < 2:
@@ -64,6 +66,7 @@ class Recording:
             self, t=self.t[mask], eta=self.eta[mask], nu=self.nu[mask], nu_dot=self.nu_dot[mask],
             tau=self.tau[mask], attitude=self.attitude[mask],
             tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
+            wind=cut(self.wind),
         )  # fmt: skip
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
@@ -92,7 +95,7 @@ class Recording:
 
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
-        return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs)
+        return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind)
 
     def lowpass(self, cutoff_hz: float | None, drop_s: float = 2.0) -> "Recording":
         """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
@@ -128,6 +131,7 @@ class Recording:
             self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),
             tau_filtered=None if self.tau_filtered is None else smooth(self.tau_filtered),
             tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
+            wind=None if self.wind is None else smooth(self.wind),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
 

@@ -1,6 +1,11 @@
 """A vessel is a coefficient table: the force a motion needs is linear in its coefficients.
 
-    tau[dof] = sum_k theta[k, dof] phi_k(nu_dot, nu, attitude)
+    tau[dof] = sum_k theta[k, dof] phi_k(nu_dot, nu, attitude, nu_q)
+
+In a current nu and nu_dot are those through the water: in a uniform stream a vessel behaves as in
+still water, seen from the water. That holds for the rigid body too (Fossen (2011), property 8.1),
+so a table needs no parting into rigid-body and hydrodynamic terms. Velocities through the air,
+nu_q, are variables of their own.
 
 The nominal model, the true plant, a residual model and the improved model F1 = F0 + Theta Phi
 (Jervan (2020), eq. (3.22)) are the same type; improving again is addition. Inverse dynamics
@@ -15,7 +20,17 @@ from typing import NamedTuple
 import numpy as np
 
 from models import basis
-from models.basis import ACCELERATIONS, DOFS, INDEX, N_VARIABLES, VELOCITIES, Array, Codes, Term
+from models.basis import (
+    ACCELERATIONS,
+    AIR,
+    DOFS,
+    INDEX,
+    N_VARIABLES,
+    VELOCITIES,
+    Array,
+    Codes,
+    Term,
+)
 from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 
@@ -46,6 +61,7 @@ class ForceTable(NamedTuple):
     theta: Array
     acceleration_index: Codes
     velocity_index: Codes
+    aerodynamic: bool  # it has terms in the velocity through the air
 
 
 class PlantTable(NamedTuple):
@@ -55,6 +71,8 @@ class PlantTable(NamedTuple):
     theta: Array
     inverse_inertia: Array
     velocity_index: Codes
+    aerodynamic: bool  # it has terms in the velocity through the air
+    turning: bool  # it has Coriolis forces, so that a stream turns in its axes when it turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +122,41 @@ class Vessel:
         """theta of one term in one degree of freedom."""
         return float(self.row(name)[self.dofs.index(dof)])
 
-    def variables(self, nu_dot: Array, nu: Array, attitude: Array | None = None) -> Array:
-        """Variables of sampled motion, shape (N, N_VARIABLES); attitude defaults to level north."""
-        level = np.zeros((len(nu), 3)) if attitude is None else attitude
-        return basis.variables(nu_dot, nu, level, self.dofs)
+    def variables(
+        self,
+        nu_dot: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
+        """Variables of sampled motion, shape (N, N_VARIABLES).
 
-    def inverse(self, nu_dot: Array, nu: Array, attitude: Array | None = None) -> Array:
+        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level north, and `wind`, the
+        velocity of the air in body axes [m/s], shape (N, 2), to still air.
+        """
+        level = np.zeros((len(nu), 3)) if attitude is None else attitude
+        return basis.variables(nu_dot, nu, level, self.dofs, wind)
+
+    def inverse(
+        self,
+        nu_dot: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
         """Force that the motion needs [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
-        x = self.variables(nu_dot, nu, attitude)
+        x = self.variables(nu_dot, nu, attitude, wind)
         return np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
 
-    def forward(self, tau: Array, nu: Array, attitude: Array | None = None) -> Array:
+    def forward(
+        self,
+        tau: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
         """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu))."""
-        rest = self.inverse(np.zeros_like(nu), nu, attitude)
+        rest = self.inverse(np.zeros_like(nu), nu, attitude, wind)
         return np.asarray(np.linalg.solve(self.inertia, (tau - rest).T).T, dtype=np.float64)
 
     def __add__(self, other: "Vessel") -> "Vessel":
@@ -155,6 +195,7 @@ class Vessel:
             np.ascontiguousarray(self.theta[kept]),
             np.array([INDEX[name] for name in self.accelerations]),
             np.array([INDEX[name] for name in self.velocities]),
+            self._has(kept, AIR),
         )
 
     def plant_table(self) -> PlantTable:
@@ -183,7 +224,22 @@ class Vessel:
             np.ascontiguousarray(self.theta[kept]),
             np.ascontiguousarray(np.linalg.inv(self.inertia)),
             np.array([INDEX[name] for name in self.velocities]),
+            self._has(kept, AIR),
+            self.turning,
         )
+
+    @property
+    def turning(self) -> bool:
+        """Whether the table has Coriolis forces: a force from velocity times rate of turn."""
+        linear = [i for i, dof in enumerate(self.dofs) if dof in DOFS[:3]]
+        products = [basis.term(a + b) for a in VELOCITIES[:3] for b in VELOCITIES[3:]]
+        rows = [self.theta[self.terms.index(one)] for one in products if one in self.terms]
+        return any(bool(np.any(row[linear] != 0.0)) for row in rows)
+
+    def _has(self, kept: Sequence[int], names: Sequence[str]) -> bool:
+        """Whether one of some terms has one of some variables."""
+        wanted = {INDEX[name] for name in names}
+        return any(wanted & {code % N_VARIABLES for code in self.terms[i].codes} for i in kept)
 
 
 def coefficient_unit(one: Term, dof: str) -> str:
@@ -191,8 +247,8 @@ def coefficient_unit(one: Term, dof: str) -> str:
     metres, seconds = (1, -2) if FORCE_UNIT[dof] == "N" else (2, -2)
     for code in one.codes:
         name = basis.VARIABLES[code % N_VARIABLES]
-        if name in VELOCITIES or name in ACCELERATIONS:
-            metres -= 1 if name[0] in VELOCITIES[:3] else 0
+        if name in (*VELOCITIES, *ACCELERATIONS, *AIR):
+            metres -= 0 if name[0] in VELOCITIES[3:] else 1
             seconds += 2 if name in ACCELERATIONS else 1
     if (metres, seconds) in ((1, -2), (2, -2)):
         return "N" if metres == 1 else "Nm"
@@ -256,13 +312,19 @@ def from_derivatives(
     vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
     if with_coriolis:
         vessel = vessel + coriolis(matrix, dofs)
+    return vessel + derivative_table(name, dofs, derivatives)
+
+
+def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
+    """The table of hydrodynamic (or wind) derivatives alone: entries are minus the derivatives."""
+    table = Vessel(name, tuple(dofs), (), np.zeros((0, len(dofs))))
     for key, value in derivatives.items():
         dof, one = parse_derivative(key)
         if dof not in dofs:
             raise ConfigurationError(f"derivatives.{key}: {name} has no {dof}")
         row = np.array([[-value if d == dof else 0.0 for d in dofs]])
-        vessel = vessel + Vessel(name, tuple(dofs), (one,), row)
-    return vessel
+        table = table + Vessel(name, tuple(dofs), (one,), row)
+    return table
 
 
 def parse_derivative(key: str) -> tuple[str, Term]:
@@ -285,6 +347,19 @@ def fill_variables(z: Array, index: Codes, values: Array) -> None:
 
 
 fill_variables_kernel = lean_kernel(fill_variables)
+
+SPEED_Q, U_Q, V_Q = (INDEX[name] for name in AIR)
+
+
+def fill_air(z: Array, ahead: float, aside: float) -> None:
+    """Write the velocity through the air [m/s] and its norm, and their magnitudes, into z."""
+    speed = np.sqrt(ahead * ahead + aside * aside)
+    z[U_Q], z[V_Q], z[SPEED_Q] = ahead, aside, speed
+    z[N_VARIABLES + U_Q], z[N_VARIABLES + V_Q] = abs(ahead), abs(aside)
+    z[N_VARIABLES + SPEED_Q] = speed
+
+
+fill_air_kernel = lean_kernel(fill_air)
 
 
 def weighted_sum(theta: Array, phi: Array, out: Array) -> None:

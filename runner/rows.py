@@ -7,6 +7,7 @@ import numpy as np
 
 from models import metrics as measure
 from models.basis import Array, Term
+from models.dynamics import Weather
 from models.identification.problem import Identified, lack_of_fit
 from models.recording import Recording
 from models.simulation import Voyage
@@ -182,6 +183,7 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     """Units of series columns by their names."""
     force = {dof: FORCE_UNIT[dof] for dof in dofs}
     units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
+    units |= {f"{what}_{way}": "m/s" for what in ("wind", "current") for way in ("north", "east")}
     units |= {name: POSE_UNIT[force[dof]] for name, dof in zip(poses_of(dofs), dofs, strict=True)}
     for dof, speed, acceleration in zip(
         dofs, velocities_of(dofs), accelerations_of(dofs), strict=True
@@ -191,7 +193,7 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
 
     def unit(column: str) -> str:
         return (
-            units.get(column.removesuffix("_d"))
+            units.get(column.removesuffix("_d").removeprefix("wave_").removeprefix("process_"))
             or units.get(column)
             or force.get(column.rpartition("_")[2], "")
         )
@@ -199,8 +201,20 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     return {column: unit(column) for column in columns}
 
 
-def recording_series(recording: Recording, training: Array) -> Series:
-    """The whole recording, as measured."""
+def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
+    """The realised disturbances that vary, as far as they are present."""
+    ways = ("north", "east")
+    parts = (
+        ([f"wind_{way}" for way in ways], weather.wind_ned),
+        ([f"current_{way}" for way in ways], weather.current_ned),
+        ([f"wave_{name}" for name in poses_of(dofs)], weather.wave_motion),
+        ([f"process_{name}" for name in accelerations_of(dofs)], weather.process),
+    )
+    return {k: v for names, part in parts if len(part) for k, v in _columns(names, part).items()}
+
+
+def recording_series(recording: Recording, training: Array, weather: Weather | None) -> Series:
+    """The whole recording, as measured, and the weather that was sailed in."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}
     columns |= _columns(poses_of(dofs), recording.eta)
@@ -209,6 +223,8 @@ def recording_series(recording: Recording, training: Array) -> Series:
     columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
     if recording.tau_actual is not None:
         columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
+    if weather is not None:
+        columns |= _weather(weather, dofs)
     return Series("recording", columns, _units(dofs, columns))
 
 
@@ -228,7 +244,7 @@ def residual_series(excited: "Excited", nominal: Vessel, identified: Identified)
 
 
 def deployment_series(voyage: Voyage, model: str) -> Series:
-    """A sailed mission: true pose, reference, velocities, forces and errors over time."""
+    """A sailed mission: true pose, reference, velocities, forces, errors and weather over time."""
     log, dofs = voyage.log, voyage.dofs
     columns = {"t": voyage.t}
     columns |= _columns(poses_of(dofs), log.eta)
@@ -240,4 +256,5 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
     if dofs == PLANAR:
         columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)
+    columns |= _weather(voyage.weather, dofs)
     return Series(f"deployment_{model}", columns, _units(dofs, columns))

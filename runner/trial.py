@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.disturbance import Disturbance
+from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
 from models.excitation.mission import Mission, Replay
 from models.identification.problem import Identified, Problem
@@ -52,6 +53,7 @@ class Excited:
     training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
     testing: NDArray[np.bool_]
     truth: Vessel | None  # the plant's table with the disturbance's share
+    weather: Weather | None  # what the recording was sailed in
 
 
 def streams(seed: int) -> Streams:
@@ -73,6 +75,8 @@ def check(trial: Trial) -> None:
     trial.excitation.check(dofs)
     if measured:
         trial.excitation.read(dofs)  # a damaged file is a wrong option, not a failed trial
+    else:
+        trial.disturbance.check(dofs)
     if trial.evaluation is not None and not measured:
         trial.evaluation.check(dofs)
     if trial.controller is not None:
@@ -99,7 +103,7 @@ def run(trial: Trial) -> Results:
         coefficients=rows.coefficients(problem.nominal, identified, excited.truth),
         diagnostics=rows.diagnostics(identified),
         series=[
-            rows.recording_series(excited.recording, excited.training),
+            rows.recording_series(excited.recording, excited.training, excited.weather),
             rows.residual_series(excited, problem.nominal, identified),
         ],
         note=skipped(trial),
@@ -121,13 +125,15 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
     """Sail the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
     if isinstance(trial.excitation, RecordedFile):
-        recording, truth = trial.excitation.read(vessel.dofs), None
+        recording, truth, weather = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
-        _, recording = sail_mission(trial, seeds, model, trial.excitation)
+        voyage, recording = sail_mission(trial, seeds, model, trial.excitation)
+        weather = voyage.weather
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
-    return Excited(recording.with_thruster(vessel.thruster), split.train, split.test, truth)
+    recording = recording.with_thruster(vessel.thruster)
+    return Excited(recording, split.train, split.test, truth, weather)
 
 
 def sail_mission(
@@ -139,8 +145,15 @@ def sail_mission(
     period = trial.sample_time_s
     n = round(mission.duration_s / period)
     start = np.zeros(len(vessel.dofs))
-    weather = disturbance.realise(n, vessel.dofs, np.random.default_rng(seeds.noise))
-    plant = Plant(trial.plant_scale * vessel.nominal(), vessel.thruster, vessel.velocity_limits)
+    weather = disturbance.realise(
+        n,
+        vessel.dofs,
+        np.random.default_rng(seeds.noise),
+        np.random.default_rng(seeds.disturbance),
+        period,
+    )
+    table = trial.plant_scale * vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
+    plant = Plant(table, vessel.thruster, vessel.velocity_limits)
     voyage = sail(
         plant,
         weather,

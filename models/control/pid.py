@@ -7,12 +7,14 @@ import numpy as np
 
 from models.basis import N_VARIABLES, Array, features_kernel
 from models.compiled import lean_kernel
+from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS, COS_PSI, SIN_PSI
+from models.simulation import CONTROLLERS
 from models.vessel import (
     PLANAR,
     ForceTable,
     Vessel,
+    fill_air_kernel,
     fill_variables_kernel,
     weighted_sum_kernel,
 )
@@ -64,6 +66,8 @@ def _step(
             pid.z[COS_PSI], pid.z[SIN_PSI] = np.cos(eta_d[2]), np.sin(eta_d[2])
             pid.z[N_VARIABLES + COS_PSI] = abs(pid.z[COS_PSI])
             pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
+        if pid.model.aerodynamic and nu_d.shape[0] > 1:  # the wind is not known: still air
+            fill_air_kernel(pid.z, nu_d[0], nu_d[1])
         features_kernel(pid.model.codes, pid.z, pid.phi)
         weighted_sum_kernel(pid.model.theta, pid.phi, tau)
     if pid.feedback:

@@ -1,0 +1,264 @@
+"""Rates of pose and velocity, and their integration over a control period.
+
+    eta_dot = J(eta) nu,    nu_dot = M^-1 (tau + J(eta)' f - F(0, nu_r, attitude, nu_q)) + w
+
+with the force f given in NED, the velocity through the water nu_r = nu - nu_c, that through the
+air nu_q = nu - nu_w, and the process noise w. A stream that is constant in NED turns in body axes
+with the vessel, d nu_c / dt = -S(omega) nu_c: in a uniform current a vessel moves as in still
+water, seen from the water (Fossen (2011), section 8.3.1). A table without Coriolis forces leaves
+this out as it leaves them out. A current that varies is taken as constant over a control period:
+the forces of accelerated water are neglected.
+
+The kinematics J are chosen by the type of a named tuple (`Axes`, `Planar`), so that each is
+compiled without the others.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.extending import overload
+
+from models.basis import INDEX, N_VARIABLES, Array, features_kernel
+from models.compiled import lean_kernel
+from models.thruster import LagTable, step_lag_kernel
+from models.vessel import (
+    PLANAR,
+    PlantTable,
+    fill_air_kernel,
+    fill_variables_kernel,
+    weighted_sum_kernel,
+)
+
+COS_PSI = INDEX["cos(psi)"]
+SIN_PSI = INDEX["sin(psi)"]
+
+RATES: dict[type, Callable[..., None]] = {}
+
+
+class Axes(NamedTuple):
+    """Every velocity is integrated along its own axis, the vessel level and heading north."""
+
+    north: int  # the degree of freedom along north and the one along east; -1 is none
+    east: int
+
+
+class Planar(NamedTuple):
+    """Surge, sway and yaw; the pose is (x, y, psi) in NED."""
+
+    heading: int = 2
+
+
+def kinematics_of(dofs: tuple[str, ...]) -> Axes | Planar:
+    """The kinematics of a vessel."""
+    if dofs == PLANAR:
+        return Planar()
+    return Axes(*(dofs.index(dof) if dof in dofs else -1 for dof in ("surge", "sway")))
+
+
+class Weather(NamedTuple):
+    """Realised disturbances, one row a control instant; SI units. What is absent has no rows."""
+
+    pose_noise: Array  # (N, n_dof), added to the measured pose
+    velocity_noise: Array  # (N, n_dof)
+    acceleration_noise: Array  # (N, n_dof), in the log only
+    force_ned: Array  # (N, n_dof), NED [N, N, Nm]; along the axis where there is no heading
+    current_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the water, north and east
+    wind_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the air
+    wind_noise: Array = np.zeros((0, 2))  # (N, 2), added to the measured wind, body axes
+    process: Array = np.zeros((0, 0))  # (N, n_dof) accelerations [m/s^2, rad/s^2]
+    wave_motion: Array = np.zeros((0, 0))  # (N, n_dof), the part of pose_noise that waves make
+
+    def sailed(self) -> "Weather":
+        """The same with zeros for what the equations of motion need and is absent."""
+        n, n_dof = self.force_ned.shape
+        return self._replace(
+            current_ned=_rows(self.current_ned, n, 2),
+            wind_ned=_rows(self.wind_ned, n, 2),
+            process=_rows(self.process, n, n_dof),
+        )
+
+
+def _rows(values: Array, n: int, columns: int) -> Array:
+    return values if len(values) else np.zeros((n, columns))
+
+
+class Scratch(NamedTuple):
+    """Work space of the right-hand side."""
+
+    z: Array
+    phi: Array
+    rest: Array
+    through: Array  # velocity through the water
+    tau: Array  # acting force at a stage
+    nu: Array  # velocity and pose at a stage, their rates, and the weighted sums of these
+    nu_dot: Array
+    nu_sum: Array
+    eta: Array
+    eta_dot: Array
+    eta_sum: Array
+
+
+def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
+    """Work space for a plant of some terms, velocities and pose coordinates."""
+    z = np.zeros(2 * N_VARIABLES)
+    z[0] = z[N_VARIABLES] = 1.0
+    velocities = (np.zeros(n_dof) for _ in range(6))
+    poses = (np.zeros(n_pose) for _ in range(3))
+    return Scratch(z, np.empty(n_terms), *velocities, *poses)
+
+
+def rates(
+    kinematics: Any, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Write eta_dot and nu_dot under the force tau and row k of the weather."""
+    RATES[type(kinematics)](kinematics, plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
+
+
+LEAN: Any = {"_nrt": False, "forceinline": True}  # as `lean_kernel`: it is the innermost call
+
+
+@overload(rates, jit_options=LEAN)
+def _rates(
+    kinematics: Any, plant: Any, eta: Any, nu: Any, tau: Any, weather: Any, k: Any, work: Any,
+    eta_dot: Any, nu_dot: Any,
+) -> Any:  # fmt: skip
+    step = RATES[kinematics.instance_class]
+
+    def chosen(
+        kinematics: Any, plant: Any, eta: Any, nu: Any, tau: Any, weather: Any, k: Any, work: Any,
+        eta_dot: Any, nu_dot: Any,
+    ) -> None:  # fmt: skip
+        step(kinematics, plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
+
+    return chosen
+
+
+@lean_kernel
+def unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
+    """rest = tau - F(0, nu_r, attitude, nu_q), of the variables that stand in the work space."""
+    features_kernel(plant.codes, work.z, work.phi)
+    weighted_sum_kernel(plant.theta, work.phi, work.rest)
+    for i in range(tau.shape[0]):
+        work.rest[i] = tau[i] - work.rest[i]
+
+
+@lean_kernel
+def accelerate(plant: PlantTable, rest: Array, process: Array, nu_dot: Array) -> None:
+    """nu_dot = M^-1 rest + w."""
+    n = rest.shape[0]
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += plant.inverse_inertia[i, j] * rest[j]
+        nu_dot[i] = total + process[i]
+
+
+@lean_kernel
+def _axes_rates(
+    axes: Axes, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
+    work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Each axis alone; a current along north and east meets surge and sway."""
+    for i in range(nu.shape[0]):
+        eta_dot[i] = work.through[i] = nu[i]
+    if axes.north >= 0:
+        work.through[axes.north] -= weather.current_ned[k, 0]
+    if axes.east >= 0:
+        work.through[axes.east] -= weather.current_ned[k, 1]
+    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+    if plant.aerodynamic:
+        ahead = nu[axes.north] - weather.wind_ned[k, 0] if axes.north >= 0 else 0.0
+        aside = nu[axes.east] - weather.wind_ned[k, 1] if axes.east >= 0 else 0.0
+        fill_air_kernel(work.z, ahead, aside)
+    unmet_force(plant, tau, work)
+    for i in range(nu.shape[0]):
+        work.rest[i] += weather.force_ned[k, i]
+    accelerate(plant, work.rest, weather.process[k], nu_dot)
+
+
+RATES[Axes] = _axes_rates
+
+
+@lean_kernel
+def _planar_rates(
+    planar: Planar, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
+    work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """eta_dot = R(psi) nu; vectors in NED are seen from body axes by R(psi)'."""
+    c, s = np.cos(eta[2]), np.sin(eta[2])
+    work.z[COS_PSI], work.z[SIN_PSI] = c, s
+    work.z[N_VARIABLES + COS_PSI], work.z[N_VARIABLES + SIN_PSI] = abs(c), abs(s)
+    eta_dot[0] = c * nu[0] - s * nu[1]
+    eta_dot[1] = s * nu[0] + c * nu[1]
+    eta_dot[2] = nu[2]
+    north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
+    ahead, aside = c * north + s * east, c * east - s * north
+    work.through[0], work.through[1], work.through[2] = nu[0] - ahead, nu[1] - aside, nu[2]
+    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+    if plant.aerodynamic:
+        north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
+        fill_air_kernel(work.z, nu[0] - (c * north + s * east), nu[1] - (c * east - s * north))
+    unmet_force(plant, tau, work)
+    north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
+    work.rest[0] += c * north + s * east
+    work.rest[1] += c * east - s * north
+    work.rest[2] += weather.force_ned[k, 2]
+    accelerate(plant, work.rest, weather.process[k], nu_dot)
+    if plant.turning:
+        nu_dot[0] += nu[2] * aside
+        nu_dot[1] -= nu[2] * ahead
+
+
+RATES[Planar] = _planar_rates
+
+
+@lean_kernel
+def _runge_kutta(
+    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
+    nu: Array, weather: Weather, k: int, h: float, work: Scratch,
+) -> None:  # fmt: skip
+    """One classical Runge-Kutta step of eta, nu and (exactly) of the thrust (n_dof, 2), in place.
+
+    The stages stand at 0, h/2, h/2 and h; `lag` is the thruster's step of h/2.
+    """
+    for i in range(eta.shape[0]):
+        work.eta[i], work.eta_sum[i] = eta[i], 0.0
+    for i in range(nu.shape[0]):
+        work.nu[i], work.nu_sum[i] = nu[i], 0.0
+    for stage in range(4):
+        if stage == 1 or stage == 3:
+            step_lag_kernel(lag, thrust, command)
+        for i in range(nu.shape[0]):
+            work.tau[i] = thrust[i, 0]
+        rates(
+            kinematics, plant, work.eta, work.nu, work.tau, weather, k, work, work.eta_dot,
+            work.nu_dot,
+        )  # fmt: skip
+        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+        reach = h if stage == 2 else 0.5 * h
+        for i in range(eta.shape[0]):
+            work.eta_sum[i] += weight * work.eta_dot[i]
+            work.eta[i] = eta[i] + reach * work.eta_dot[i]
+        for i in range(nu.shape[0]):
+            work.nu_sum[i] += weight * work.nu_dot[i]
+            work.nu[i] = nu[i] + reach * work.nu_dot[i]
+    for i in range(eta.shape[0]):
+        eta[i] += work.eta_sum[i]
+    for i in range(nu.shape[0]):
+        nu[i] += work.nu_sum[i]
+
+
+@lean_kernel
+def advance(
+    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
+    nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
+) -> None:  # fmt: skip
+    """Advance pose, velocity and thrust (n_dof, 2) over one control period; command held."""
+    if lag.direct:
+        step_lag_kernel(lag, thrust, command)
+    for _ in range(substeps):
+        _runge_kutta(
+            kinematics, plant, lag, thrust, command, eta, nu, weather, k, h, work,
+        )  # fmt: skip

@@ -1,0 +1,65 @@
+"""Coloured noise: linear systems driven by white noise, sampled exactly; smoothed random levels."""
+
+import numpy as np
+
+from models.basis import Array
+from models.compiled import kernel
+
+
+@kernel
+def _filter(transition: Array, draws: Array, states: Array) -> None:
+    """x_{k+1} = transition x_k + draws_k, in place from states[0]; all (N, m) but (m, m)."""
+    for k in range(states.shape[0] - 1):
+        for i in range(states.shape[1]):
+            total = draws[k, i]
+            for j in range(states.shape[1]):
+                total += transition[i, j] * states[k, j]
+            states[k + 1, i] = total
+
+
+def gauss_markov(
+    n: int, period_s: float, system: Array, deviation: Array, rng: np.random.Generator
+) -> Array:
+    """A stationary Gaussian process dx = system x dt + noise, shape (n, m), sampled exactly.
+
+    `deviation` (m, m) is a Cholesky factor of its covariance P: with Phi = exp(system h) a step is
+    x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
+    """
+    from scipy.linalg import expm
+
+    transition = expm(system * period_s)
+    covariance = deviation @ deviation.T
+    innovation = covariance - transition @ covariance @ transition.T
+    draws = rng.standard_normal((n, len(system)))
+    states = np.empty((n, len(system)))
+    states[0] = deviation @ draws[0]
+    _filter(np.ascontiguousarray(transition), draws[1:] @ _square_root(innovation).T, states)
+    return states
+
+
+def _square_root(covariance: Array) -> Array:
+    """L with L L' = covariance, nearly singular for a step much shorter than a period."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def first_order(
+    n: int, period_s: float, deviation: float, time_constant_s: float, rng: np.random.Generator
+) -> Array:
+    """First-order Gauss-Markov process, x_dot = -x / T + noise, shape (n,)."""
+    system, spread = np.array([[-1.0 / time_constant_s]]), np.array([[deviation]])
+    return gauss_markov(n, period_s, system, spread, rng)[:, 0]
+
+
+def smoothed_levels(n: int, rng: np.random.Generator, levels: int = 4) -> Array:
+    """Random levels in (0, 1), each for its share of n samples, smoothed. Bargouth, appendix F.
+
+    The smoothing is a moving average over half of the samples, over fewer near the ends, so that
+    it stays centred (MATLAB's `smooth(A, 0.5)`). Shape (n,).
+    """
+    drawn = rng.random(levels)[np.minimum(np.arange(n) * levels // max(n, 1), levels - 1)]
+    reach = max((n // 2 - 1 + n // 2 % 2) // 2, 0)  # an odd span of about n / 2
+    index = np.arange(n)
+    half = np.minimum(np.minimum(index, n - 1 - index), reach)
+    total = np.concatenate([[0.0], np.cumsum(drawn)])
+    return np.asarray((total[index + half + 1] - total[index - half]) / (2 * half + 1))
