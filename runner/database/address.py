@@ -27,7 +27,7 @@ class Address:
 
     def __str__(self) -> str:
         """How it is named to people: the file, or the URL without its password."""
-        return str(self.path) if self.path else display_url(self.url)
+        return str(self.path or display_url(self.url.set(drivername="postgresql")))
 
 
 def parse(url: str) -> Address:

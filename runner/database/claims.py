@@ -105,7 +105,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         "attempt": attempt,
         "status": "running",
         **{name: getattr(start, name) for name in _CHOICES},
-        "seed": start.seed,
+        "seed": int(start.seed),
         "config": clean(start.config),
         "overrides": clean(start.overrides),
         "git_commit": start.git_commit,

@@ -26,7 +26,7 @@ from runner.database.claims import claim, clean, give_up
 from runner.database.heartbeat import Heartbeat
 from runner.database.reading import Reader
 from runner.database.records import Begun, Ending, Pruned, Results, RunStart, SeriesFile
-from runner.database.values import number
+from runner.database.values import integer, number
 
 
 class Logbook(Reader):
@@ -205,7 +205,10 @@ def _insert_results(
             vars(one) | _numbers(one, "value", "std_error", "true_value")
             for one in results.coefficients
         ],
-        tables.Diagnostic: [vars(one) | _numbers(one, "value") for one in results.diagnostics],
+        tables.Diagnostic: [
+            vars(one) | _numbers(one, "value") | {"i": integer(one.i), "j": integer(one.j)}
+            for one in results.diagnostics
+        ],
         tables.Series: [vars(file) for file in written],
     }
     for table, facts in rows.items():

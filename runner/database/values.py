@@ -15,6 +15,11 @@ def number(value: Any) -> float | None:
     return None if math.isnan(as_float) else as_float
 
 
+def integer(value: Any) -> int | None:
+    """`value` as an int of Python's own; None as None."""
+    return None if value is None else int(value)
+
+
 def text(value: str) -> str:
     """`value` without what PostgreSQL refuses in text: NUL and halves of surrogate pairs."""
     return value.replace("\x00", "\\x00").encode("utf-8", "backslashreplace").decode("utf-8")

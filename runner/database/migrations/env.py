@@ -1,10 +1,14 @@
 """How Alembic runs here: on a connection that is handed in, within its transaction."""
 
+import logging
+
 from alembic import context
 from sqlalchemy import Connection
 
 from runner.database.schema import VERSION_TABLE
 from runner.database.tables import Base
+
+logging.getLogger("alembic").setLevel(logging.WARNING)  # `schema` says that it upgrades
 
 connection: Connection = context.config.attributes["connection"]
 context.configure(

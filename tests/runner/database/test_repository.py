@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.errors import LogbookError
-from runner.database import Logbook, Metric, Reader, Results, Series
+from runner.database import Diagnostic, Logbook, Metric, Reader, Results, Series
 from runner.database.tables import Run
 from tests.runner.database.samples import make_results, make_start
 
@@ -48,6 +48,14 @@ def test_not_a_number_is_null_and_infinity_stays(logbook: Logbook) -> None:
     ]
     logbook.finish_run(run, Results(metrics=metrics))
     assert [m.value for m in logbook.metrics(run)] == [None, 2.5, math.inf, None, 3.0]
+
+
+def test_numbers_of_numpy_are_stored_as_numbers(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start(seed=np.int64(3))).run_id
+    one = Diagnostic("surface", "yaw", np.int64(2), np.int32(5), None, np.float32(0.5), "N^2")  # type: ignore[arg-type]
+    logbook.finish_run(run, Results(diagnostics=[one]))
+    assert logbook.diagnostics(run) == [Diagnostic("surface", "yaw", 2, 5, None, 0.5, "N^2")]
+    assert logbook.run(run).summary.seed == 3
 
 
 def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(logbook: Logbook) -> None:

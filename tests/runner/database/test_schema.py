@@ -11,28 +11,14 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, inspect, text
+from sqlalchemy import Connection, inspect
 
 from models.errors import LogbookError
 from runner.database import Logbook, Results, engine, schema, views
 from runner.database.address import parse
 from runner.database.tables import Base
+from tests.runner.database.former import insert_first_results, migrated
 from tests.runner.database.samples import make_results, make_start
-
-FIRST_VIEW = "CREATE VIEW run_overview AS SELECT id, status, vessel FROM run"
-
-
-def migrated(url: str, revision: str) -> None:
-    """An empty database, brought to a revision by the migrations alone."""
-    address = parse(url)
-    if address.path is not None:
-        address.path.parent.mkdir(parents=True, exist_ok=True)
-    writer = engine.writer(address, foreign_keys=False)
-    with writer.begin() as connection:
-        schema.migrate(connection, revision)
-        if revision == "0001":
-            connection.exec_driver_sql(FIRST_VIEW)
-    writer.dispose()
 
 
 def options(index: Any) -> Any:
@@ -89,35 +75,6 @@ def test_made_at_once_is_equal_to_migrated(url: str, tmp_path: Path, request: An
             assert (table, part, found) == (table, part, seen[1][table][part])
     assert seen[0].keys() == seen[1].keys()
     assert seen[0].keys() == {*Base.metadata.tables, schema.VERSION_TABLE}
-
-
-def insert_first_results(url: str) -> None:
-    """Two sweeps' worth of rows as the first revision wrote them."""
-    writer = engine.writer(parse(url))
-    run = (
-        "INSERT INTO run (sweep_id, fingerprint, attempt, status, vessel, disturbance, excitation,"
-        " identifier, controller, evaluation, seed, config, overrides, versions, host, pid,"
-        " started_at) VALUES (1, :fingerprint, 1, :status, 'milliampere', 'calm', 'waypoints',"
-        " 'ls', 'pid', 'replay', 0, '{}', '[]', '{}', 'boat', 1, '2026-01-02 03:04:05.000000')"
-    )
-    with writer.begin() as connection:
-        connection.execute(
-            text(
-                "INSERT INTO sweep (name, command, overrides, planned, started_at, host, pid)"
-                " VALUES ('s', 'c', '[]', 2, '2026-01-02 03:04:05.000000', 'boat', 1)"
-            )
-        )
-        for number, status in enumerate(("finished", "running")):
-            connection.execute(text(run), {"fingerprint": f"{number:064x}", "status": status})
-        for number in (1, 2):
-            connection.execute(
-                text(
-                    "INSERT INTO metric (run_id, stage, model, dof, name, value, unit)"
-                    " VALUES (:run, 'validation', 'plant', 'surge', 'force_mse', 2.5, 'N^2')"
-                ),
-                {"run": number},
-            )
-    writer.dispose()
 
 
 def test_a_logbook_of_the_first_revision_is_upgraded_with_its_data(
@@ -245,7 +202,8 @@ def test_an_empty_file_becomes_a_logbook(tmp_path: Path) -> None:
     url = URL.create("sqlite", database=str(path)).render_as_string()
     with Logbook.open(url, results_dir=tmp_path) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, Results())
-    assert len(Logbook.read(url).runs()) == 1
+    with Logbook.read(url) as reader:
+        assert len(reader.runs()) == 1
     assert path.stat().st_size > 0
 
 

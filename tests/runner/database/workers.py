@@ -62,6 +62,10 @@ def _work(task: Callable[..., None], url: str, folder: Path, number: int, said: 
             raise
 
 
+def do_nothing(logbook: Logbook, number: int, say: Say) -> None:
+    """Open and close."""
+
+
 def write_own(logbook: Logbook, number: int, say: Say) -> None:
     """125 trials that nobody else does."""
     results = replace(make_results(), series=())
