@@ -18,7 +18,7 @@ from models.errors import ConfigurationError, IdentificationError
 from models.identification.problem import choose_basis, lack_of_fit
 from models.recording import Recording
 from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from models.vessel import PLANAR, Vessel
 
 CONSTANT = basis.term("1")
 NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
@@ -94,6 +94,7 @@ class ResidualOptions:
         if not chosen:
             raise ConfigurationError("identifier.basis: got no terms, expected at least one")
         known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE}
+        known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
         for one in chosen:
             for code in one.codes:
                 name = basis.VARIABLES[code % basis.N_VARIABLES]

@@ -6,7 +6,8 @@ basis; the pair with the largest R^2 *of the filtered force* wins,
     maximise mean over dof of 1 - |rest|^2 / |f - mean f|^2,    f = lag(command).
 
 Dividing by the variance of the lack of fit instead would reward a lag that makes the force, and
-with it the lack of fit, large.
+with it the lack of fit, large. Standard errors of coefficients are those at the lag that was
+found. An axis that is hardly excited near the lag's frequency does not tell a lag from inertia.
 """
 
 from dataclasses import dataclass

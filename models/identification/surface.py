@@ -149,6 +149,12 @@ def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[A
     return found
 
 
+def _left_by(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
+    """Both moments with what a stage, fitted to the first, explains taken out of the outputs."""
+    (theta,) = fit_stages(used, beta, [stage])
+    return after(used, theta), after(out, theta)
+
+
 @dataclass(frozen=True)
 class SurfacePlsr(PartialLeastSquares):
     """PLSR of each degree of freedom alone, with order and terms from its surface.
@@ -196,11 +202,8 @@ class SurfacePlsr(PartialLeastSquares):
     ) -> list[Choice]:
         """Choose the models of one stage; every fold is fitted by itself from the first on."""
         for fitted in before:
-            pairs = [
-                (after(used, t), after(left, t))
-                for used, left, t in ((u, o, fit_stages(u, z.beta, [fitted])[0]) for u, o in pairs)
-            ]
-            moment = after(moment, fit_stages(moment, z.beta, [fitted])[0])
+            pairs = [_left_by(fitted, z.beta, used, out) for used, out in pairs]
+            moment, _ = _left_by(fitted, z.beta, moment, moment)
         sparing = self.selection == "parsimonious"
         return [
             choose(

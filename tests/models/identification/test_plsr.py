@@ -73,6 +73,15 @@ def test_filtered_force_makes_it_exact(calm, identifier, rng, selection) -> None
     assert [f.label for f in findings(found, "selected_order")] == [selection] * 3
 
 
+def test_columns_of_the_heading_make_it_exact_under_a_constant_force(
+    constant, identifier, rng
+) -> None:
+    plsr = identifier("plsr", extra_terms=["cos(psi)", "sin(psi)"], bootstrap=None)
+    found = plsr.identify(constant.problem, rng).residual
+    np.testing.assert_allclose(found.row("cos(psi)"), [-200.0, -100.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(found.row("sin(psi)"), [-100.0, 200.0, 0.0], atol=1e-4)
+
+
 def test_blocked_selection_never_sees_the_test_part(calm, identifier) -> None:
     plsr = identifier("plsr", bootstrap=None, force="commanded")
     problem = calm.problem
