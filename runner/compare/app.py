@@ -46,6 +46,19 @@ def split(texts: Several) -> tuple[str, ...]:
     return tuple(part for part in parts if part)
 
 
+def axes_of(rows: str | None, columns: str | None) -> tuple[str, str]:
+    """Factors of rows and columns: those given, else identifier and disturbance.
+
+    Where one of these defaults is taken by the other option, they change places.
+    """
+    if rows is None:
+        rows = "disturbance" if "identifier" in split([columns or ""]) else "identifier"
+    if columns is None:
+        taken = split([rows])
+        columns = next((n for n in ("disturbance", "identifier") if n not in taken), "none")
+    return rows, columns
+
+
 def shown_path(path: Path) -> Path:
     """The path from here where it leads down, else the whole path."""
     here = Path.cwd()

@@ -13,6 +13,7 @@ from .app import (
     Several,
     Where,
     app,
+    axes_of,
     show_grid,
     show_grids,
     shown_path,
@@ -75,11 +76,17 @@ def show(
 @app.command()
 def table(
     rows: Annotated[
-        str, typer.Option("--rows", "-r", help="Factors of the rows, parted by commas.")
-    ] = "identifier",
+        str | None,
+        typer.Option(
+            "--rows", "-r", help="Factors of the rows, parted by commas.  [default: identifier]"
+        ),
+    ] = None,
     columns: Annotated[
-        str, typer.Option("--columns", "-c", help="Factors of the columns, parted by commas.")
-    ] = "disturbance",
+        str | None,
+        typer.Option(
+            "--columns", "-c", help="Factors of the columns; none.  [default: disturbance]"
+        ),
+    ] = None,
     metric: Annotated[
         Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
     ] = None,
@@ -120,6 +127,7 @@ def table(
     from .selection import request_of
     from .table import comparison
 
+    rows, columns = axes_of(rows, columns)
     request = request_of(
         rows=rows,
         columns=columns,
@@ -148,10 +156,14 @@ def plot(
     metric: Annotated[
         str, typer.Option("--metric", "-m", help="Metric of the bars.")
     ] = "force_mse",
-    rows: Annotated[str, typer.Option("--rows", "-r", help="Factor of colours.")] = "identifier",
+    rows: Annotated[
+        str | None,
+        typer.Option("--rows", "-r", help="Factor of the colours.  [default: identifier]"),
+    ] = None,
     columns: Annotated[
-        str, typer.Option("--columns", "-c", help="Factor of groups.")
-    ] = "disturbance",
+        str | None,
+        typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
+    ] = None,
     dof: Annotated[Several, typer.Option(help="Only these degrees of freedom.")] = None,
     model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified",
     facet: Annotated[
@@ -179,6 +191,7 @@ def plot(
     from .plots.request import PlotRequest
     from .results import open_results
 
+    rows, columns = axes_of(rows, columns)
     request = PlotRequest(
         run=run,
         metric=metric,

@@ -13,6 +13,7 @@ from .app import (
     Several,
     Where,
     app,
+    axes_of,
     show_grid,
     shown_path,
     split,
@@ -25,10 +26,13 @@ def report(
     database: Database = DEFAULT_DATABASE,
     sweep: Annotated[int | None, typer.Option(help="Only the runs of this sweep.")] = None,
     where: Where = None,
-    rows: Annotated[str, typer.Option("--rows", "-r", help="Factors of the rows.")] = "identifier",
+    rows: Annotated[
+        str | None, typer.Option("--rows", "-r", help="Factor of the rows.  [default: identifier]")
+    ] = None,
     columns: Annotated[
-        str, typer.Option("--columns", "-c", help="Factors of the columns.")
-    ] = "disturbance",
+        str | None,
+        typer.Option("--columns", "-c", help="Factor of the columns.  [default: disturbance]"),
+    ] = None,
     title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
     output: Annotated[
         Path | None,
@@ -40,7 +44,7 @@ def report(
     from .report import ReportRequest, write_report
     from .results import open_results
 
-    request = ReportRequest(rows, columns, where, sweep, title)
+    request = ReportRequest(*axes_of(rows, columns), where, sweep, title)
     with open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         write_report(results, request, file)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shlex
 import sqlite3
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from runner.compare.app import axes_of
 from runner.compare.listing import repeat_command
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -185,6 +187,39 @@ def test_an_empty_logbook_says_so(program: Program, tmp_path: Path) -> None:
         assert "no runs in the logbook yet" in err
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((None, None), ("identifier", "disturbance")),
+        (("disturbance", None), ("disturbance", "identifier")),
+        ((None, "identifier"), ("disturbance", "identifier")),
+        (("vessel", None), ("vessel", "disturbance")),
+        ((None, "vessel"), ("identifier", "vessel")),
+        (("identifier,disturbance", None), ("identifier,disturbance", "none")),
+    ],
+)
+def test_rows_and_columns_make_room_for_each_other(
+    given: tuple[str | None, str | None], expected: tuple[str, str]
+) -> None:
+    assert axes_of(*given) == expected
+
+
+def test_the_shell_completes_commands_and_kinds_of_figures() -> None:
+    for words, at, expected in (("seatrial-results ta", 1, "table"), ("x plot b", 2, "bars")):
+        asked = {
+            "_SEATRIAL_RESULTS_COMPLETE": "complete_bash",
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(at),
+        }
+        done = subprocess.run(
+            [sys.executable, "-m", "runner.compare"],
+            env=dict(os.environ) | asked,
+            capture_output=True,
+            text=True,
+        )
+        assert done.stdout.strip() == expected
+
+
 def _timed(*arguments: str) -> float:
     begin = time.perf_counter()
     subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
@@ -219,3 +254,41 @@ def test_a_closed_pipe_is_no_error(plain: Path) -> None:
     line = f"{sys.executable} -m runner.compare runs --database {plain}/results.db | head -1"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, env=dict(os.environ))
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_a_table_over_ten_thousand_runs_takes_about_two_seconds(tmp_path: Path) -> None:
+    stored.logbook_at(tmp_path).close()
+    stored.fill_many(tmp_path / "results.db", 10_000)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, "-m", "runner.compare", "table", *database(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert "10000 runs" in done.stdout
+    # processor time: the machine may be busy with other things
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 3.0
+
+
+@pytest.mark.slow
+def test_the_command_that_show_prints_repeats_the_run_to_the_last_digit(
+    program: Program, tmp_path: Path
+) -> None:
+    trial = [sys.executable, "-m", "runner", "identifier=plsr", "disturbance=noise", "seed=3"]
+    subprocess.run([*trial, f"results_dir={tmp_path}"], check=True, capture_output=True)
+    _, line, _ = program("show", "1", *database(tmp_path), "--command")
+    command = shlex.split(line)
+    assert command[0] == "python"
+    subprocess.run([sys.executable, *command[1:]], check=True, capture_output=True)
+    query = (
+        "SELECT stage, model, dof, name, value FROM metric WHERE run_id = {} ORDER BY 1, 2, 3, 4"
+    )
+    first, second = (
+        program("sql", query.format(run), *database(tmp_path), "--format", "json")[1]
+        for run in (1, 2)
+    )
+    assert len(json.loads(first)) > 30
+    assert first == second

@@ -1,6 +1,7 @@
 """The language of --where: what it means, and that nothing else gets through."""
 
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,7 +9,12 @@ from hypothesis import strategies as st
 
 from models.errors import ConfigurationError
 from runner.compare.conditions import Among, Comparison, Joined, Not, parse
-from runner.compare.results import Results
+from runner.compare.results import Results, open_results
+from runner.compare.selection import TableRequest
+from runner.compare.table import comparison
+from runner.database import Logbook
+from tests.runner.compare import stored
+from tests.runner.database.conftest import Postgres
 
 INJECTIONS = (
     "seed<3; DROP TABLE run",
@@ -85,41 +91,59 @@ def test_a_value_that_looks_like_sql_is_only_a_value(results: Results) -> None:
         results.runs(results.where("identifier = \"ls' OR '1'='1\""))
 
 
-@pytest.mark.parametrize(
-    ("text", "number"),
-    [
-        ("identifier=ls", 6),
-        ("identifier!=ls", 11),
-        ("identifier in (ls, plsr)", 11),
-        ("identifier not in (ls, plsr)", 6),
-        ("seed>=1 and seed<=1", 6),
-        ("not (seed>=1)", 6),
-        ("status=failed or status=diverged", 2),
-        ("plant.scale=0.5", 17),
-        ("plant.scale<0.5", 0),
-        ("identifier.force=filtered and lap=true", 17),
-        ("lap=false", 0),
-        ("lap!=false", 17),
-        ("lowpass_hz=null", 17),
-        ("lowpass_hz!=null", 0),
-        ("lowpass_hz!=0.5", 17),
-        ("identifier.force<3", 0),
-        ("started_at>2020-01-01", 17),
-        ("started_at<2020-01-01T12:00", 0),
-        ("error!=null", 2),
-        ("git_dirty=true", 17),
-        ("sweep_id=null", 17),
-    ],
+SELECTIONS = (
+    ("identifier=ls", 6),
+    ("identifier!=ls", 11),
+    ("identifier in (ls, plsr)", 11),
+    ("identifier not in (ls, plsr)", 6),
+    ("seed>=1 and seed<=1", 6),
+    ("not (seed>=1)", 6),
+    ("status=failed or status=diverged", 2),
+    ("plant.scale=0.5", 17),
+    ("plant.scale<0.5", 0),
+    ("identifier.force=filtered and lap=true", 17),
+    ("lap=false", 0),
+    ("lap!=false", 17),
+    ("lowpass_hz=null", 17),
+    ("lowpass_hz!=null", 0),
+    ("lowpass_hz!=0.5", 17),
+    ("identifier.force<3", 0),
+    ("started_at>2020-01-01", 17),
+    ("started_at<2020-01-01T12:00", 0),
+    ("error!=null", 2),
+    ("git_dirty=true", 17),
+    ("sweep_id=null", 17),
 )
+
+
+@pytest.mark.parametrize(("text", "number"), SELECTIONS)
 def test_conditions_select_by_hand_counted_numbers(
     results: Results, text: str, number: int
 ) -> None:
-    condition = results.where(text)
-    if number:
-        assert len(results.runs(condition)) == number
-    else:
-        with pytest.raises(ConfigurationError, match="no runs match"):
-            results.runs(condition)
+    assert _selected(results, text) == number
+
+
+def test_conditions_mean_the_same_on_postgresql(
+    postgres: Postgres,
+    tmp_path: Path,
+) -> None:
+    url = postgres.new_database()
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        stored.fill_plain(logbook)
+    with open_results(url, tmp_path) as results:
+        found = {text: _selected(results, text) for text, _ in SELECTIONS}
+        shown = comparison(results, TableRequest(["force_mse"], rows=("identifier.force",)))
+    assert found == dict(SELECTIONS)
+    assert [row[1].text for row in shown.rows] == ["filtered", "filtered"]  # surge and yaw
+
+
+def _selected(results: Results, text: str) -> int:
+    try:
+        return len(results.runs(results.where(text)))
+    except ConfigurationError as none:
+        if "no runs match" in str(none):
+            return 0
+        raise
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(results: Results) -> None:

@@ -1,0 +1,183 @@
+"""The report page: what is in it, and how it behaves in a browser, on a desk and on a phone."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from runner.compare.report import ReportRequest, render_report
+from runner.compare.results import open_results
+from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+from tests.runner.compare.test_command_line import database
+
+INSTALL = "apt-get install chromium chromium-driver, and pip install selenium"
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    "--no-first-run",
+)
+
+
+@pytest.fixture(scope="session")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of two sweeps' worth of runs, with failures, series and hostile texts."""
+    folder = tmp_path_factory.mktemp("report")
+    with stored.logbook_at(folder) as logbook:
+        sweep = logbook.begin_sweep("night & day", "python -m runner -m seed=1,2", [], 12)
+        begun = logbook.begin_run(stored.start("ridge"), sweep)
+        error = "</code><script>document.title='stolen'</script>" + "long-word" * 40
+        logbook.fail_run(begun.run_id, "failed", "ValueError", error, f"Traceback\n{error}")
+        logbook.end_sweep(sweep)
+        stored.fill_plain(logbook)
+        stored.fill_sailed(logbook)
+    file = folder / "report" / "report.html"
+    with open_results(f"sqlite:///{folder}/results.db") as results:
+        file.parent.mkdir()
+        file.write_text(render_report(results, ReportRequest()), encoding="utf-8")
+    return file
+
+
+def test_the_page_needs_no_network(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r'(?:src|href|action|data)\s*=\s*["\']?([^"\'> ]+)', text)
+    assert links
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert not re.search(r"url\((?!#)", text)
+    assert "@import" not in text
+    assert "default-src 'none'" in text
+
+
+def test_failures_and_provenance_are_told_and_escaped(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "<script>document.title" not in text
+    assert "&lt;script&gt;document.title" in text
+    assert "night &amp; day" in text
+    assert "0123456789abcdef with uncommitted changes" in text
+    assert "exceeds 3 at t = 12 s" in text
+    assert text.count("<script>") == 1
+
+
+def test_ids_are_unique_and_every_reference_is_met(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    ids = re.findall(r'\sid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
+    assert {one or other for one, other in references} <= set(ids)
+
+
+def test_report_of_a_sweep_holds_its_runs_alone(program: Program, page: Path) -> None:
+    folder = page.parent.parent
+    code, out, _ = program("report", *database(folder), "--sweep", "1", "-o", folder / "one.html")
+    assert code == 0
+    text = Path(out.strip()).read_text(encoding="utf-8")
+    assert "Sea trials, sweep 1" in text
+    assert "1 run:" in text
+    assert "singular matrix" not in text
+    code, _, err = program("report", *database(folder), "--sweep", "7")
+    assert (code, len(err.splitlines())) == (2, 1)
+    code, _, err = program("report", *database(folder), "--where", "seed>99")
+    assert (code, len(err.splitlines())) == (2, 1)
+
+
+def test_a_report_that_cannot_be_written_is_one_line(program: Program, plain: Path) -> None:
+    code, _, err = program("report", *database(plain), "-o", plain / "results.db" / "x.html")
+    assert (code, len(err.splitlines())) == (2, 1)
+
+
+def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(page.parent.parent, tmp_path / "copy"))
+    for file in (folder / "series").glob("*-residual.parquet"):
+        file.write_bytes(b"x")
+    with open_results(f"sqlite:///{folder}/results.db") as results:
+        text = render_report(results, ReportRequest())
+    assert "Not drawn: Force residual of the newest run" in text
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    webdriver = pytest.importorskip("selenium.webdriver", reason=f"no selenium: {INSTALL}")
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip(f"no chromium: {INSTALL}")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.chrome.service.Service(driver)
+    started = webdriver.Chrome(options=options, service=service)
+    try:
+        yield started
+    finally:
+        started.quit()
+
+
+def _open(browser: Any, page: Path, width: int, mobile: bool = False) -> None:
+    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+
+
+def _column(browser: Any, table: int, column: int) -> list[str]:
+    script = (
+        "return [...document.querySelectorAll('#tables table')[arguments[0]].tBodies[0].rows]"
+        ".map((row) => row.cells[arguments[1]].textContent)"
+    )
+    texts: list[str] = browser.execute_script(script, table, column)
+    return texts
+
+
+def test_the_page_opens_without_complaints_or_requests(browser: Any, page: Path) -> None:
+    _open(browser, page, 1280)
+    assert browser.get_log("browser") == []
+    assert browser.title == "Sea trials"
+    entries = browser.execute_script("return performance.getEntriesByType('resource').length")
+    assert entries == 0
+
+
+def test_tables_sort_by_a_click_and_back(browser: Any, page: Path) -> None:
+    _open(browser, page, 1280)
+    identifiers = _column(browser, 0, 1)
+    headings = browser.find_elements("css selector", "#tables table:first-of-type thead button")
+    calm = next(i for i, heading in enumerate(headings) if heading.text == "calm")
+    headings[calm].click()
+    values = [float(text.split()[0]) for text in _column(browser, 0, calm) if text[:1].isdigit()]
+    assert values == sorted(values)
+    assert _column(browser, 0, 1) != identifiers
+    headings[calm].click()
+    values = [float(text.split()[0]) for text in _column(browser, 0, calm) if text[:1].isdigit()]
+    assert values == sorted(values, reverse=True)
+    headings[1].click()
+    assert _column(browser, 0, 1) == sorted(identifiers)
+
+
+@pytest.mark.parametrize(("width", "mobile"), [(390, True), (320, True), (1280, False)])
+def test_nothing_but_wide_tables_and_figures_scrolls_sideways(
+    browser: Any, page: Path, width: int, mobile: bool
+) -> None:
+    _open(browser, page, width, mobile)
+    browser.execute_script("document.querySelectorAll('details').forEach((d) => { d.open = true })")
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert browser.execute_script("return document.body.scrollWidth") <= width
+    assert browser.execute_script("return innerWidth") == width  # no zooming out to fit
+
+
+def test_figures_are_visible_and_legible_on_a_phone(browser: Any, page: Path) -> None:
+    _open(browser, page, 390, mobile=True)
+    sizes = browser.execute_script(
+        "return [...document.querySelectorAll('figure svg')].map((svg) => {"
+        " const box = svg.getBoundingClientRect();"
+        " return [box.width, box.height, box.width / svg.viewBox.baseVal.width] })"
+    )
+    assert len(sizes) >= 12
+    for width, height, scale in sizes:
+        assert width > 300
+        assert height > 150
+        assert scale * 10.0 >= 9.0  # the 10 pt letters of the figures [CSS px]
+    size = browser.execute_script("return getComputedStyle(document.body).fontSize")
+    assert size == "16px"
