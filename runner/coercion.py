@@ -172,8 +172,10 @@ def _array(value: Any, annotation: Any, key: str) -> Any:
 
     arguments = get_args(annotation)
     scalar_type = get_args(arguments[1]) if len(arguments) > 1 else ()
-    integer = bool(scalar_type) and isinstance(scalar_type[0], type) and issubclass(
-        scalar_type[0], np.integer
+    integer = (
+        bool(scalar_type)
+        and isinstance(scalar_type[0], type)
+        and issubclass(scalar_type[0], np.integer)
     )
     if not isinstance(value, list | tuple):
         raise _wrong(value, key, "a list of numbers")

@@ -180,9 +180,7 @@ def _listed(names: tuple[str, ...]) -> str:
 def _section(config: Node, name: str, known: tuple[str, ...]) -> Node:
     section = config.get(name)
     if not isinstance(section, Mapping):
-        raise ConfigurationError(
-            f"{name}: got {section!r}, expected the option {', '.join(known)}"
-        )
+        raise ConfigurationError(f"{name}: got {section!r}, expected the option {', '.join(known)}")
     _only_known(section, known, f"{name}.")
     return section
 

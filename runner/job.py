@@ -1,6 +1,5 @@
 """One trial as a run of the logbook: claimed, run, and stored with whatever came of it."""
 
-import logging
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,8 +13,6 @@ from runner.provenance import Provenance
 if TYPE_CHECKING:
     from runner.database import Logbook
     from runner.database.records import Results, RunStart
-
-log = logging.getLogger(__name__)
 
 State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
 
@@ -78,12 +75,8 @@ def perform(
 
     with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
-        if begun.state == "finished":
-            log.info("%s: already in the logbook as run %d", order, begun.run_id)
-            return Outcome("skipped", begun.run_id)
-        if begun.state == "busy":
-            log.info("%s: another process is running it, as run %d", order, begun.run_id)
-            return Outcome("busy", begun.run_id)
+        if begun.state != "new":
+            return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
         return _run(trial, logbook, begun.run_id)
 
 

@@ -27,7 +27,7 @@ from models.errors import ConfigurationError, SeatrialError
 from runner import progress, report
 from runner.complaints import EXPECTED, one_line
 from runner.composition import Composer, order_of
-from runner.config import build_trial
+from runner.config import Trial, build_trial
 from runner.job import Order, Outcome, perform, prepare, shown
 from runner.planned import Plan, Refusal, known, listed
 from runner.provenance import Provenance, collect
@@ -88,10 +88,18 @@ class SweepJob:
         """Run one trial; what the logbook cannot take is lost, and said so."""
         order = order_of(config, HydraConfig.get())
         try:
-            trial = build_trial(order.config, order.names)
-            return perform(trial, order, self.provenance, self.sweep_id)
+            return self.carry_out(build_trial(order.config, order.names), order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
+
+    def carry_out(self, trial: Trial, order: Order) -> Outcome:
+        """Run a trial, unless it is in the logbook: then say where."""
+        outcome = perform(trial, order, self.provenance, self.sweep_id)
+        if outcome.state == "skipped":
+            log.info("%s: already in the logbook as run %d", order, outcome.run_id)
+        elif outcome.state == "busy":
+            log.info("%s: another process is running it, as run %d", order, outcome.run_id)
+        return outcome
 
 
 class SeatrialSweeper(Sweeper):
@@ -212,7 +220,7 @@ def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome
     for plan in plans:
         run = runs.get(plan.fingerprint)
         if run is not None and run.status == "finished" and not plan.trial.rerun:
-            outcomes.append(perform(plan.trial, plan.order, job.provenance, job.sweep_id))
+            outcomes.append(job.carry_out(plan.trial, plan.order))
         else:
             todo.append(plan)
     return outcomes, todo

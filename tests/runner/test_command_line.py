@@ -192,9 +192,7 @@ def test_no_password_is_stored_or_shown(seatrial: Command) -> None:
     assert "s3cret" not in answer.err + answer.out
 
 
-def test_full_error_keeps_the_traceback(
-    seatrial: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     from models.errors import ConfigurationError
 
     seatrial.pretend()
