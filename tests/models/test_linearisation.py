@@ -1,0 +1,86 @@
+"""Linearisation against finite differences of the equations of motion."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from models import basis
+from models.basis import N_VARIABLES
+from models.errors import ConfigurationError
+from models.kinematics import in_body, rotation
+from models.linearisation import gradient, linearise, operating_force
+from models.vessel import PLANAR, Vessel, derivative_table
+
+WINDAGE = {"X_|u_q|u_q": -9.0, "Y_|v_q|v_q": -30.0, "N_V_qv_q": -4.0}
+
+
+def rates(vessel: Vessel, state: np.ndarray, tau: np.ndarray, wind: np.ndarray) -> np.ndarray:
+    """(eta_dot, nu_dot) of a planar vessel; state (6,)."""
+    psi, nu = state[2:3], state[None, 3:]
+    attitude = np.array([[0.0, 0.0, psi[0]]])
+    nu_dot = vessel.forward(tau[None, :], nu, attitude, in_body(wind[None, :], psi))[0]
+    return np.concatenate([rotation(psi[0]) @ nu[0], nu_dot])
+
+
+def away_from_zero(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high) | st.floats(-high, -low)
+
+
+@given(
+    arrays(np.float64, 3, elements=away_from_zero(0.05, 2.0)),
+    st.floats(-3.0, 3.0),
+    arrays(np.float64, 2, elements=away_from_zero(4.0, 9.0)),
+)
+def test_the_matrices_are_the_finite_differences_of_the_equations_of_motion(
+    milliampere: Vessel, nu: np.ndarray, psi: float, wind: np.ndarray
+) -> None:
+    vessel = milliampere + derivative_table("wind", PLANAR, WINDAGE)
+    vessel = vessel + Vessel(
+        "drift", PLANAR, basis.terms(["cos(psi)", "|r|sin(psi)"]), np.full((2, 3), 50.0)
+    )
+    attitude = np.array([0.0, 0.0, psi])
+    tau = operating_force(vessel, nu, attitude, wind)
+    state = np.concatenate([[3.0, -2.0, psi], nu])
+    np.testing.assert_allclose(rates(vessel, state, tau, wind)[3:], 0.0, atol=1e-9)
+    h, model = 1e-6, linearise(vessel, nu, attitude, wind)
+    for j, step in enumerate(h * np.eye(6)):
+        up, down = (rates(vessel, state + sign * step, tau, wind) for sign in (1.0, -1.0))
+        np.testing.assert_allclose(model.A[:, j], (up - down) / (2.0 * h), rtol=1e-6, atol=1e-8)
+    for j, step in enumerate(np.eye(3)):
+        difference = rates(vessel, state, tau + step, wind) - rates(vessel, state, tau, wind)
+        np.testing.assert_allclose(model.B[:, j], difference, rtol=1e-6, atol=1e-12)
+
+
+@given(arrays(np.float64, N_VARIABLES, elements=away_from_zero(0.1, 2.0)))
+def test_the_gradient_of_every_term_is_its_finite_difference(x: np.ndarray) -> None:
+    terms = basis.full_basis(PLANAR) + basis.terms(["cos(psi)", "|u_dot|rsin(psi)", "V_qu_q"])
+    slopes, h = gradient(basis.codes(terms), x), 1e-6
+    for j in range(1, N_VARIABLES):
+        step = h * np.eye(N_VARIABLES)[j]
+        up, down = (basis.evaluate(terms, (x + s * step)[None, :])[0] for s in (1.0, -1.0))
+        np.testing.assert_allclose(slopes[:, j], (up - down) / (2.0 * h), rtol=1e-6, atol=1e-8)
+
+
+def test_a_vessel_at_rest_keeps_only_its_linear_damping(milliampere: Vessel) -> None:
+    model = linearise(milliampere)
+    linear = np.array([milliampere.row(name) for name in ("u", "v", "r")]).T
+    expected = -np.linalg.solve(milliampere.inertia, linear)
+    np.testing.assert_allclose(model.A[3:, 3:], expected, rtol=1e-12)
+    np.testing.assert_array_equal(model.A[:3], np.eye(3, 6, 3))
+    assert model.outputs == ("x", "y", "psi")
+    assert model.controllable_order == model.observable_order == 6
+    assert not model.stable  # the pose integrates
+
+
+def test_a_single_axis_needs_no_heading() -> None:
+    vessel = Vessel("hull", ("surge",), basis.terms(["u_dot", "u", "|u|u"]), [[60.0], [20.0], [2]])
+    model = linearise(vessel, np.array([-1.5]))
+    np.testing.assert_allclose(model.A, [[0.0, 1.0], [0.0, -(20.0 + 2.0 * 2.0 * 1.5) / 60.0]])
+
+
+def test_an_acceleration_in_a_product_is_refused(milliampere: Vessel) -> None:
+    odd = milliampere + Vessel("odd", PLANAR, basis.terms(["u_dotu"]), np.ones((1, 3)))
+    with pytest.raises(ConfigurationError, match="cannot be solved"):
+        linearise(odd)
