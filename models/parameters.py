@@ -27,8 +27,17 @@ class VesselParameters:
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
     tuning: dict[str, Any] = field(default_factory=dict)
+    parameters: str | None = None  # which of the sets completes the derivatives
+    parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if (self.parameters is None) == bool(self.parameter_sets) or (
+            self.parameters is not None and self.parameters not in self.parameter_sets
+        ):
+            raise ConfigurationError(
+                f"parameters: got {self.parameters}, expected one of "
+                f"{', '.join(self.parameter_sets) or 'null'}"
+            )
         if len(self.velocity_limits) != len(self.dofs) or min(self.velocity_limits) <= 0.0:
             raise ConfigurationError(
                 f"velocity_limits must be {len(self.dofs)} positive numbers, "
@@ -39,7 +48,8 @@ class VesselParameters:
     def nominal(self) -> Vessel:
         """The believed model F0."""
         inertia = np.array(self.inertia, dtype=np.float64)
-        return from_derivatives(self.name, self.dofs, inertia, self.derivatives, self.coriolis)
+        derivatives = self.derivatives | self.parameter_sets.get(self.parameters or "", {})
+        return from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
 
     @property
     def planar(self) -> bool:
