@@ -42,14 +42,19 @@ PLACES = ("results_dir=", "database.url=", "database=")
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
     """The newest runs that meet the condition, newest first; every attempt is listed."""
-    found = runs_of(results, where, [status] if status else [])[:limit]
+    found = runs_of(results, where, [status] if status else [], limit)[:limit]
     if not found:
         raise ConfigurationError(results.why_none(where, status))
     return _runs_grid([[plain(getattr(run, n)) for n in RUN_COLUMNS] for run in found], limit)
 
 
-def runs_of(results: Results, where: str | None, statuses: Sequence[str]) -> list[RunSummary]:
-    """Runs that meet the condition and have one of the statuses (any where empty), newest first."""
+def runs_of(
+    results: Results, where: str | None, statuses: Sequence[str], limit: int | None = None
+) -> list[RunSummary]:
+    """Runs that meet the condition and have one of the statuses (any where empty), newest first.
+
+    At least `limit` of them, where there are so many.
+    """
     for status in statuses:
         if status not in STATUSES:
             expected = ", ".join(STATUSES)
@@ -59,7 +64,8 @@ def runs_of(results: Results, where: str | None, statuses: Sequence[str]) -> lis
     if statuses:  # a run whose process is gone is known to be interrupted before the view says so
         shown = [*statuses, *(["running"] if "interrupted" in statuses else [])]
         conditions.append(run_overview.c.status.in_(shown))
-    found = results.reader.runs(*conditions, newest_first=True)
+    certain = not {"running", "interrupted"} & set(statuses)
+    found = results.reader.runs(*conditions, newest_first=True, limit=limit if certain else None)
     return [run for run in found if not statuses or run.status in statuses]
 
 

@@ -15,6 +15,11 @@ Key = tuple[str, ...]
 DOF_ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw", "position", "heading", "all")
 MODEL_ORDER = ("nominal", "identified", "plant", "residual")
 HIGHER_IS_BETTER = ("vaf", "r2", "fit")  # every other metric is an error or an effort
+# Figures from different ones of these are no rivals.
+CIRCUMSTANCES = (
+    *("metric", "stage", "dof"),
+    *("vessel", "plant", "disturbance", "excitation", "evaluation", "seed"),
+)
 WITHOUT_BEST = ("below_true_model",)
 
 
@@ -164,26 +169,25 @@ class _KeyOrder:
 def best_cells(
     table: Pivot, location: Mapping[tuple[Key, Key], float], metric: str | None
 ) -> set[tuple[Key, Key]]:
-    """The cells to set in bold: the best of each column, among rows of the same metric and DOF.
+    """The cells to set in bold: the best among those that compete under equal circumstances.
 
-    `location` gives the figure that cells are compared by. Cells below the true model take no
-    part: what they fit is not the vessel.
+    `location` gives the figure that cells are compared by, `metric` its name where neither rows
+    nor columns say it. Cells below the true model take no part: what they fit is not the vessel.
     """
-    groups: dict[tuple[Key, Key], list[tuple[Key, Key]]] = defaultdict(list)
-    split = [i for i, f in enumerate(table.row_factors) if f in ("metric", "dof", "stage")]
-    for (row, column), cell in table.cells.items():
-        value = location.get((row, column), np.nan)
-        name = table.level(row, column, "metric") or metric or ""
-        if np.isfinite(value) and not cell.flagged and name not in WITHOUT_BEST:
-            groups[tuple(row[i] for i in split), column].append((row, column))
+    groups: dict[Key, list[tuple[Key, Key]]] = defaultdict(list)
+    factors = (*table.row_factors, *table.column_factors)
+    apart = [i for i, factor in enumerate(factors) if factor.partition(".")[0] in CIRCUMSTANCES]
+    for row, column in table.cells:
+        groups[tuple((row + column)[i] for i in apart)].append((row, column))
     best = set()
-    for (own, column), members in groups.items():
-        name = table.level(members[0][0], column, "metric") or metric or ""
-        choose = max if higher_is_better(name) else min
-        top = choose(location[key] for key in members)
-        rows = [row for row in table.row_keys if tuple(row[i] for i in split) == own]
-        if len(rows) > 1:
-            best |= {key for key in members if abs(location[key] - top) <= SAME * abs(top)}
+    for members in groups.values():
+        name = table.level(*members[0], "metric") or metric or ""
+        able = [key for key in members if np.isfinite(location[key])]
+        able = [key for key in able if not table.cells[key].flagged]
+        if len(members) > 1 and able and name not in WITHOUT_BEST:
+            choose = max if higher_is_better(name) else min
+            top = choose(location[key] for key in able)
+            best |= {key for key in able if abs(location[key] - top) <= SAME * abs(top)}
     return best
 
 

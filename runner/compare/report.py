@@ -114,7 +114,7 @@ def render_report(results: Results, request: ReportRequest) -> str:
     condition = results.where(where)
     runs = results.runs(condition)
     sweeps = _sweeps(results, runs)
-    pictures, trouble = _pictures(results, request, where)
+    pictures, trouble = _pictures(results, request, where, runs)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
@@ -201,12 +201,13 @@ def _tables(
     levels = {run.levels.get(request.rows) for run in runs}
     baseline = (request.rows, "none") if "none" in levels and len(levels) > 1 else None
     known, found = results.metric_names(), []
+    apart = ("vessel",) if _several_vessels(runs) and request.rows != "vessel" else ()
     for metric, caption, shown in TABLES:
         if metric not in known:
             continue
         wanted = TableRequest(
             names=[metric],
-            rows=(request.rows,),
+            rows=(*apart, request.rows),
             columns=(request.columns,),
             baseline=baseline,
             where=where,
@@ -218,7 +219,7 @@ def _tables(
 
 
 def _pictures(
-    results: Results, request: ReportRequest, where: str | None
+    results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
 ) -> tuple[list[Picture], list[str]]:
     """Every kind of figure that the runs have something for, and why any could not be drawn."""
     from .plots.request import PlotRequest
@@ -226,10 +227,13 @@ def _pictures(
 
     found: list[Picture] = []
     trouble: list[str] = []
+    facet = "vessel" if _several_vessels(runs) else None
     with drawn():
         for kind, options, caption in FIGURES:
             module = import_module(f"{__package__}.plots.{kind}")
-            wanted = PlotRequest(rows=request.rows, columns=request.columns, where=where, **options)
+            wanted = PlotRequest(
+                rows=request.rows, columns=request.columns, where=where, facet=facet, **options
+            )
             for variant in _variants(kind, wanted):
                 try:
                     drawings = module.drawings(results, variant)
@@ -251,6 +255,10 @@ def _variants(kind: str, wanted: "PlotRequest") -> list["PlotRequest"]:
     if kind in PER_COLUMN:
         return [replace(wanted, facet=wanted.columns)]
     return [wanted]
+
+
+def _several_vessels(runs: Sequence[Run]) -> bool:
+    return len({run.levels["vessel"] for run in runs}) > 1
 
 
 def _is_dof(dofs: Sequence[str]) -> bool:

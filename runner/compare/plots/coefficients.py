@@ -78,12 +78,14 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
 def _groups(
     numbers: Sequence[Observation], request: PlotRequest
 ) -> Mapping[str, Sequence[Estimate]]:
-    """Estimates by group of runs; the label says the row, and the column where there are some."""
-    columns = {one.level(request.columns) for one in numbers}
+    """Estimates by group of runs, labelled by the row, and the column and vessel if several."""
+    factors = [request.rows]
+    for name in (request.columns, "vessel"):
+        if name not in factors and len({one.level(name) for one in numbers}) > 1:
+            factors.append(name)
     samples: dict[str, dict[str, list[Observation]]] = {}
     for one in numbers:
-        row, column = one.level(request.rows), one.level(request.columns)
-        label = f"{row}, {column}" if len(columns) > 1 else row
+        label = ", ".join(one.level(name) for name in factors)
         samples.setdefault(label, {}).setdefault(one.name, []).append(one)
     return {
         label: [e for e in map(_estimate, by_term.values()) if e is not None]

@@ -28,13 +28,17 @@ COLOURS = "cividis"  # even in lightness, and the same to the colour-blind
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (the newest that has a surface), one panel a degree of freedom."""
-    (whole, *_) = facets(results, request)
-    findings = results.diagnostics(whole.runs, (SURFACE, ORDER, VARIABLES), whole.condition)
-    for run in reversed(whole.runs):
-        if any(one.name == SURFACE for one in findings[run.id]):
-            return [_drawing(run, findings[run.id], request)]
-    raise ConfigurationError(f"plot surface: no run that matches has the diagnostic {SURFACE}")
+    """One figure a facet, of its newest run that has a surface; one panel a degree of freedom."""
+    made = []
+    for facet in facets(results, request):
+        names = (SURFACE, ORDER, VARIABLES)
+        findings = results.diagnostics(facet.runs, names, facet.condition)
+        having = [r for r in facet.runs if any(one.name == SURFACE for one in findings[r.id])]
+        if having:
+            made.append(_drawing(having[-1], findings[having[-1].id], request))
+    if not made:
+        raise ConfigurationError(f"plot surface: no run that matches has the diagnostic {SURFACE}")
+    return made
 
 
 def _drawing(run: Run, found: Sequence[Any], request: PlotRequest) -> Drawing:

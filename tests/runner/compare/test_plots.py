@@ -1,5 +1,6 @@
 """Figures: files of both kinds, the same every time, with titled axes, units and no overlap."""
 
+import shutil
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -9,11 +10,12 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from models.errors import ConfigurationError
+from models.errors import ConfigurationError, LogbookError
 from runner.compare.plots import KINDS, draw
 from runner.compare.plots.request import PlotRequest
 from runner.compare.plots.style import Drawing, drawn
 from runner.compare.results import Results, open_results
+from tests.runner.compare import stored
 
 
 @pytest.fixture
@@ -151,6 +153,17 @@ def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Re
     assert any("→" in text.get_text() for text in surge.texts)  # 9000 of 55 is off the axis
 
 
+def test_vessels_are_not_averaged_in_one_mark(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for vessel, truth in (("milliampere", 1195.0), ("surge_linear", None)):
+            found = [stored.coefficient("u_dot", 1195.0, 8.0, truth)]
+            stored.finish(logbook, stored.start("ls", vessel=vessel), coefficients=found)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        (surge,) = axes_of("coefficients", opened)
+    labels = [container.get_label() for container in surge.containers]
+    assert labels == ["ls, milliampere", "ls, surge_linear"]
+
+
 def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:
     (one,) = drawings("track", voyages)
     assert one.name == "track-run-4"
@@ -161,10 +174,6 @@ def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -
 
 
 def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
-    import shutil
-
-    from models.errors import LogbookError
-
     copy = tmp_path / "copy"
     shutil.copytree(sailed, copy)
     file = next((copy / "series").glob("run-000004-residual*"))
@@ -177,8 +186,6 @@ def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(voyages: Results, tmp_path: Path) -> None:
-    from models.errors import LogbookError
-
     (tmp_path / "file").write_text("")
     with pytest.raises(LogbookError, match="cannot write the figure"):
         draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")

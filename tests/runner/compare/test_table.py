@@ -68,6 +68,16 @@ def test_below_the_true_model_is_marked_and_never_best(results: Results) -> None
     assert any("fits lag or feedback" in note for note in grid.notes)
 
 
+def test_best_is_sought_among_rivals_under_equal_circumstances(results: Results) -> None:
+    turned = cells(table(results, rows="disturbance", columns="identifier"))
+    assert [key for key, text in turned.items() if text.endswith("*")] == [
+        ("calm", "ls"),
+        ("noise", "plsr"),
+    ]
+    apart = cells(table(results, rows="vessel,disturbance", columns="none"))
+    assert not any(text.endswith("*") for text in apart.values())
+
+
 def test_a_row_of_failures_alone_is_still_a_row(results: Results) -> None:
     grid = table(results, where="disturbance=noise and identifier=ls and seed>0")
     assert cells(grid) == {("ls", "noise"): "– (1 diverged, 1 failed)"}
