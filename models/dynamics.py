@@ -19,8 +19,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from models.basis import INDEX, N_VARIABLES, Array, features_kernel
+from models.basis import DOFS, INDEX, N_VARIABLES, Array, features_kernel
 from models.compiled import lean_kernel
+from models.kinematics import (
+    angle_rate_kernel,
+    angles_of_frame_kernel,
+    fill_attitude_kernel,
+    frame_of_angles_kernel,
+    frame_of_quaternion_kernel,
+    quaternion_of,
+    quaternion_rate_kernel,
+)
 from models.thruster import LagTable, step_lag_kernel
 from models.vessel import (
     PLANAR,
@@ -49,11 +58,35 @@ class Planar(NamedTuple):
     heading: int = 2
 
 
-def kinematics_of(dofs: tuple[str, ...]) -> Axes | Planar:
-    """The kinematics of a vessel."""
+class Quaternion(NamedTuple):
+    """Six degrees of freedom; the state is (x, y, z) in NED and a unit quaternion."""
+
+    first: int = 3
+
+
+class Euler(NamedTuple):
+    """Six degrees of freedom; the state is (x, y, z, phi, theta, psi), singular at 90 degrees."""
+
+    first: int = 3
+
+
+Kinematics = Axes | Planar | Quaternion | Euler
+
+
+def kinematics_of(dofs: tuple[str, ...], attitude: str | None = None) -> Kinematics:
+    """The kinematics of a vessel; `attitude` (quaternion, euler) is of six degrees of freedom."""
     if dofs == PLANAR:
         return Planar()
+    if dofs == DOFS and attitude is not None:
+        return Quaternion() if attitude == "quaternion" else Euler()
     return Axes(*(dofs.index(dof) if dof in dofs else -1 for dof in ("surge", "sway")))
+
+
+def state_of(kinematics: Kinematics, pose: Array) -> Array:
+    """The state that is integrated, of a pose over the degrees of freedom."""
+    if isinstance(kinematics, Quaternion):
+        return np.concatenate([pose[:3], quaternion_of(pose[3:])])
+    return np.array(pose, dtype=np.float64)
 
 
 class Weather(NamedTuple):
@@ -89,6 +122,7 @@ class Scratch(NamedTuple):
     z: Array
     phi: Array
     rest: Array
+    frame: Array  # (3, 3) rotation from body to NED
     through: Array  # velocity through the water
     tau: Array  # acting force at a stage
     nu: Array  # velocity and pose at a stage, their rates, and the weighted sums of these
@@ -105,7 +139,8 @@ def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     z[0] = z[N_VARIABLES] = 1.0
     velocities = (np.zeros(n_dof) for _ in range(6))
     poses = (np.zeros(n_pose) for _ in range(3))
-    return Scratch(z, np.empty(n_terms), *velocities, *poses)
+    rest = next(velocities)
+    return Scratch(z, np.empty(n_terms), rest, np.zeros((3, 3)), *velocities, *poses)
 
 
 def rates(
@@ -215,19 +250,151 @@ RATES[Planar] = _planar_rates
 
 
 @lean_kernel
-def _runge_kutta(
-    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
-    nu: Array, weather: Weather, k: int, h: float, work: Scratch,
+def _spatial_rates(
+    plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int, work: Scratch,
+    eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """One classical Runge-Kutta step of eta, nu and (exactly) of the thrust (n_dof, 2), in place.
+    """All rates but that of the attitude, which stands in work.frame and work.z."""
+    R, stream = work.frame, work.through
+    for i in range(3):
+        eta_dot[i] = R[i, 0] * nu[0] + R[i, 1] * nu[1] + R[i, 2] * nu[2]
+        stream[i] = R[0, i] * weather.current_ned[k, 0] + R[1, i] * weather.current_ned[k, 1]
+    ahead, aside, below = stream[0], stream[1], stream[2]
+    for i in range(3):
+        work.through[i] = nu[i] - stream[i]
+        work.through[3 + i] = nu[3 + i]
+    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+    if plant.aerodynamic:
+        north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
+        through = nu[0] - R[0, 0] * north - R[1, 0] * east
+        fill_air_kernel(work.z, through, nu[1] - R[0, 1] * north - R[1, 1] * east)
+    unmet_force(plant, tau, work)
+    force = weather.force_ned[k]
+    for i in range(3):
+        work.rest[i] += R[0, i] * force[0] + R[1, i] * force[1] + R[2, i] * force[2]
+        work.rest[3 + i] += R[0, i] * force[3] + R[1, i] * force[4] + R[2, i] * force[5]
+    accelerate(plant, work.rest, weather.process[k], nu_dot)
+    if plant.turning:
+        nu_dot[0] -= nu[4] * below - nu[5] * aside
+        nu_dot[1] -= nu[5] * ahead - nu[3] * below
+        nu_dot[2] -= nu[3] * aside - nu[4] * ahead
 
-    The stages stand at 0, h/2, h/2 and h; `lag` is the thruster's step of h/2.
+
+@lean_kernel
+def _quaternion_rates(
+    kinematics: Quaternion, plant: PlantTable, eta: Array, nu: Array, tau: Array,
+    weather: Weather, k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Hoyer (2021), eqs. (2.2)-(2.3) and (2.20)."""
+    frame_of_quaternion_kernel(eta[3:], work.frame)
+    fill_attitude_kernel(work.z, work.frame)
+    quaternion_rate_kernel(eta[3:], nu[3], nu[4], nu[5], eta_dot[3:])
+    _spatial_rates(plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
+
+
+RATES[Quaternion] = _quaternion_rates
+
+
+@lean_kernel
+def _euler_rates(
+    kinematics: Euler, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """The same with the attitude in angles."""
+    frame_of_angles_kernel(eta[3:], work.frame)
+    fill_attitude_kernel(work.z, work.frame)
+    angle_rate_kernel(eta[3:], nu[3], nu[4], nu[5], eta_dot[3:])
+    _spatial_rates(plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
+
+
+RATES[Euler] = _euler_rates
+
+
+@lean_kernel
+def _copy_pose(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+    for i in range(pose.shape[0]):
+        pose[i] = eta[i]
+
+
+@lean_kernel
+def _quaternion_pose(kinematics: Quaternion, eta: Array, frame: Array, pose: Array) -> None:
+    for i in range(3):
+        pose[i] = eta[i]
+    frame_of_quaternion_kernel(eta[3:], frame)
+    angles_of_frame_kernel(frame, pose[3:])
+
+
+POSES: dict[type, Callable[..., None]] = {
+    Axes: _copy_pose, Planar: _copy_pose, Euler: _copy_pose, Quaternion: _quaternion_pose,
+}  # fmt: skip
+
+
+def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+    """Write the pose over the degrees of freedom of a state.
+
+    Angles become the turns that are nearest to those that stand in `pose` before.
     """
+    POSES[type(kinematics)](kinematics, eta, frame, pose)
+
+
+@overload(pose_of, jit_options=LEAN)
+def _pose_of(kinematics: Any, eta: Any, frame: Any, pose: Any) -> Any:
+    step = POSES[kinematics.instance_class]
+
+    def chosen(kinematics: Any, eta: Any, frame: Any, pose: Any) -> None:
+        step(kinematics, eta, frame, pose)
+
+    return chosen
+
+
+@lean_kernel
+def _leave(kinematics: Any, eta: Array) -> None:
+    pass
+
+
+@lean_kernel
+def _to_unit(kinematics: Quaternion, eta: Array) -> None:
+    size = np.sqrt(eta[3] * eta[3] + eta[4] * eta[4] + eta[5] * eta[5] + eta[6] * eta[6])
+    for i in range(3, 7):
+        eta[i] /= size
+
+
+NORMS: dict[type, Callable[..., None]] = {
+    Axes: _leave, Planar: _leave, Euler: _leave, Quaternion: _to_unit,
+}  # fmt: skip
+
+
+def normalise(kinematics: Any, eta: Array) -> None:
+    """Give the quaternion of a state, where it has one, its length of one."""
+    NORMS[type(kinematics)](kinematics, eta)
+
+
+@overload(normalise, jit_options=LEAN)
+def _normalise(kinematics: Any, eta: Any) -> Any:
+    step = NORMS[kinematics.instance_class]
+
+    def chosen(kinematics: Any, eta: Any) -> None:
+        step(kinematics, eta)
+
+    return chosen
+
+
+@lean_kernel
+def _step(
+    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
+    nu: Array, weather: Weather, k: int, h: float, euler: bool, work: Scratch,
+) -> None:  # fmt: skip
+    """One step of eta, nu and (exactly) of the thrust (n_dof, 2), in place.
+
+    Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; `lag`
+    is the thruster's step of h/2.
+    """
+    stages = 1 if euler else 4
     for i in range(eta.shape[0]):
         work.eta[i], work.eta_sum[i] = eta[i], 0.0
     for i in range(nu.shape[0]):
         work.nu[i], work.nu_sum[i] = nu[i], 0.0
-    for stage in range(4):
+    for stage in range(stages):
         if stage == 1 or stage == 3:
             step_lag_kernel(lag, thrust, command)
         for i in range(nu.shape[0]):
@@ -237,6 +404,10 @@ def _runge_kutta(
             work.nu_dot,
         )  # fmt: skip
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+        if euler:
+            weight = h
+            step_lag_kernel(lag, thrust, command)
+            step_lag_kernel(lag, thrust, command)
         reach = h if stage == 2 else 0.5 * h
         for i in range(eta.shape[0]):
             work.eta_sum[i] += weight * work.eta_dot[i]
@@ -248,17 +419,19 @@ def _runge_kutta(
         eta[i] += work.eta_sum[i]
     for i in range(nu.shape[0]):
         nu[i] += work.nu_sum[i]
+    normalise(kinematics, eta)
 
 
 @lean_kernel
 def advance(
     kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
     nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
+    euler: bool = False,
 ) -> None:  # fmt: skip
     """Advance pose, velocity and thrust (n_dof, 2) over one control period; command held."""
     if lag.direct:
         step_lag_kernel(lag, thrust, command)
     for _ in range(substeps):
-        _runge_kutta(
-            kinematics, plant, lag, thrust, command, eta, nu, weather, k, h, work,
+        _step(
+            kinematics, plant, lag, thrust, command, eta, nu, weather, k, h, euler, work,
         )  # fmt: skip

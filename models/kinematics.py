@@ -1,12 +1,18 @@
 """Frames, rotations and angle wrapping.
 
-NED is the local north-east-down frame; body axes point forward, to starboard and down.
+NED is the local north-east-down frame; body axes point forward, to starboard and down. In six
+degrees of freedom the attitude is (phi, theta, psi), applied in the order zyx, or the unit
+quaternion (eta, eps_1, eps_2, eps_3) of the rotation from body to NED; Fossen (2011), chapter 2.
 """
 
 import numpy as np
 
-from models.basis import Array
+from models.basis import ATTITUDE, INDEX, N_VARIABLES, Array
 from models.compiled import lean_kernel
+
+FIRST_ANGLE = INDEX[ATTITUDE[0]]
+SMALL = 1e-12
+SPATIAL = 6  # degrees of freedom with an attitude
 
 
 def rotation(psi: float) -> Array:
@@ -56,15 +62,151 @@ def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
     return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
 
 
+def quaternion_of(angles: Array) -> Array:
+    """Unit quaternion of (phi, theta, psi) [rad], shape (4,)."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(0.5 * angles), np.sin(0.5 * angles)
+    return np.array(
+        [
+            cx * cy * cz + sx * sy * sz,
+            sx * cy * cz - cx * sy * sz,
+            cx * sy * cz + sx * cy * sz,
+            cx * cy * sz - sx * sy * cz,
+        ]
+    )
+
+
+def frame_of_quaternion(q: Array, frame: Array) -> None:
+    """Rotation from body to NED of a quaternion (4,), written to frame (3, 3). Hoyer, eq. (2.3)."""
+    n, x, y, z = q[0], q[1], q[2], q[3]
+    frame[0, 0], frame[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
+    frame[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    frame[0, 1], frame[1, 0] = 2.0 * (x * y - z * n), 2.0 * (x * y + z * n)
+    frame[0, 2], frame[2, 0] = 2.0 * (x * z + y * n), 2.0 * (x * z - y * n)
+    frame[1, 2], frame[2, 1] = 2.0 * (y * z - x * n), 2.0 * (y * z + x * n)
+
+
+def frame_of_angles(angles: Array, frame: Array) -> None:
+    """Rotation from body to NED of (phi, theta, psi) [rad], written to frame (3, 3)."""
+    cx, sx = np.cos(angles[0]), np.sin(angles[0])
+    cy, sy = np.cos(angles[1]), np.sin(angles[1])
+    cz, sz = np.cos(angles[2]), np.sin(angles[2])
+    frame[0, 0], frame[1, 0], frame[2, 0] = cz * cy, sz * cy, -sy
+    frame[0, 1], frame[0, 2] = cz * sy * sx - sz * cx, sz * sx + cz * cx * sy
+    frame[1, 1], frame[1, 2] = cz * cx + sx * sy * sz, sy * sz * cx - cz * sx
+    frame[2, 1], frame[2, 2] = cy * sx, cy * cx
+
+
+def angles_of_frame(frame: Array, angles: Array) -> None:
+    """(phi, theta, psi) [rad] of a rotation (3, 3), each the turn that is nearest to `angles`.
+
+    Where the vessel points straight up or down phi and psi are one angle: phi is kept.
+    """
+    level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
+    roll = angles[0]
+    if level > SMALL:
+        roll = np.arctan2(frame[2, 1], frame[2, 2])
+        yaw = np.arctan2(frame[1, 0], frame[0, 0])
+    else:
+        c, s = np.cos(roll), np.sin(roll)
+        yaw = np.arctan2(s * frame[0, 2] - c * frame[0, 1], c * frame[1, 1] - s * frame[1, 2])
+    angles[0] += np.pi - (np.pi - (roll - angles[0])) % (2.0 * np.pi)
+    angles[2] += np.pi - (np.pi - (yaw - angles[2])) % (2.0 * np.pi)
+    angles[1] = np.arctan2(-frame[2, 0], level)
+
+
+def fill_attitude(z: Array, frame: Array) -> None:
+    """Write cosines and sines of the attitude, and their magnitudes, into z = [x, |x|].
+
+    From the rotation (3, 3), without its angles: products such as cos(theta) sin(phi) are right at
+    every attitude.
+    """
+    level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
+    share = 1.0 / max(level, SMALL)
+    at = FIRST_ANGLE
+    z[at], z[at + 1] = frame[2, 2] * share, frame[2, 1] * share
+    z[at + 2], z[at + 3] = level, -frame[2, 0]
+    z[at + 4], z[at + 5] = frame[0, 0] * share, frame[1, 0] * share
+    if level <= SMALL:
+        z[at], z[at + 1] = 1.0, 0.0
+        z[at + 4], z[at + 5] = frame[1, 1], -frame[0, 1]
+    for i in range(at, at + 6):
+        z[N_VARIABLES + i] = abs(z[i])
+
+
+def quaternion_rate(q: Array, p: float, q_rate: float, r: float, rate: Array) -> None:
+    """q_dot = T_q(q) omega, written to rate (4,). Hoyer (2021), eqs. (2.2)-(2.3)."""
+    n, x, y, z = q[0], q[1], q[2], q[3]
+    rate[0] = -0.5 * (x * p + y * q_rate + z * r)
+    rate[1] = 0.5 * (n * p - z * q_rate + y * r)
+    rate[2] = 0.5 * (z * p + n * q_rate - x * r)
+    rate[3] = 0.5 * (x * q_rate - y * p + n * r)
+
+
+def angle_rate(angles: Array, p: float, q: float, r: float, rate: Array) -> None:
+    """(phi, theta, psi)_dot = T(phi, theta) omega, singular at theta = 90 degrees; (3,)."""
+    c, s = np.cos(angles[0]), np.sin(angles[0])
+    turn = (s * q + c * r) / np.cos(angles[1])
+    rate[0] = p + np.sin(angles[1]) * turn
+    rate[1] = c * q - s * r
+    rate[2] = turn
+
+
+frame_of_quaternion_kernel = lean_kernel(frame_of_quaternion)
+frame_of_angles_kernel = lean_kernel(frame_of_angles)
+angles_of_frame_kernel = lean_kernel(angles_of_frame)
+fill_attitude_kernel = lean_kernel(fill_attitude)
+quaternion_rate_kernel = lean_kernel(quaternion_rate)
+angle_rate_kernel = lean_kernel(angle_rate)
+
+
+@lean_kernel
+def _turn_back(
+    cx: float, sx: float, cy: float, sy: float, cz: float, sz: float, ned: Array, body: Array
+) -> None:
+    """R' of a vector in NED (3,), from the cosines and sines of phi, theta and psi."""
+    x, y, z = ned[0], ned[1], ned[2]
+    body[0] = cz * cy * x + sz * cy * y - sy * z
+    body[1] = (cz * sy * sx - sz * cx) * x + (cz * cx + sx * sy * sz) * y + cy * sx * z
+    body[2] = (sz * sx + cz * cx * sy) * x + (sy * sz * cx - cz * sx) * y + cy * cx * z
+
+
+def spatial_reference(filtered: Array, nu_d: Array, nu_dot_d: Array) -> None:
+    """Body velocity and acceleration of a path in (x, y, z, phi, theta, psi), filtered (6, 3).
+
+    v = R' p_dot, v_dot = R' p_ddot - omega x v; omega = T^-1 Theta_dot, and its derivative.
+    """
+    cx, sx = np.cos(filtered[3, 0]), np.sin(filtered[3, 0])
+    cy, sy = np.cos(filtered[4, 0]), np.sin(filtered[4, 0])
+    cz, sz = np.cos(filtered[5, 0]), np.sin(filtered[5, 0])
+    roll, pitch, yaw = filtered[3, 1], filtered[4, 1], filtered[5, 1]
+    p, q, r = roll - sy * yaw, cx * pitch + sx * cy * yaw, cx * cy * yaw - sx * pitch
+    nu_d[3], nu_d[4], nu_d[5] = p, q, r
+    nu_dot_d[3] = filtered[3, 2] - sy * filtered[5, 2] - cy * pitch * yaw
+    nu_dot_d[4] = cx * filtered[4, 2] + sx * cy * filtered[5, 2] + roll * r - sx * sy * pitch * yaw
+    nu_dot_d[5] = cx * cy * filtered[5, 2] - sx * filtered[4, 2] - roll * q - cx * sy * pitch * yaw
+    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 1], nu_d)
+    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 2], nu_dot_d)
+    u, v, w = nu_d[0], nu_d[1], nu_d[2]
+    nu_dot_d[0] -= q * w - r * v
+    nu_dot_d[1] -= r * u - p * w
+    nu_dot_d[2] -= p * v - q * u
+
+
+spatial_reference_kernel = lean_kernel(spatial_reference)
+
+
 def reference_in_body(
     planar: bool, filtered: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array
 ) -> None:
     """Desired pose, body velocity and acceleration from the filter state (n_dof, 3).
 
-    Planar: nu_d = R(psi_d)' eta_d_dot, and its derivative. Otherwise each axis stands alone.
+    Planar: nu_d = R(psi_d)' eta_d_dot, and its derivative; six degrees of freedom likewise.
+    Otherwise each axis stands alone.
     """
     for i in range(eta_d.shape[0]):
         eta_d[i], nu_d[i], nu_dot_d[i] = filtered[i, 0], filtered[i, 1], filtered[i, 2]
+    if eta_d.shape[0] == SPATIAL:
+        spatial_reference_kernel(filtered, nu_d, nu_dot_d)
     if not planar:
         return
     c, s = np.cos(filtered[2, 0]), np.sin(filtered[2, 0])
