@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,7 @@ class Recording:
 def _joined(pieces: Sequence[Recording]) -> Recording:
     """Pieces one after the other, each with its own time."""
 
-    def join(name: str) -> Array | None:
+    def join(name: str) -> Any:
         parts = [getattr(piece, name) for piece in pieces]
         return None if parts[0] is None else np.concatenate(parts)
 

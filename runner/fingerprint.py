@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,24 @@ def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: st
     The order of keys does not matter, nor whether a whole number is written 1 or 1.0.
     """
     compared = {key: value for key, value in config.items() if key not in NOT_COMPARED}
+    compared["excitation"] = _by_content(compared.get("excitation"))
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
     content = {"config": compared, "names": chosen, "sources": sources}
     return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+
+def _by_content(excitation: Any) -> Any:
+    """A measured file stands for what is in it, not for where it lies."""
+    path = excitation.get("path") if isinstance(excitation, Mapping) else None
+    if not isinstance(path, str) or not Path(path).is_file():
+        return excitation
+    stat = Path(path).stat()
+    return {**excitation, "path": _file_digest(path, stat.st_mtime_ns, stat.st_size)}
+
+
+@lru_cache(maxsize=16)
+def _file_digest(path: str, _changed_ns: int, _size: int) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def canonical(value: Any) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models import metrics as measure
 from models.basis import Array, Term
@@ -20,21 +21,22 @@ from models.vessel import (
     poses_of,
     velocities_of,
 )
-from runner.database.records import Coefficient, Diagnostic, Metric, Series
+from runner.database.records import Coefficient, Diagnostic, Metric, Series, Stage
 
 if TYPE_CHECKING:
     from runner.trial import Excited
 
+Mask = NDArray[np.bool_]
 SPEED_UNIT = {"N": "m/s", "Nm": "rad/s"}
 POSE_UNIT = {"N": "m", "Nm": "rad"}
 
 
 def _square(unit: str) -> str:
-    return f"({unit})^2" if len(unit) > 1 and not unit.isalpha() else f"{unit}^2"
+    return f"({unit})^2" if len(unit) > 1 else f"{unit}^2"
 
 
 def _per_dof(
-    stage: str, model: str, name: str, values: Array, dofs: Iterable[str], units: Iterable[str]
+    stage: Stage, model: str, name: str, values: Array, dofs: Iterable[str], units: Iterable[str]
 ) -> list[Metric]:
     return [
         Metric(stage, model, dof, name, float(value), unit)
@@ -83,7 +85,9 @@ def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]
     worst = np.where(known, errors, 0.0).max(axis=0, initial=0.0)
     return [
         Metric("validation", name, dof, "coefficient_error", float(value), "")
-        for dof, value, any_known in zip(truth.dofs, worst, known.any(axis=0), strict=True)
+        for dof, value, any_known in zip(
+            truth.dofs, worst, np.atleast_1d(known.any(axis=0)), strict=True
+        )
         if any_known
     ]
 
@@ -93,7 +97,7 @@ def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     log, dofs = voyage.log, voyage.dofs
     force_units = [FORCE_UNIT[dof] for dof in dofs]
     speeds = [SPEED_UNIT[unit] for unit in force_units]
-    stage = "deployment"
+    stage: Stage = "deployment"
     rates = measure.mean_square(log.nu_d - log.nu)
     accelerations = measure.mean_square(log.nu_dot_d - log.nu_dot)
     squares = [_square(unit) for unit in speeds]
@@ -175,6 +179,19 @@ def diagnostics(identified: Identified) -> list[Diagnostic]:
     ]
 
 
+def stage_coefficients(identified: Identified) -> list[Coefficient]:
+    """The residual table of each stage, as models `stage_1` and so on; zeros left out."""
+    return [
+        Coefficient(
+            f"stage_{i}", dof, one.name, float(value), None, None, coefficient_unit(one, dof)
+        )
+        for i, table in enumerate(identified.stages, start=1)
+        for one, row in zip(table.terms, table.theta, strict=True)
+        for dof, value in zip(table.dofs, row, strict=True)
+        if value
+    ]
+
+
 def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
     return dict(zip(names, np.asarray(values).T, strict=True))
 
@@ -213,7 +230,7 @@ def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
     return {k: v for names, part in parts if len(part) for k, v in _columns(names, part).items()}
 
 
-def recording_series(recording: Recording, training: Array, weather: Weather | None) -> Series:
+def recording_series(recording: Recording, training: Mask, weather: Weather | None) -> Series:
     """The whole recording, as measured, and the weather that was sailed in."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}

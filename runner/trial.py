@@ -5,7 +5,7 @@ identifier. The weather's streams do not depend on the identifier or the control
 competitor meets the same weather, and the nominal and the identified model are compared in pairs.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from models.recorded import RecordedFile
 from models.recording import Recording
 from models.simulation import Plant, Voyage, recording_of, sail
 from models.vessel import Vessel
-from runner import rows
+from runner import measured, rows
 from runner.config import Trial
 from runner.database.records import Results
 
@@ -65,25 +65,29 @@ def check(trial: Trial) -> None:
     """Raise ConfigurationError for a combination that cannot work, before any work."""
     for group in ("vessel", "disturbance", "excitation", "identifier"):
         if getattr(trial, group) is None:
-            raise ConfigurationError(f"{group}: got none, expected an option of the group")
+            raise ConfigurationError(
+                f"{group}: got none, expected an option of the group"
+            )
     dofs = trial.vessel.dofs
-    measured = isinstance(trial.excitation, RecordedFile)
-    if not measured and trial.controller is None:
+    from_file = isinstance(trial.excitation, RecordedFile)
+    if not from_file and trial.controller is None:
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
         )
     trial.excitation.check(dofs)
-    if measured:
-        trial.excitation.read(dofs)  # a damaged file is a wrong option, not a failed trial
+    if from_file:
+        trial.excitation.read(
+            dofs
+        )  # a damaged file is a wrong option, not a failed trial
     else:
         trial.disturbance.check(dofs)
-    if trial.evaluation is not None and not measured:
+    if trial.evaluation is not None and not from_file:
         trial.evaluation.check(dofs)
     if trial.controller is not None:
         trial.controller.build(trial.vessel.nominal(), trial.sample_time_s)
     refuse = getattr(trial.identifier, "check", None)
     if refuse is not None:
-        refuse(trial.vessel.nominal(), trial.vessel.thruster, measured)
+        refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
 
 
 def run(trial: Trial) -> Results:
@@ -96,11 +100,18 @@ def run(trial: Trial) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
-    validation = rows.validation(problem.validation, problem.nominal, identified, excited.truth)
+    identified = trial.identifier.identify(
+        problem, np.random.default_rng(seeds.identifier)
+    )
+    validation = rows.validation(
+        problem.validation, problem.nominal, identified, excited.truth
+    )
     results = Results(
         metrics=validation,
-        coefficients=rows.coefficients(problem.nominal, identified, excited.truth),
+        coefficients=[
+            *rows.coefficients(problem.nominal, identified, excited.truth),
+            *rows.stage_coefficients(identified),
+        ],
         diagnostics=rows.diagnostics(identified),
         series=[
             rows.recording_series(excited.recording, excited.training, excited.weather),
@@ -108,7 +119,25 @@ def run(trial: Trial) -> Results:
         ],
         note=skipped(trial),
     )
-    return results if results.note else deploy(trial, seeds, problem.nominal, identified, results)
+    if isinstance(trial.excitation, RecordedFile):
+        results = with_quality(results, trial.excitation, excited.recording)
+    return (
+        results
+        if results.note
+        else deploy(trial, seeds, problem.nominal, identified, results)
+    )
+
+
+def with_quality(results: Results, file: RecordedFile, recording: Recording) -> Results:
+    """The results of a measured recording, with its statistics and quality checks."""
+    metrics, series = measured.quality(recording)
+    found = [*measured.statistics(file), *measured.outliers(file, recording.dofs)]
+    return replace(
+        results,
+        metrics=[*results.metrics, *metrics],
+        diagnostics=[*results.diagnostics, *found],
+        series=[*results.series, series],
+    )
 
 
 def skipped(trial: Trial) -> str | None:
@@ -157,7 +186,7 @@ def sail_mission(
     voyage = sail(
         plant,
         weather,
-        mission.guidance(period * np.arange(n), start),
+        mission.guidance(period * np.arange(n, dtype=np.float64), start),
         mission.reference_filter.table(period),
         trial.controller.build(model, period),
         start,
@@ -168,10 +197,16 @@ def sail_mission(
 
 
 def deploy(
-    trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
+    trial: Trial,
+    seeds: Streams,
+    nominal: Vessel,
+    identified: Identified,
+    results: Results,
 ) -> Results:
     """Sail the evaluation with the nominal and with the identified model, in the same weather."""
-    mission = trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
+    mission = (
+        trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
+    )
     metrics, series = list(results.metrics), list(results.series)
     failure: Diverged | None = None
     for name, model in (("nominal", nominal), ("identified", identified.model)):

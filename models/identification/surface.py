@@ -38,6 +38,7 @@ from models.identification.selection import Pair, Selection, left_out_mse, part,
 from models.vessel import FORCE_UNIT, Vessel, coefficient_unit
 
 PARSIMONY = 1.1  # an order may cost this factor of the least MSE
+RESOLUTION = 1e-12  # of the output's mean square; below it, moments cannot tell two models apart
 FEWEST = 2
 
 
@@ -109,7 +110,7 @@ def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) ->
     nothing = left_out_mse(pairs, lambda _, left: mean_squares(left, np.zeros((1 + n, 1))))[0]
     if nothing <= np.nanmin(mse):
         return Choice(0, np.zeros(0, dtype=np.int64), mse, np.zeros(0))
-    best, count = (int(i) for i in np.unravel_index(int(np.nanargmin(mse)), mse.shape))
+    best, count = least(mse, RESOLUTION * nothing)
     kept = np.flatnonzero(whole_surface(moment, beta)[best, count, 1:, 0])
     on_kept = left_out_mse(
         [(restrict(used, kept), restrict(left, kept)) for used, left in pairs],
@@ -118,6 +119,19 @@ def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) ->
     if parsimonious:
         best = int(np.argmax(on_kept <= PARSIMONY * np.min(on_kept)))
     return Choice(best + 1, kept, mse, on_kept)
+
+
+def least(mse: Array, resolution: float) -> tuple[int, int]:
+    """Where the least MSE stands; where several are exact, the one with most terms and orders.
+
+    An MSE from moments loses what stands below rounding, so among exact models the one that has
+    left out least is kept.
+    """
+    exact = np.argwhere(mse <= resolution)
+    if len(exact) == 0:
+        exact = np.argwhere(mse == np.nanmin(mse))[:1]
+    best, count = max(exact.tolist(), key=lambda at: (at[1], at[0]))
+    return best, count
 
 
 def restrict(moment: Array, kept: NDArray[np.int64]) -> Array:

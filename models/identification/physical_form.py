@@ -1,0 +1,110 @@
+"""The physical form of an identified state-space model: inertia and damping from its poles.
+
+With the pose as output and two states a degree of freedom, z = (y, y_dot) = [C; C A_c] x is a
+state, A_c the logarithm of A over the period. In it
+
+    y_ddot = A_21 y + A_22 y_dot + B_2 [tau, phi]    so that    M = B_2tau^-1,
+    damping = -M A_22,   coefficients of further terms phi = -M B_2phi.
+
+A vessel has no stiffness in the plane (A_21 = 0) and its pose does not follow the force at once
+(C B_c = 0); how far the data disagree is reported, not hidden.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models import basis
+from models.basis import Array, Term
+from models.errors import IdentificationError
+from models.statespace import StateSpace, zero_order_hold
+from models.vessel import Vessel, accelerations_of, velocities_of
+
+REAL = 1e-6  # imaginary part of a logarithm that is rounding
+SINGULAR = 1e-9  # eigenvalue of A, or share of B_2, that is none
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicalForm:
+    """M nu_dot + damping nu + extra phi = tau, and what a vessel of this form would not show."""
+
+    inertia: Array  # (n_dof, n_dof) [kg, kg m, kg m^2]
+    damping: Array  # (n_dof, n_dof) [kg/s, kg m/s, kg m^2/s]
+    extra: Array  # (n_dof, n_terms): coefficients of the inputs that are not forces
+    stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad], not part of the vessel
+    direct: Array  # (n_dof, n_dof): velocity that a force gives at once, over that of one period
+    condition: float  # of the transform, its rows scaled to unit size
+    model: StateSpace  # the same input and output, state (y, y_dot)
+
+    def vessel(self, name: str, dofs: tuple[str, ...], extra: tuple[Term, ...]) -> Vessel:
+        """The coefficient table of the accelerations, the velocities and the `extra` terms."""
+        terms = (*basis.terms([*accelerations_of(dofs), *velocities_of(dofs)]), *extra)
+        theta = np.vstack([self.inertia.T, self.damping.T, self.extra.T])
+        return Vessel(name, dofs, terms, theta)
+
+
+def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
+    """The physical form of a discrete model; IdentificationError says why there is none."""
+    n, m, r = model.order, *model.D.shape
+    if n != 2 * m or r < m:
+        raise IdentificationError(
+            f"no physical form: got {n} states, {r} inputs and {m} outputs, "
+            f"expected a force for every output and two states for each"
+        )
+    A, B = continuous(model)
+    transform = np.vstack([model.C, model.C @ A])
+    size = np.linalg.norm(transform, axis=1, keepdims=True)
+    condition = float(np.linalg.cond(transform / np.where(size > 0.0, size, 1.0)))
+    if not condition < condition_limit:
+        raise IdentificationError(
+            f"no physical form: the transform to pose and velocity is ill-conditioned, "
+            f"got {condition:.3g}, expected less than {condition_limit:g}"
+        )
+    lower = (transform @ A @ np.linalg.inv(transform))[m:]
+    forced = transform @ B
+    inertia = _inertia(forced[m:, :m])
+    period = float(model.period_s or 1.0)
+    return PhysicalForm(
+        inertia=inertia,
+        damping=-inertia @ lower[:, m:],
+        stiffness=-inertia @ lower[:, :m],
+        extra=-inertia @ forced[m:, m:],
+        direct=forced[:m, :m] @ inertia / period,
+        condition=condition,
+        model=replace(model.transformed(transform), D=model.D),
+    )
+
+
+def continuous(model: StateSpace) -> tuple[Array, Array]:
+    """A_c and B_c whose zero-order hold is A and B; IdentificationError where there is none."""
+    from scipy.linalg import logm
+
+    eigenvalues, period = model.eigenvalues, float(model.period_s or 1.0)
+    negative = (eigenvalues.real < 0.0) & (np.abs(eigenvalues.imag) < REAL)
+    if np.any(negative) or np.min(np.abs(eigenvalues)) < SINGULAR:
+        raise IdentificationError(
+            f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
+            f"which no sampled continuous motion has"
+        )
+    logarithm: Any = logm(model.A)
+    if np.max(np.abs(np.imag(logarithm))) > REAL * np.max(np.abs(logarithm)):
+        raise IdentificationError("no physical form: the logarithm of A is not real")
+    A = np.asarray(np.real(logarithm), dtype=np.float64) / period
+    held = zero_order_hold(A, np.eye(model.order), period)[1]
+    return A, np.asarray(np.linalg.solve(held, model.B), dtype=np.float64)
+
+
+def _inertia(inverse: Array) -> Array:
+    """M from B_2; refused when it is singular or not positive definite."""
+    scale = np.max(np.abs(inverse), axis=0, initial=0.0)
+    if np.min(scale) <= 0.0 or np.linalg.cond(inverse / scale) > 1.0 / SINGULAR:
+        raise IdentificationError("no physical form: a force has no effect on the acceleration")
+    inertia = np.linalg.inv(inverse)
+    smallest = float(np.min(np.linalg.eigvals(inertia).real))
+    if smallest <= 0.0:
+        raise IdentificationError(
+            f"no physical form: the inertia must be positive definite, "
+            f"got an eigenvalue of {smallest:.3g}"
+        )
+    return np.asarray(inertia)

@@ -1,0 +1,310 @@
+"""Deterministic and stochastic subspace identification (DSR) on innovations form.
+
+    x_{k+1} = A x_k + B u_k + K e_k        y_k = C x_k + D u_k + e_k
+
+Block Hankel matrices of L rows, with J past samples as instruments, are compressed by one QR
+factorisation; an SVD of what the past explains of the future is the extended observability
+matrix, whose shift is A and whose first block is C. Everything else is linear in the data.
+
+`open`: the future inputs are projected away, the past removes the noise. With feedback the future
+inputs contain past noise, and the model stays biased however long the record is.
+
+`closed` (dsr_e): first the innovations e_k = y_k - y_k/[u past, y past] over J samples, which
+feedback does not disturb; then, with e known, a deterministic problem with the inputs (u, e) and
+the output y - e.
+
+Di Ruscio (2009), "A bootstrap subspace identification method", Modeling, Identification and
+Control 30; as used by Bargouth (2022), section 3.7. He writes D for C and E for D.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from models.basis import Array, Codes
+from models.compiled import kernel
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.block_hankel import (
+    Record,
+    explained_by_past,
+    hankel,
+    starts,
+    stretches,
+    triangular,
+)
+from models.statespace import StateSpace, spectral_radius
+
+Variant = Literal["open", "closed"]
+DETERMINED = 1e-11  # smallest to largest singular value of a regression
+NOISE_FREE = 1e-9  # innovations below this share of the output are rounding
+ORDER_FLOOR = 1e-10  # singular values below this share of the largest are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Realisation:
+    """An identified model and what its order was chosen by."""
+
+    model: StateSpace
+    singular_values: Array
+    gain_recomputed: bool  # K of the regression had no stable predictor, or there was no noise
+
+
+def identify_innovations(
+    y: Array,
+    u: Array,
+    L: int,
+    J: int,
+    order: int | None,
+    variant: Variant,
+    *,
+    feedthrough: bool = False,
+    period_s: float = 1.0,
+    stretch: Codes | None = None,
+    times: Codes | None = None,
+) -> Realisation:
+    """A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
+
+    `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
+    `closed` cannot. `stretch` numbers the contiguous parts of the data, `times` the samples to
+    use (a bootstrap's). Raises IdentificationError when the data do not determine the model.
+    """
+    _check(y, u, L, J, order, variant, feedthrough)
+    y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
+    one = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
+    every = np.arange(len(y)) if times is None else times
+    record = Record(y / y_scale, u / u_scale, one, every)
+    if variant == "closed":
+        model, values, recomputed = _identify_closed(record, L, J, order)
+    else:
+        model, values, recomputed = _identify_open(record, L, J, order, feedthrough)
+    model = _with_noise_and_start(model, record)
+    model = replace(model, period_s=period_s).scaled(u_scale, y_scale)
+    return Realisation(model, values, recomputed)
+
+
+def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
+    """The model with F, from its own innovations, and x0 at the first sample."""
+    errors, states = [], []
+    parts = (stretches(values, record.stretch) for values in (record.y, record.u))
+    for y, u in zip(*parts, strict=True):
+        states.append(model.initial_state(y, u))
+        errors.append(y - model.predict(y, u, 1, states[-1]))
+    R = np.asarray(np.linalg.qr(np.vstack(errors), mode="r"), dtype=np.float64)
+    F = R.T / np.sqrt(len(record.y))
+    return replace(model, F=F, x0=states[0])
+
+
+def _identify_open(
+    record: Record, L: int, J: int, order: int | None, feedthrough: bool
+) -> tuple[StateSpace, Array, bool]:
+    """The future inputs projected away, the past as instruments; B and D by output error."""
+    m = record.y.shape[1]
+    rows = starts(record, J + L + 1)
+    inputs = hankel(record.u, rows, J, L + int(feedthrough))
+    past = np.hstack([hankel(record.u, rows, 0, J), hankel(record.y, rows, 0, J)])
+    R = triangular([inputs, past, hankel(record.y, rows, J, L + 1)])
+    a, b = inputs.shape[1], inputs.shape[1] + past.shape[1]
+    A, C, values = realise(R[b:, a:b], m, order)
+    observer = observer_gain(A, C)
+    gain = np.zeros_like(observer) if spectral_radius(A) < 1.0 else observer
+    B, D = input_matrices(record, record.u, A, C, gain, feedthrough)
+    model = StateSpace(A, B, C, D, 1.0)
+    explained, e = explained_by_past(record, J, feedthrough)
+    noise, scale = _innovation_inputs(e.y)
+    K, _ = input_matrices(explained, noise, A, C, observer, False, known=model)
+    model, recomputed = _with_gain(model, K @ scale, e.y)
+    return model, values, recomputed
+
+
+def _identify_closed(
+    record: Record, L: int, J: int, order: int | None
+) -> tuple[StateSpace, Array, bool]:
+    """Innovations first, then a deterministic problem with the inputs (u, e). dsr_e."""
+    m, r = record.y.shape[1], record.u.shape[1]
+    explained, e = explained_by_past(record, J, False)
+    noise, scale = _innovation_inputs(e.y)
+    rows = starts(explained, L + 1)
+    inputs = [hankel(explained.u, rows, 0, L), hankel(noise, rows, 0, L)]
+    R = triangular([*inputs, hankel(explained.y, rows, 0, L + 1)])
+    a = L * (r + noise.shape[1])
+    A, C, values = realise(R[a:, a:], m, order)
+    v = np.hstack([explained.u, noise])
+    BK, D = input_matrices(explained, v, A, C, observer_gain(A, C), False)
+    model = StateSpace(A, BK[:, :r], C, D[:, :r], 1.0)
+    model, recomputed = _with_gain(model, BK[:, r:] @ scale, e.y)
+    return model, values, recomputed
+
+
+def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:
+    """A, C and the singular values from the future that the state explains, (L + 1) m rows.
+
+    Z_{J|L} = O_L X = U S V',  C = the first m rows of U,  A = U' Z_{J+1|L} V S^-1.
+    """
+    left, values, right = np.linalg.svd(Z[:-m], full_matrices=False)
+    n = largest_gap(values) if order is None else order
+    O = left[:, :n]  # noqa: E741 - the literature's name
+    A = O.T @ Z[m:] @ right[:n].T / values[:n]
+    return A, O[:m], values
+
+
+def largest_gap(values: Array) -> int:
+    """Number of singular values before the largest ratio of neighbours."""
+    floored = np.maximum(values, ORDER_FLOOR * values[0])
+    return int(np.argmax(floored[:-1] / floored[1:])) + 1
+
+
+def input_matrices(
+    record: Record,
+    v: Array,
+    A: Array,
+    C: Array,
+    gain: Array,
+    direct: bool,
+    known: StateSpace | None = None,
+) -> tuple[Array, Array]:
+    """B (n, p) and D (m, p) of the inputs v by least squares on the whole record.
+
+    x_{k+1} = (A - G C) x_k + (B - G D) v_k + G y_k, y_k = C x_k + D v_k is linear in B, D and the
+    first state of every stretch, for any G: with G = 0 the error of a free run, with a stabilising
+    G that of a predictor. What the inputs `record.u` add through `known` is taken off before.
+    """
+    n, m, p = len(A), len(C), v.shape[1]
+    stretch = record.stretch - record.stretch[0]
+    n_direct = m * p if direct else 0
+    phi = np.zeros((len(v), m, n * p + n_direct + n * (int(stretch[-1]) + 1)))
+    _responses(A - gain @ C, C, gain, np.ascontiguousarray(v), stretch, direct, phi)
+    target = record.y - _known_part(record, A, C, gain, known)
+    rows = record.times
+    flat = np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[rows].ravel()])
+    R = np.asarray(np.linalg.qr(flat, mode="r"), dtype=np.float64)
+    found = _solved(R, n * p + n_direct)
+    B = found[: n * p].reshape(p, n).T
+    return B, found[n * p :].reshape(-1, m).T if direct else np.zeros((m, p))
+
+
+def _solved(R: Array, count: int) -> Array:
+    """The first `count` unknowns from the triangular factor of [columns, right-hand side].
+
+    Of minimal norm where the columns leave them open: a short burst of innovations may not
+    determine K, nor the rows that a bootstrap chose a first state.
+    """
+    size = np.linalg.norm(R[:, :-1], axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    found = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0]
+    return np.asarray((found / size)[:count])
+
+
+def _known_part(record: Record, A: Array, C: Array, gain: Array, known: StateSpace | None) -> Array:
+    """Output of the observer that G y and the known inputs drive, from rest in every stretch."""
+    m, r = len(C), record.u.shape[1]
+    B, D = (np.zeros((len(A), r)), np.zeros((m, r))) if known is None else (known.B, known.D)
+    inputs = np.hstack([gain, B - gain @ D])
+    observer = StateSpace(A - gain @ C, inputs, C, np.hstack([np.zeros((m, m)), D]), 1.0)
+    parts = stretches(np.hstack([record.y, record.u]), record.stretch)
+    return np.vstack([observer.simulate(part) for part in parts])
+
+
+@kernel
+def _responses(
+    A: Array, C: Array, G: Array, v: Array, stretch: Codes, direct: bool, phi: Array
+) -> None:
+    """d y_k / d (B, D, first states), columns of B and D by input; phi (N, m, q) is zero before."""
+    n, m, p, q = A.shape[0], C.shape[0], v.shape[1], phi.shape[2]
+    first = n * p + (m * p if direct else 0)
+    x, following = np.zeros((n, q)), np.zeros((n, q))
+    for k in range(v.shape[0]):
+        if k == 0 or stretch[k] != stretch[k - 1]:
+            x[:] = 0.0
+            for i in range(n):
+                x[i, first + n * stretch[k] + i] = 1.0
+        for i in range(m):
+            for j in range(n):
+                for c in range(q):
+                    phi[k, i, c] += C[i, j] * x[j, c]
+        following[:] = 0.0
+        for i in range(n):
+            for j in range(n):
+                for c in range(q):
+                    following[i, c] += A[i, j] * x[j, c]
+        for c in range(p):
+            for i in range(n):
+                following[i, n * c + i] += v[k, c]
+            for i in range(m if direct else 0):
+                phi[k, i, n * p + m * c + i] += v[k, c]
+                for j in range(n):
+                    following[j, n * p + m * c + i] -= G[j, i] * v[k, c]
+        x[:] = following
+
+
+def observer_gain(A: Array, C: Array) -> Array:
+    """A gain G with A - G C stable: the Kalman predictor's for noise of unit size everywhere."""
+    return _riccati_gain(A, C, np.eye(len(A)), np.zeros((len(A), len(C))), np.eye(len(C)))
+
+
+def _innovation_inputs(e: Array) -> tuple[Array, Array]:
+    """The innovations above rounding, each of unit size, and the map (kept, m) back from e."""
+    size = np.sqrt(np.mean(e**2, axis=0))
+    kept = np.flatnonzero(size > NOISE_FREE)
+    back = np.zeros((len(kept), e.shape[1]))
+    back[np.arange(len(kept)), kept] = 1.0 / size[kept]
+    return e[:, kept] / size[kept], back
+
+
+def _with_gain(model: StateSpace, K: Array, e: Array) -> tuple[StateSpace, bool]:
+    """The model with K, or where A - K C is not stable, with the stable K of the same spectrum.
+
+    Noise of the covariances K R K', K R and R has the same spectrum for both; the second one
+    solves the Riccati equation. Data without noise leave K open: then process noise that enters
+    as the inputs do, and 1 % of the output's size on it, are assumed.
+    """
+    m = len(model.C)
+    if not np.any(K):
+        B = model.B
+        S, R = np.zeros((model.order, m)), 1e-4 * np.eye(m)
+        return replace(model, K=_riccati_gain(model.A, model.C, B @ B.T, S, R)), True
+    model = replace(model, K=K)
+    if model.predictor_radius < 1.0:
+        return model, False
+    R = e.T @ e / len(e)
+    R = R + 1e-6 * np.trace(R) / m * np.eye(m)
+    return replace(model, K=_riccati_gain(model.A, model.C, K @ R @ K.T, K @ R, R)), True
+
+
+def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
+    """K = (A P C' + S)(C P C' + R)^-1 with P of the Riccati equation of the predictor."""
+    from scipy.linalg import solve_discrete_are
+
+    floor = 1e-9 * max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
+    try:
+        P = solve_discrete_are(A.T, C.T, Q + floor * np.eye(len(A)), R, s=S)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise IdentificationError(
+            f"no stable predictor for the identified model: {error}"
+        ) from error
+    return np.asarray(np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + S).T).T)
+
+
+def _scales(values: Array, what: str) -> Array:
+    """Standard deviations; the effect of an input that never changes looks like a first state."""
+    size = np.std(values, axis=0)
+    for column in np.flatnonzero(~(size > 0.0)):
+        raise IdentificationError(f"{what} {column + 1} does not vary: got {values[0, column]:g}")
+    return np.asarray(size)
+
+
+def _check(
+    y: Array, u: Array, L: int, J: int, order: int | None, variant: str, feedthrough: bool
+) -> None:
+    """Refuse what cannot be identified from any data of these shapes."""
+    if len(y) != len(u):
+        raise ConfigurationError(f"got {len(y)} outputs and {len(u)} inputs, expected as many")
+    if L < 2 or J < 1:
+        raise ConfigurationError(f"L must be at least 2 and J at least 1, got L = {L}, J = {J}")
+    limit = L * y.shape[1]
+    if order is not None and not 1 <= order <= limit:
+        raise ConfigurationError(f"order must lie between 1 and L x outputs = {limit}, got {order}")
+    if variant == "closed" and feedthrough:
+        raise ConfigurationError("feedthrough: not identifiable in closed loop, use variant: open")
+    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(u))):
+        raise IdentificationError("the data contain values that are not finite")
