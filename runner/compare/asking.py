@@ -210,6 +210,21 @@ def plot(
 
 
 @app.command()
+def stats(
+    run: Annotated[int, typer.Argument(help="Number of a run of a measured recording.")],
+    database: Database = DEFAULT_DATABASE,
+    digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
+    form: Form = Format.RICH,
+) -> None:
+    """Describe the columns of a measured recording as its run stored them."""
+    from .results import open_results
+    from .statistics_table import recording_statistics
+
+    with open_results(database) as results:
+        show_grid(recording_statistics(results, run, digits), form)
+
+
+@app.command()
 def sql(
     query: Annotated[str, typer.Argument(metavar="SELECT", help="One query that reads.")],
     database: Database = DEFAULT_DATABASE,
