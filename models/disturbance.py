@@ -15,7 +15,7 @@ from models.basis import DOFS, Array
 from models.current import Current
 from models.dynamics import Weather
 from models.errors import ConfigurationError
-from models.vessel import PLANAR, Vessel
+from models.vessel import PLANAR, Vessel, derivative_table
 from models.waves import Waves
 from models.wind import Wind
 
@@ -64,12 +64,27 @@ class ConstantForce:
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """The same as terms of the force that a motion needs: tau = F(nu_dot, nu) - R(psi)' f."""
         force = self.ned(dofs)
+        if dofs == DOFS:
+            return derivative_table("constant force", dofs, self._spatial())
         if dofs != PLANAR:
             return Vessel("constant force", dofs, basis.terms(["1"]), -force[None, :])
         north, east, moment = force
         theta = [[0.0, 0.0, -moment], [-north, -east, 0.0], [-east, north, 0.0]]
         names = basis.terms(["1", "cos(psi)", "sin(psi)"])
         return Vessel("constant force", dofs, names, np.array(theta))
+
+    def _spatial(self) -> dict[str, float]:
+        """R' f as derivatives, in six degrees of freedom."""
+        north, east, moment = self.north_n, self.east_n, self.moment_nm
+        return {
+            "X_cos(theta)cos(psi)": north, "X_cos(theta)sin(psi)": east,
+            "Y_sin(phi)sin(theta)cos(psi)": north, "Y_cos(phi)sin(psi)": -north,
+            "Y_sin(phi)sin(theta)sin(psi)": east, "Y_cos(phi)cos(psi)": east,
+            "Z_cos(phi)sin(theta)cos(psi)": north, "Z_sin(phi)sin(psi)": north,
+            "Z_cos(phi)sin(theta)sin(psi)": east, "Z_sin(phi)cos(psi)": -east,
+            "K_sin(theta)": -moment, "M_sin(phi)cos(theta)": moment,
+            "N_cos(phi)cos(theta)": moment,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)

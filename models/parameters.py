@@ -1,11 +1,14 @@
 """What a vessel's YAML says: derivatives, thrusters, limits and what suits its size."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from models.basis import DOFS
 from models.errors import ConfigurationError
+from models.rigid_body import RigidBody
+from models.simulation import Plant
 from models.thruster import SecondOrderLag
 from models.vessel import PLANAR, Vessel, from_derivatives
 
@@ -20,13 +23,16 @@ class VesselParameters:
 
     name: str
     dofs: tuple[str, ...]
-    inertia: tuple[tuple[float, ...], ...]  # [kg, kg m, kg m^2], added mass included
+    inertia: tuple[tuple[float, ...], ...] | None  # [kg, kg m, kg m^2]
     derivatives: dict[str, float]  # hydrodynamic derivatives, SI
     velocity_limits: tuple[float, ...]  # [m/s, rad/s]; beyond them a simulation has diverged
     coriolis: bool = True
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
     tuning: dict[str, Any] = field(default_factory=dict)
+    body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
+    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
+    integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
     parameters: str | None = None  # which of the sets completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
 
@@ -43,13 +49,30 @@ class VesselParameters:
                 f"velocity_limits must be {len(self.dofs)} positive numbers, "
                 f"got {list(self.velocity_limits)}"
             )
+        if (self.inertia is None) == (self.body is None):
+            raise ConfigurationError("inertia and body: expected one of them, not both or none")
         self.nominal().plant_table()
 
     def nominal(self) -> Vessel:
         """The believed model F0."""
-        inertia = np.array(self.inertia, dtype=np.float64)
+        rows = [DOFS.index(dof) for dof in self.dofs]
+        if self.body is not None:
+            inertia = self.body.inertia()[np.ix_(rows, rows)]
+        else:
+            inertia = np.array(self.inertia, dtype=np.float64)
         derivatives = self.derivatives | self.parameter_sets.get(self.parameters or "", {})
-        return from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
+        table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
+        return table if self.body is None else table + self.body.restoring(self.dofs)
+
+    def plant(self, table: Vessel) -> Plant:
+        """What is sailed: a table with this vessel's thrusters, limits and integration."""
+        return Plant(
+            table,
+            self.thruster,
+            self.velocity_limits,
+            attitude=self.attitude,
+            integrator=self.integrator,
+        )
 
     @property
     def planar(self) -> bool:

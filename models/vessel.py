@@ -298,21 +298,25 @@ def from_derivatives(
     derivatives: Mapping[str, float],
     with_coriolis: bool = True,
 ) -> Vessel:
-    """Table of a vessel from its inertia matrix (with added mass) and hydrodynamic derivatives.
+    """Table of a vessel from its inertia matrix and hydrodynamic derivatives.
 
     Derivatives are named as by Fossen: `X_u`, `X_|u|u`, `Y_vvv`, `N_|v|r`, the force letter
     before the underscore. The table stands on the force side, so an entry is minus the
-    derivative. Jervan (2020), eqs. (2.3)-(2.6).
+    derivative. Added mass is in the inertia matrix or among the derivatives (`X_udot`).
+    Jervan (2020), eqs. (2.3)-(2.6); Hoyer (2021), eqs. (2.11)-(2.18).
     """
     n = len(dofs)
     matrix = np.asarray(inertia, dtype=np.float64)
     if matrix.shape != (n, n):
         raise ConfigurationError(f"inertia: got shape {matrix.shape}, expected ({n}, {n})")
     accelerations = basis.terms(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
+    added = {key: v for key, v in derivatives.items() if parse_derivative(key)[1] in accelerations}
+    damping = {key: value for key, value in derivatives.items() if key not in added}
     vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
+    vessel = vessel + derivative_table(name, dofs, added)
     if with_coriolis:
-        vessel = vessel + coriolis(matrix, dofs)
-    return vessel + derivative_table(name, dofs, derivatives)
+        vessel = vessel + coriolis(vessel.inertia, dofs)
+    return vessel + derivative_table(name, dofs, damping)
 
 
 def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
