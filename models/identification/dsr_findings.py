@@ -65,17 +65,15 @@ def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[
 
 
 def physical_findings(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Finding]:
-    """Condition of the transform, and the stiffness and direct response a vessel does not have."""
+    """Condition of the transform, stiffness, and the delay of each pose behind its force."""
     listed = [Finding("physical_form", "all", 1.0)]
     listed.append(Finding("physical_condition", "all", form.condition))
     for row, dof in enumerate(dofs):
+        listed.append(Finding("delay", dof, float(form.delay[row]), "s"))
         for j, other in enumerate(dofs):
-            per = "m" if FORCE_UNIT[other] == "N" else "rad"
+            unit = f"{FORCE_UNIT[dof]}/{'m' if FORCE_UNIT[other] == 'N' else 'rad'}"
             stiffness = float(form.stiffness[row, j])
-            unit = f"{FORCE_UNIT[dof]}/{per}"
             listed.append(Finding("stiffness", dof, stiffness, unit, j=j + 1, label=other))
-            direct = float(form.direct[row, j])
-            listed.append(Finding("direct_velocity", dof, direct, j=j + 1, label=other))
     return listed
 
 
@@ -102,9 +100,13 @@ def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) ->
 
 
 def fit(y: Array, predicted: Array) -> Array:
-    """100 (1 - |y - y_hat| / |y - mean y|) [%] per column; 100 is perfect, 0 is the mean."""
-    error = np.linalg.norm(y - predicted, axis=0)
-    return np.asarray(100.0 * (1.0 - error / np.linalg.norm(y - y.mean(axis=0), axis=0)))
+    """100 (1 - |y - y_hat| / |y - mean y|) [%] per column; 100 is perfect, 0 is the mean.
+
+    NaN where y does not vary.
+    """
+    error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)
 
 
 def variance_accounted_for(y: Array, predicted: Array) -> Array:

@@ -6,8 +6,10 @@ state, A_c the logarithm of A over the period. In it
     y_ddot = A_21 y + A_22 y_dot + B_2 [tau, phi]    so that    M = B_2tau^-1,
     damping = -M A_22,   coefficients of further terms phi = -M B_2phi.
 
-A vessel has no stiffness in the plane (A_21 = 0) and its pose does not follow the force at once
-(C B_c = 0); how far the data disagree is reported, not hidden.
+Roll and pitch restore themselves: their columns of the stiffness -M A_21 become sin(phi) and
+sin(theta). No other motion of a vessel has a stiffness, and its pose does not follow the force at
+once (C B_c = 0): how far the data disagree is reported. A pose that answers late, as behind the
+lag of thrusters, has C B_c = -delay M^-1.
 """
 
 from dataclasses import dataclass, replace
@@ -21,27 +23,30 @@ from models.errors import IdentificationError
 from models.statespace import StateSpace, zero_order_hold
 from models.vessel import Vessel, accelerations_of, velocities_of
 
+RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
 REAL = 1e-6  # imaginary part of a logarithm that is rounding
 SINGULAR = 1e-9  # eigenvalue of A, or share of B_2, that is none
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicalForm:
-    """M nu_dot + damping nu + extra phi = tau, and what a vessel of this form would not show."""
+    """M nu_dot + damping nu + stiffness y + extra phi = tau, answered late."""
 
     inertia: Array  # (n_dof, n_dof) [kg, kg m, kg m^2]
     damping: Array  # (n_dof, n_dof) [kg/s, kg m/s, kg m^2/s]
     extra: Array  # (n_dof, n_terms): coefficients of the inputs that are not forces
-    stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad], not part of the vessel
-    direct: Array  # (n_dof, n_dof): velocity that a force gives at once, over that of one period
+    stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad]
+    delay: Array  # (n_dof,) [s] by which the pose answers its force late
     condition: float  # of the transform, its rows scaled to unit size
     model: StateSpace  # the same input and output, state (y, y_dot)
 
     def vessel(self, name: str, dofs: tuple[str, ...], extra: tuple[Term, ...]) -> Vessel:
-        """The coefficient table of the accelerations, the velocities and the `extra` terms."""
-        terms = (*basis.terms([*accelerations_of(dofs), *velocities_of(dofs)]), *extra)
-        theta = np.vstack([self.inertia.T, self.damping.T, self.extra.T])
-        return Vessel(name, dofs, terms, theta)
+        """The coefficient table of accelerations, velocities, restoring and `extra` terms."""
+        tilting = [i for i, dof in enumerate(dofs) if dof in RESTORING]
+        restoring = (RESTORING[dofs[i]] for i in tilting)
+        named = basis.terms([*accelerations_of(dofs), *velocities_of(dofs), *restoring])
+        linear = [self.inertia.T, self.damping.T, self.stiffness.T[tilting]]
+        return Vessel(name, dofs, (*named, *extra), np.vstack([*linear, self.extra.T]))
 
 
 def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
@@ -64,13 +69,12 @@ def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
     lower = (transform @ A @ np.linalg.inv(transform))[m:]
     forced = transform @ B
     inertia = _inertia(forced[m:, :m])
-    period = float(model.period_s or 1.0)
     return PhysicalForm(
         inertia=inertia,
         damping=-inertia @ lower[:, m:],
         stiffness=-inertia @ lower[:, :m],
         extra=-inertia @ forced[m:, m:],
-        direct=forced[:m, :m] @ inertia / period,
+        delay=-np.diag(forced[:m, :m] @ inertia),
         condition=condition,
         model=replace(model.transformed(transform), D=model.D),
     )

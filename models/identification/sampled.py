@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 
 from models import basis
-from models.basis import Array, Codes, Term
+from models.basis import DOFS, Array, Codes, Term
 from models.errors import IdentificationError
+from models.kinematics import in_body, spatial_reference_kernel
 from models.recording import Recording
 from models.vessel import PLANAR, poses_of
 
@@ -31,7 +32,7 @@ class Sampled:
     period_s: float
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    heading: float | None  # [rad] mean heading of a vessel in the plane
+    heading: float  # [rad] between the axes of the output and those of the body
 
 
 def sampled(
@@ -50,46 +51,49 @@ def sampled(
     """
     recorded_period = float(np.median(np.diff(recording.t)))
     every = max(round((period_s or recorded_period) / recorded_period), 1)
-    planar = recording.dofs == PLANAR
-    heading = float(np.mean(recording.eta[:, 2])) if planar else None
-    if output == "pose" and heading is not None:
-        _check_heading(recording.eta[:, 2], heading, span)
+    turns = recording.dofs in (PLANAR, DOFS)
+    psi = recording.attitude[:, 2] if turns else np.zeros(1)
+    if output == "pose":
+        _check_heading(psi, span)
     edges = np.flatnonzero(np.diff(recording.t) > GAP * recorded_period) + 1
     terms = _held(basis.evaluate(extra, recording.variables()))
     acting = np.hstack([held_force(recording, force), terms])
     y, u, stretch = [], [], []
     for number, part in enumerate(np.split(np.arange(len(recording)), edges)):
         eta = recording.eta[part]
-        pose = body_pose(eta) if planar and output == "body_pose" else eta - eta[0]
+        pose = body_pose(eta, recording.dofs) if output == "body_pose" else eta - eta[0]
         rows = len(part) // every
         y.append(pose[: rows * every : every])
         u.append(acting[part][: rows * every].reshape(rows, every, -1).mean(axis=1))
         stretch.append(np.full(rows, number))
     names = poses_of(recording.dofs)
-    body = output == "body_pose" and planar
+    body = output == "body_pose" and turns
     return Sampled(
         y=np.vstack(y),
         u=np.vstack(u),
         stretch=np.concatenate(stretch).astype(np.int64),
         period_s=every * recorded_period,
         inputs=(*(f"tau_{dof}" for dof in recording.dofs), *(one.name for one in extra)),
-        outputs=tuple(f"body {name}" if body and name != "psi" else name for name in names),
-        heading=heading,
+        outputs=tuple(f"body {name}" if body else name for name in names),
+        heading=float(np.mean(psi)) if output == "pose" else 0.0,
     )
 
 
-def body_pose(eta: Array) -> Array:
-    """Planar pose summed in body axes, from 0: R(psi)' delta (x, y), psi half-way; shape (N, 3).
+def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:
+    """Pose summed in body axes, from 0: J^-1 delta eta, J half-way; shape (N, n_dof).
 
-    Its rate is the body velocity, whatever the heading.
+    Its rate is the body velocity, whatever the attitude. eta is (x, y, psi) in the plane, (x, y,
+    z, phi, theta, psi) in six degrees of freedom; on other axes nothing turns.
     """
-    steps = np.diff(eta, axis=0)
-    middle = 0.5 * (eta[1:, 2] + eta[:-1, 2])
-    c, s = np.cos(middle), np.sin(middle)
-    ahead = c * steps[:, 0] + s * steps[:, 1]
-    abeam = c * steps[:, 1] - s * steps[:, 0]
-    increments = np.column_stack([ahead, abeam, steps[:, 2]])
-    return np.vstack([np.zeros(3), np.cumsum(increments, axis=0)])
+    steps, middle = np.diff(eta, axis=0), 0.5 * (eta[1:] + eta[:-1])
+    if dofs == PLANAR:
+        steps[:, :2] = in_body(steps[:, :2], middle[:, 2])
+    elif dofs == DOFS:
+        unused = np.empty(len(dofs))
+        for position, step in zip(middle, steps, strict=True):
+            path = np.column_stack([position, step, np.zeros(len(dofs))])
+            spatial_reference_kernel(path, step, unused)
+    return np.vstack([np.zeros(len(dofs)), np.cumsum(steps, axis=0)])
 
 
 def held_force(recording: Recording, force: str | None) -> Array:
@@ -107,8 +111,8 @@ def _held(values: Array) -> Array:
     return np.asarray(0.5 * (values + np.vstack([values[1:], values[-1:]])))
 
 
-def _check_heading(psi: Array, mean: float, span: float) -> None:
-    turned = float(np.max(np.abs(psi - mean)))
+def _check_heading(psi: Array, span: float) -> None:
+    turned = float(np.max(np.abs(psi - np.mean(psi))))
     if turned > span:
         raise IdentificationError(
             f"a linear model of the NED pose holds near one heading only: the heading turns "

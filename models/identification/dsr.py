@@ -1,0 +1,186 @@
+"""Deterministic and stochastic subspace identification of a vessel from its pose and force.
+
+The output is the pose, the input the force held between the samples; the model's states are
+found by `subspace`. In body axes a vessel is the same at every heading, in NED it is not: so the
+default output is the pose in body axes, the sum of the measured increments R(psi)' delta eta
+(psi half-way), whose rate is the body velocity. Near one heading it is the NED pose, turned.
+
+Such a linear model knows inertia and linear damping about the mean motion; what is quadratic, and
+Coriolis forces, go into the noise, and a constant force into everything. `extra_terms` make them
+known inputs beside the force: the model is linear in their coefficients all the same.
+Bargouth (2022), section 3.7; Di Ruscio (2009).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from models import basis
+from models.basis import Array, Codes, Term
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.dsr_findings import (
+    fit_findings,
+    model_findings,
+    physical_findings,
+    realisation_findings,
+)
+from models.identification.physical_form import PhysicalForm, physical_form
+from models.identification.problem import Finding, Identified, Problem
+from models.identification.sampled import Output, Sampled, sampled
+from models.identification.subspace import Realisation, identify_innovations
+from models.identification.uncertainty import check_bootstrap
+from models.kinematics import rotation
+from models.recording import Recording
+from models.statespace import StateSpace
+from models.thruster import SecondOrderLag
+from models.vessel import Vessel
+
+
+@dataclass(frozen=True)
+class Dsr:
+    """DSR with L rows in the Hankel matrices and J past samples.
+
+    `order` is a number, `physical` (two states a degree of freedom) or `gap` (the largest gap of
+    the singular values). `variant: closed` (dsr_e) holds with and without feedback, `open` only
+    without. `physical_form: optional` keeps the nominal model where there is no physical form,
+    with the reason as a finding, so that the state-space model can still be used.
+    """
+
+    L: int
+    J: int
+    order: int | Literal["physical", "gap"]
+    variant: Literal["closed", "open"]
+    output: Output
+    heading_span_deg: float  # of `output: pose`, which holds near one heading only
+    force: Literal["commanded", "filtered", "actual"] | None
+    extra_terms: tuple[str, ...]  # further inputs: what acts beside the force
+    period_s: float | None
+    physical_form: Literal["required", "optional"]
+    condition_limit: float
+    markov_parameters: int
+    bootstrap: int | None
+    block_s: float
+
+    def __post_init__(self) -> None:
+        for name, least in (("L", 2), ("J", 1), ("markov_parameters", 0)):
+            if getattr(self, name) < least:
+                raise ConfigurationError(
+                    f"{name} must be at least {least}, got {getattr(self, name)}"
+                )
+        if isinstance(self.order, int) and self.order < 1:
+            raise ConfigurationError(f"order must be at least 1, got {self.order}")
+        for name in ("heading_span_deg", "condition_limit", "period_s"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {value}")
+        for one in self._extra:
+            names = {basis.VARIABLES[code % basis.N_VARIABLES] for code in one.codes if code}
+            if not names or names & set(basis.ACCELERATIONS) or one.name in basis.VELOCITIES:
+                raise ConfigurationError(
+                    f"extra_terms: got {one}; a constant looks like a first state, and "
+                    f"accelerations and velocities are in the model already"
+                )
+        check_bootstrap(self.bootstrap, self.block_s)
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Refuse an order that has no physical form, or a force that is not known."""
+        states = 2 * len(nominal.dofs)
+        if self.physical_form == "required" and self.order not in (states, "physical", "gap"):
+            raise ConfigurationError(
+                f"identifier.order: got {self.order}, but {nominal.name} has {states} states; "
+                f"use order={states} or identifier.physical_form=optional"
+            )
+        order, most = self._order(nominal) or 1, self.L * len(nominal.dofs)
+        if order > most:
+            raise ConfigurationError(
+                f"identifier.order: got {order}, expected at most L x outputs = {most}"
+            )
+        if self.force == "filtered" and thruster is None:
+            raise ConfigurationError("identifier.force: got filtered, but the lag is not known")
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The state-space model, and the vessel that is its physical form."""
+        nominal, dofs = problem.nominal, problem.nominal.dofs
+        data = self._sampled(problem.training)
+        realisation = self._realise(data, self._order(nominal))
+        model, errors = realisation.model, None
+        findings = realisation_findings(realisation)
+        try:
+            form = self._physical(model, data)
+            model = _turned(form.model, data.heading)
+            vessel = form.vessel("identified", dofs, self._extra)
+            findings += physical_findings(form, dofs)
+            errors = self._standard_errors(data, model.order, vessel - nominal, rng)
+        except IdentificationError as error:
+            if self.physical_form == "required":
+                raise
+            vessel = replace(nominal, name="identified")
+            findings.append(Finding("physical_form", "all", 0.0, label=str(error)))
+        findings += model_findings(model, self.markov_parameters, dofs)
+        findings += fit_findings(model, self._sampled(problem.validation), dofs)
+        steered = _by_forces(model, len(dofs))
+        return Identified(vessel, vessel - nominal, errors, tuple(findings), state_space=steered)
+
+    @property
+    def _extra(self) -> tuple[Term, ...]:
+        return basis.terms(self.extra_terms)
+
+    def _sampled(self, recording: Recording) -> Sampled:
+        span = np.radians(self.heading_span_deg)
+        return sampled(recording, self.force, self._extra, self.output, self.period_s, span)
+
+    def _order(self, nominal: Vessel) -> int | None:
+        named = {"physical": 2 * len(nominal.dofs), "gap": None}
+        return named[self.order] if isinstance(self.order, str) else self.order
+
+    def _realise(self, data: Sampled, order: int | None, times: Codes | None = None) -> Realisation:
+        found = identify_innovations(
+            data.y, data.u, self.L, self.J, order, self.variant,
+            period_s=data.period_s, stretch=data.stretch, times=times,
+        )  # fmt: skip
+        model = replace(found.model, inputs=data.inputs, outputs=data.outputs)
+        return replace(found, model=model)
+
+    def _physical(self, model: StateSpace, data: Sampled) -> PhysicalForm:
+        """The physical form in body axes: a NED pose is turned to the mean heading first."""
+        return physical_form(_turned(model, -data.heading), self.condition_limit)
+
+    def _standard_errors(
+        self, data: Sampled, order: int, residual: Vessel, rng: np.random.Generator
+    ) -> Array | None:
+        """Spread over block-bootstrap replicates, shape of residual.theta; NaN: not estimated."""
+        if self.bootstrap is None:
+            return None
+        count = max(round(len(data.y) * data.period_s / self.block_s), 2)
+        blocks = np.array_split(np.arange(len(data.y)), count)
+        tables = []
+        for _ in range(self.bootstrap):
+            times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
+            try:
+                form = self._physical(self._realise(data, order, times).model, data)
+                tables.append(form.vessel("replicate", residual.dofs, self._extra))
+            except IdentificationError:
+                continue  # a replicate may miss what excites the vessel
+        errors = np.full(residual.theta.shape, np.nan)
+        if 2 * len(tables) >= self.bootstrap:
+            rows = [residual.terms.index(one) for one in tables[0].terms]
+            errors[rows] = np.std([table.theta for table in tables], axis=0, ddof=1)
+        return errors
+
+
+def _by_forces(model: StateSpace, count: int) -> StateSpace:
+    """The model with the forces as its only inputs, as a controller needs it."""
+    B, D, inputs = model.B[:, :count], model.D[:, :count], model.inputs[:count]
+    return replace(model, B=B, D=D, inputs=inputs)
+
+
+def _turned(model: StateSpace, psi: float) -> StateSpace:
+    """The model with its first two outputs turned by psi [rad] about the down axis."""
+    if psi == 0.0:
+        return model
+    R = np.eye(len(model.C))
+    R[:2, :2] = rotation(psi)[:2, :2]
+    K = None if model.K is None else model.K @ R.T
+    F = None if model.F is None else R @ model.F
+    return replace(model, C=R @ model.C, D=R @ model.D, K=K, F=F)

@@ -1,0 +1,349 @@
+"""DSR of a vessel: physical form, body axes, standard errors, and what is refused."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models import basis
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.dsr import Dsr
+from models.identification.physical_form import physical_form
+from models.identification.problem import Identified, Problem
+from models.identification.sampled import body_pose, sampled
+from models.kinematics import angle_rate, frame_of_angles, rotation
+from models.linearisation import linearise
+from models.recording import Recording
+from models.statespace import StateSpace
+from models.vessel import PLANAR, Vessel
+
+Identifier = Callable[..., Any]
+INERTIA = np.array([[1200.0, 0.0, 0.0], [0.0, 1300.0, 30.0], [0.0, 15.0, 2500.0]])
+PSI = np.radians(30.0)
+DAMPING = np.array([[40.0, 0.0, 0.0], [0.0, 90.0, -10.0], [0.0, 5.0, 250.0]])
+
+
+def linear_vessel() -> Vessel:
+    terms = basis.terms(["u_dot", "v_dot", "r_dot", "u", "v", "r"])
+    return Vessel("linear", PLANAR, terms, np.vstack([INERTIA.T, DAMPING.T]))
+
+
+def steady_recording(n: int, rng: np.random.Generator) -> Recording:
+    """A linear vessel under held forces, at about 30 degrees, in the NED axes of that heading."""
+    model = linearise(linear_vessel()).discretised(0.5)
+    tau = rng.standard_normal((n, 3)) * [200.0, 200.0, 1.0]
+    eta = model.simulate(tau) @ rotation(PSI).T + [0.0, 0.0, PSI]
+    nu = replace(model, C=np.eye(3, 6, 3)).simulate(tau)
+    attitude = np.column_stack([np.zeros((n, 2)), eta[:, 2]])
+    return Recording(PLANAR, 0.5 * np.arange(n), eta, nu, np.zeros_like(nu), tau, attitude)
+
+
+def axis_recording(n: int, rng: np.random.Generator, noise: float = 0.0) -> Recording:
+    """Surge, sway and heave of the same table: without a heading there is no rotation."""
+    axes = ("surge", "sway", "heave")
+    vessel = Vessel("axes", axes, basis.terms(["u_dot", "v_dot", "w_dot", "u", "v", "w"]),
+                    linear_vessel().theta)  # fmt: skip
+    model = linearise(vessel).discretised(0.5)
+    tau = rng.standard_normal((n, 3)) * [200.0, 200.0, 400.0]
+    eta = model.simulate(tau) + noise * rng.standard_normal((n, 3))
+    nu = replace(model, C=np.eye(3, 6, 3)).simulate(tau)
+    t = 0.5 * np.arange(n)
+    return Recording(axes, t, eta, nu, np.zeros_like(nu), tau, np.zeros((n, 3)))
+
+
+def problem_of(recording: Recording) -> Problem:
+    half = np.arange(len(recording)) < len(recording) // 2
+    terms = basis.terms([*(f"{v}_dot" for v in "uvw"), "|u|u"])
+    theta = np.vstack([2.0 * np.diag(np.diag(INERTIA)), np.full((1, 3), 7.0)])
+    nominal = Vessel("believed", recording.dofs, terms, theta)
+    if recording.dofs == PLANAR:
+        nominal = 2.0 * linear_vessel()
+    return Problem(recording.part(half), recording.part(~half), nominal, None)
+
+
+def value(found: Identified, name: str, dof: str = "all", **where: Any) -> float:
+    (one,) = [
+        f for f in found.findings
+        if (f.name, f.dof) == (name, dof) and all(getattr(f, k) == v for k, v in where.items())
+    ]  # fmt: skip
+    return one.value
+
+
+def test_a_linear_vessel_is_identified_exactly(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    problem = problem_of(axis_recording(800, rng))
+    found = identifier("dsr", bootstrap=None).identify(problem, rng)
+    np.testing.assert_allclose(found.model.inertia, INERTIA, rtol=1e-6, atol=1e-3)
+    damping = np.array([found.model.row(name) for name in ("u", "v", "w")]).T
+    np.testing.assert_allclose(damping, DAMPING, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(found.residual.theta, (found.model - problem.nominal).theta)
+    assert found.model.coefficient("surge", "|u|u") == 0.0  # the nominal quadratic term is gone
+    assert value(found, "order") == 6.0
+    assert value(found, "physical_form") == 1.0
+    assert abs(value(found, "stiffness", "surge", j=1)) < 1e-4
+    assert abs(value(found, "delay", "sway")) < 1e-6
+    for kind in ("one_step", "ten_step", "free_run"):
+        assert value(found, f"fit_{kind}", "heave") > 99.999
+
+
+def test_the_state_space_model_is_in_pose_and_velocity(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    found = identifier("dsr", bootstrap=None).identify(problem_of(axis_recording(800, rng)), rng)
+    model = found.state_space
+    assert model is not None
+    np.testing.assert_allclose(model.C, np.eye(3, 6), atol=1e-9)
+    np.testing.assert_allclose(model.A[:3, :3], np.eye(3), atol=1e-8)  # no stiffness
+    assert (model.inputs, model.outputs) == (
+        ("tau_surge", "tau_sway", "tau_heave"),
+        ("x", "y", "z"),
+    )
+    stored = {(f.i, f.j): f.value for f in found.findings if f.name == "A"}
+    assert stored == {(i + 1, j + 1): a for (i, j), a in np.ndenumerate(model.A)}
+    names = {f.name for f in found.findings}
+    assert names >= {"B", "C", "D", "K", "F", "x0", "eigenvalue", "singular_value", "markov"}
+    assert value(found, "markov", "sway", i=3, j=2) == pytest.approx(model.markov(4)[3, 1, 1])
+
+
+def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) -> None:
+    """Closed loop, 180 degree turns, thruster lag, quadratic drag: inertia to 5 %."""
+    for disturbance in ("calm", "noise"):
+        sailed = lap(disturbance)
+        found = identifier("dsr", bootstrap=None).identify(sailed.problem, np.random.default_rng(0))
+        true = np.diag(sailed.truth.inertia)
+        np.testing.assert_allclose(np.diag(found.model.inertia), true, rtol=0.06)
+        assert value(found, "predictor_radius") < 1.0
+        assert all(value(found, "fit_one_step", dof) > 95.0 for dof in PLANAR)
+        assert all(0.5 < value(found, "delay", dof) < 1.0 for dof in PLANAR)  # the lag's 0.8 s
+        values = [f.value for f in found.findings if f.name == "singular_value"]
+        assert values[5] > 10.0 * values[6]
+
+
+def test_known_terms_beside_the_force_are_identified_too(
+    identifier: Identifier, calm: Any, rng: np.random.Generator
+) -> None:
+    terms = ["ur", "vr", "uv", "|u|u", "|v|v", "|r|r", "|r|v"]
+    dsr = identifier("dsr", bootstrap=None, extra_terms=terms, force="filtered")
+    found = dsr.identify(calm.problem, rng)
+    for dof, term in (("surge", "u_dot"), ("sway", "v_dot"), ("yaw", "r_dot")):
+        true = calm.truth.coefficient(dof, term)
+        assert found.model.coefficient(dof, term) == pytest.approx(true, rel=0.01)
+    for dof, term in (("yaw", "|r|r"), ("yaw", "r"), ("sway", "ur"), ("surge", "vr")):
+        true = calm.truth.coefficient(dof, term)
+        assert found.model.coefficient(dof, term) == pytest.approx(true, rel=0.1)
+    assert all(value(found, "fit_free_run", dof) > 75.0 for dof in PLANAR)
+    assert found.state_space is not None
+    assert found.state_space.inputs == ("tau_surge", "tau_sway", "tau_yaw")
+
+
+def test_a_constant_force_in_ned_needs_its_terms(
+    identifier: Identifier, constant: Any, rng: np.random.Generator
+) -> None:
+    blind = identifier("dsr", bootstrap=None).identify(constant.problem, rng)
+    terms = ["cos(psi)", "sin(psi)"]
+    told = identifier("dsr", bootstrap=None, extra_terms=terms).identify(constant.problem, rng)
+    true = np.diag(constant.truth.inertia)
+    errors = [np.abs(np.diag(f.model.inertia) / true - 1.0) for f in (blind, told)]
+    assert errors[0].max() > 0.5
+    assert errors[1].max() < 0.08
+    assert told.model.coefficient("surge", "cos(psi)") == pytest.approx(-200.0, rel=0.15)
+
+
+def test_a_body_pose_near_one_heading_is_the_ned_pose_turned(rng: np.random.Generator) -> None:
+    eta = np.column_stack([rng.standard_normal((50, 2)), np.full(50, PSI)])
+    expected = (eta[:, :2] - eta[0, :2]) @ rotation(PSI)[:2, :2]
+    np.testing.assert_allclose(body_pose(eta, PLANAR)[:, :2], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dofs", [PLANAR, basis.DOFS])
+def test_the_rate_of_a_body_pose_is_the_body_velocity(dofs: tuple[str, ...]) -> None:
+    t, n = np.linspace(0.0, 10.0, 4001), len(dofs)
+    nu = 0.3 * np.sin(t[:, None] * np.arange(1, n + 1) + np.arange(n))
+    eta = np.zeros((len(t), n))
+    for k in range(len(t) - 1):  # mid-point rule
+        half = eta[k] + 0.5 * (t[1] - t[0]) * pose_rate(eta[k], nu[k])
+        eta[k + 1] = eta[k] + (t[1] - t[0]) * pose_rate(half, 0.5 * (nu[k] + nu[k + 1]))
+    expected = np.gradient(body_pose(eta, dofs), t, axis=0)
+    np.testing.assert_allclose(expected[1:-1], nu[1:-1], atol=1e-4)
+    assert np.max(np.abs(eta[:, -1])) > 0.05
+
+
+def pose_rate(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    if len(nu) == 3:
+        return rotation(eta[2]) @ nu
+    R, turning = np.empty((3, 3)), np.empty(3)
+    frame_of_angles(eta[3:], R)
+    angle_rate(eta[3:], nu[3], nu[4], nu[5], turning)
+    return np.concatenate([R @ nu[:3], turning])
+
+
+def test_roll_and_pitch_restore_themselves() -> None:
+    axes = ("heave", "roll")
+    A = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0, 0, -0.3, 0], [0, -4.0, 0, -0.5]])
+    B = np.vstack([np.zeros((2, 2)), np.diag([1.0 / 60.0, 1.0 / 2.0])])
+    model = StateSpace(A, B, np.eye(2, 4), np.zeros((2, 2)), None).discretised(0.1)
+    vessel = physical_form(model, 1e3).vessel("tilting", axes, ())
+    assert vessel.coefficient("roll", "sin(phi)") == pytest.approx(8.0)
+    assert vessel.coefficient("roll", "p") == pytest.approx(1.0)
+    assert vessel.coefficient("heave", "w_dot") == pytest.approx(60.0)
+
+
+def test_the_ned_pose_serves_near_one_heading_only(
+    identifier: Identifier, calm: Any, rng: np.random.Generator
+) -> None:
+    ned = identifier("dsr", bootstrap=None, output="pose")
+    with pytest.raises(
+        IdentificationError, match=r"heading turns 1\d\d deg.*use identifier.output=body_pose"
+    ):
+        ned.identify(calm.problem, rng)
+    ned = replace(ned, heading_span_deg=60.0)  # these data are linear at any heading
+    found = ned.identify(problem_of(steady_recording(800, rng)), rng)
+    np.testing.assert_allclose(np.diag(found.model.inertia), np.diag(INERTIA), rtol=0.01)
+    assert found.state_space is not None
+    assert found.state_space.outputs == ("x", "y", "psi")
+    north, east, _ = found.state_space.markov(3)[2, :, 0]  # a force ahead, at 30 degrees
+    assert east / north == pytest.approx(np.tan(PSI), rel=1e-5)
+
+
+def test_stretches_and_periods_of_a_recording(rng: np.random.Generator) -> None:
+    recording = axis_recording(60, rng)
+    kept = np.ones(60, dtype=bool)
+    kept[20:31] = False
+    data = sampled(recording.part(kept), "commanded", (), "body_pose", 1.0, 0.1)
+    assert data.period_s == 1.0
+    np.testing.assert_array_equal(np.bincount(data.stretch), [10, 14])
+    np.testing.assert_allclose(data.u[0], recording.tau[:2].mean(axis=0))
+    np.testing.assert_allclose(data.u[10], recording.tau[31:33].mean(axis=0))
+    np.testing.assert_allclose(data.y[10], 0.0)  # each stretch begins at its own origin
+    np.testing.assert_allclose(data.y[11], recording.eta[33] - recording.eta[31])
+
+
+def test_the_input_is_the_mean_force_over_the_period_that_follows(
+    rng: np.random.Generator,
+) -> None:
+    recording = axis_recording(40, rng)
+    ramp = np.arange(40.0)[:, None] * np.ones(3)
+    recording = replace(recording, tau_actual=ramp)
+    data = sampled(recording, "actual", (), "body_pose", 1.0, 0.1)
+    np.testing.assert_allclose(data.u[:3, 0], [1.0, 3.0, 5.0])  # ramps 0-1-2, 2-3-4, ...
+
+
+@pytest.mark.slow
+def test_standard_errors_are_the_spread_over_replications(identifier: Identifier) -> None:
+    """Twenty noisy recordings of a linear vessel: bootstrap and spread within a factor of 2."""
+    masses, reported = [], []
+    dsr = identifier("dsr", bootstrap=50)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        problem = problem_of(axis_recording(1600, rng, noise=0.02))
+        found = dsr.identify(problem, rng)
+        masses.append(np.diag(found.model.inertia))
+        rows = [found.residual.terms.index(one) for one in basis.terms(["u_dot", "v_dot", "w_dot"])]
+        assert found.std_error is not None
+        reported.append(np.diag(found.std_error[rows]))
+    ratio = np.mean(reported, axis=0) / np.std(masses, axis=0, ddof=1)
+    assert np.all((ratio > 0.5) & (ratio < 2.0)), ratio
+    coverage = np.mean(np.abs(masses - np.diag(INERTIA)) < 1.96 * np.array(reported))
+    assert coverage > 0.8
+
+
+def test_standard_errors_of_what_is_not_estimated_are_nan(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    found = identifier("dsr", bootstrap=20).identify(problem_of(axis_recording(800, rng)), rng)
+    assert found.std_error is not None
+    dropped = found.residual.terms.index(basis.term("|u|u"))
+    assert np.all(np.isnan(found.std_error[dropped]))
+    assert np.all(np.isfinite(np.delete(found.std_error, dropped, axis=0)))
+
+
+def physical_model() -> StateSpace:
+    return linearise(linear_vessel()).discretised(0.5)
+
+
+def test_the_physical_form_does_not_depend_on_the_states(rng: np.random.Generator) -> None:
+    T = rng.standard_normal((6, 6)) + 4.0 * np.eye(6)
+    form = physical_form(physical_model().transformed(T), 1e3)
+    np.testing.assert_allclose(form.inertia, INERTIA, rtol=1e-7, atol=1e-5)
+    np.testing.assert_allclose(form.damping, DAMPING, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(form.stiffness, 0.0, atol=1e-5)
+    np.testing.assert_allclose(form.model.markov(9), physical_model().markov(9), atol=1e-10)
+
+
+def test_why_there_is_no_physical_form() -> None:
+    model = physical_model()
+    with pytest.raises(IdentificationError, match="got 6 states, 3 inputs and 2 outputs"):
+        physical_form(replace(model, C=model.C[:2], D=model.D[:2], outputs=()), 1e3)
+    with pytest.raises(IdentificationError, match="ill-conditioned"):
+        physical_form(replace(model, C=model.C[[0, 1, 1]]), 1e3)
+    with pytest.raises(IdentificationError, match=r"an eigenvalue at -0\.2"):
+        physical_form(replace(model, A=np.diag([0.9, 0.8, 0.7, 0.6, 0.5, -0.2])), 1e3)
+    with pytest.raises(IdentificationError, match="no effect on the acceleration"):
+        physical_form(replace(model, B=model.B * [1.0, 1.0, 0.0]), 1e3)
+    with pytest.raises(IdentificationError, match="must be positive definite"):
+        physical_form(replace(model, B=-model.B), 1e3)
+
+
+def test_without_a_physical_form_the_state_space_model_can_be_kept(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    problem = problem_of(axis_recording(800, rng))
+    kept = identifier("dsr", bootstrap=None, order=7, physical_form="optional")
+    found = kept.identify(problem, rng)
+    np.testing.assert_array_equal(found.model.theta, problem.nominal.theta)
+    assert np.all(found.residual.theta == 0.0)
+    assert found.std_error is None
+    assert found.state_space is not None
+    assert found.state_space.order == 7
+    (reason,) = [f.label for f in found.findings if f.name == "physical_form"]
+    assert reason is not None
+    assert reason.startswith("no physical form: got 7 states")
+    with pytest.raises(IdentificationError, match="no physical form: got 7 states"):
+        replace(kept, physical_form="required").identify(problem, rng)
+
+
+def test_the_order_by_the_gap_is_the_physical_one(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    problem = problem_of(axis_recording(800, rng, noise=0.001))
+    found = identifier("dsr", bootstrap=None, order="gap").identify(problem, rng)
+    assert value(found, "order") == 6.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"L": 1}, "L must be at least 2, got 1"),
+        ({"J": 0}, "J must be at least 1, got 0"),
+        ({"order": 0}, "order must be at least 1, got 0"),
+        ({"period_s": 0.0}, "period_s must be positive, got 0"),
+        ({"condition_limit": -1.0}, "condition_limit must be positive"),
+        ({"heading_span_deg": 0.0}, "heading_span_deg must be positive"),
+        ({"extra_terms": ["1"]}, "a constant looks like a first state"),
+        ({"extra_terms": ["u_dot"]}, "are in the model already"),
+        ({"extra_terms": ["u"]}, "are in the model already"),
+        ({"bootstrap": 5}, "bootstrap must be at least 20"),
+        ({"markov_parameters": -1}, "markov_parameters must be at least 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(
+    identifier: Identifier, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        identifier("dsr", **changes)
+
+
+def test_what_cannot_work_is_refused_before_any_work(
+    identifier: Identifier, milliampere: Vessel
+) -> None:
+    dsr: Dsr = identifier("dsr")
+    dsr.check(milliampere, None, False)
+    with pytest.raises(ConfigurationError, match="got 8, but milliampere has 6 states"):
+        replace(dsr, order=8).check(milliampere, None, False)
+    with pytest.raises(ConfigurationError, match="the lag is not known"):
+        replace(dsr, force="filtered").check(milliampere, None, False)
+    with pytest.raises(ConfigurationError, match="expected at most L x outputs = 6"):
+        replace(dsr, order=8, L=2, physical_form="optional").check(milliampere, None, False)
