@@ -4,21 +4,33 @@ At every control instant t_k the loop measures, logs the acceleration under the 
 just before the new command, asks the guidance law for a set-point and the controller for a
 force, and then advances the vessel over one control period by RK4 while the command is held.
 
-The loop knows no controller and no guidance law. Each registers its compiled step for its own
-named tuple of parameters (`CONTROLLERS`, `GUIDANCE`), so the whole loop compiles with it, and
-the same source runs in Python for a step that cannot be compiled.
+The loop knows no controller, no guidance law and no reference model. Each registers its compiled
+step for its own named tuple of parameters (`CONTROLLERS`, `GUIDANCE`, `REFERENCES`), so the whole
+loop compiles with it, and the same source runs in Python for a controller that cannot be compiled.
+A command that is not a number never reaches the vessel: the last one is held, and logged as held.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from itertools import pairwise
+from time import perf_counter
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
 from models.basis import Array
 from models.compiled import lean_kernel
-from models.dynamics import Scratch, Weather, advance, kinematics_of, rates, scratch
+from models.dynamics import (
+    Scratch,
+    Weather,
+    advance,
+    kinematics_of,
+    pose_of,
+    rates,
+    scratch,
+    state_of,
+)
 from models.errors import ConfigurationError, Diverged
 from models.kinematics import in_body, reference_in_body_kernel
 from models.recording import Recording, attitude_of
@@ -27,6 +39,9 @@ from models.vessel import PLANAR, PlantTable, Vessel
 
 CONTROLLERS: dict[type, Callable[..., None]] = {}
 GUIDANCE: dict[type, Callable[..., None]] = {}
+REFERENCES: dict[type, Callable[..., None]] = {}
+
+BLOCK = 2000  # control instants of the compiled loop that are timed together
 
 
 class FilterTable(NamedTuple):
@@ -51,6 +66,21 @@ class Log(NamedTuple):
     nu_d: Array
     nu_dot_d: Array
     setpoint: Array
+    held: Array  # 1 where the command was not a number, and the last one was held
+
+
+class Outlook(NamedTuple):
+    """What a controller may know of the mission and the weather, now and ahead; SI units.
+
+    Rows are control instants; what is not known has no rows.
+    """
+
+    reference: Array  # (N, n_dof) pose that will be asked for
+    wind_ned: Array  # (N, 2) velocity of the air
+    wind_noise: Array  # (N, 2) error of the anemometer, body axes; ahead, nobody has measured
+
+
+NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def control_step(
@@ -92,6 +122,21 @@ def _guide_step(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) ->
     return chosen
 
 
+def reference_step(table: Any, state: Array, setpoint: Array) -> None:
+    """Advance the reference model registered for the type of `table`; state (n_dof, 3)."""
+    REFERENCES[type(table)](table, state, setpoint)
+
+
+@overload(reference_step)
+def _reference_step(table: Any, state: Any, setpoint: Any) -> Any:
+    step = REFERENCES[table.instance_class]
+
+    def chosen(table: Any, state: Any, setpoint: Any) -> None:
+        step(table, state, setpoint)
+
+    return chosen
+
+
 @lean_kernel
 def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
     """Advance the reference filter of every axis; state (n_dof, 3)."""
@@ -102,39 +147,73 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
             state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.b[j] * setpoint[i]
 
 
+REFERENCES[FilterTable] = _step_filter
+
+
+@lean_kernel
+def _observe(
+    k: int, plant: PlantTable, kinematics: Any, weather: Weather, guidance: Any,
+    guidance_state: Array, planar: bool, table: Any, reference: Array, thrust: Array, eta: Array,
+    nu: Array, limits: Array, work: Scratch, log: Log,
+) -> bool:  # fmt: skip
+    """Measure, log and ask for the reference at instant k; False when a limit was left."""
+    n_dof = nu.shape[0]
+    for i in range(n_dof):
+        if not abs(nu[i]) <= limits[i]:
+            return False
+    for i in range(n_dof):
+        log.eta[k, i] = log.eta[max(k - 1, 0), i]
+        log.nu[k, i], log.tau_actual[k, i] = nu[i], thrust[i, 0]
+    pose_of(kinematics, eta, work.frame, log.eta[k])
+    for i in range(n_dof):
+        log.eta_measured[k, i] = log.eta[k, i] + weather.pose_noise[k, i]
+        log.nu_measured[k, i] = nu[i] + weather.velocity_noise[k, i]
+    rates(
+        kinematics, plant, eta, nu, log.tau_actual[k], weather, k, work, work.eta_dot,
+        log.nu_dot[k],
+    )  # fmt: skip
+    guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
+    reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
+    reference_step(table, reference, log.setpoint[k])
+    return True
+
+
+@lean_kernel
+def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
+    """The last command again where that of row k is not a number."""
+    for i in range(tau.shape[1]):
+        if not np.isfinite(tau[k, i]):
+            for j in range(tau.shape[1]):
+                tau[k, j] = tau[k - 1, j] if k > 0 else 0.0
+                tau_fb[k, j] = tau_fb[k - 1, j] if k > 0 else 0.0
+                held[k, j] = 1.0
+            return
+
+
 @lean_kernel
 def _sail(
-    plant: PlantTable, kinematics: Any, lag: LagTable, weather: Weather, guidance: Any,
-    guidance_state: Array, planar: bool, table: FilterTable, reference: Array, controller: Any,
-    controller_state: Array, thrust: Array, eta: Array, nu: Array, limits: Array, h: float,
-    substeps: int, work: Scratch, log: Log,
+    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, weather: Weather,
+    guidance: Any, guidance_state: Array, planar: bool, table: Any, reference: Array,
+    controller: Any, controller_state: Any, thrust: Array, eta: Array, nu: Array, limits: Array,
+    h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
-    """Sail all rows of the log; the number of rows written, fewer when a limit was left."""
-    n: int = log.eta.shape[0]
-    n_dof = nu.shape[0]
-    for k in range(n):
-        for i in range(n_dof):
-            if not abs(nu[i]) <= limits[i]:
-                return k
-        for i in range(n_dof):
-            log.eta[k, i], log.nu[k, i], log.tau_actual[k, i] = eta[i], nu[i], thrust[i, 0]
-            log.eta_measured[k, i] = eta[i] + weather.pose_noise[k, i]
-            log.nu_measured[k, i] = nu[i] + weather.velocity_noise[k, i]
-        rates(
-            kinematics, plant, eta, nu, log.tau_actual[k], weather, k, work, work.eta_dot,
-            log.nu_dot[k],
-        )  # fmt: skip
-        guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
-        reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
-        _step_filter(table, reference, log.setpoint[k])
+    """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
+    for k in range(first, last):
+        if not _observe(
+            k, plant, kinematics, weather, guidance, guidance_state, planar, table, reference,
+            thrust, eta, nu, limits, work, log,
+        ):  # fmt: skip
+            return k
         control_step(
             controller, controller_state, log.eta_measured[k], log.nu_measured[k], log.eta_d[k],
             log.nu_d[k], log.nu_dot_d[k], log.tau[k], log.tau_fb[k],
         )  # fmt: skip
+        _hold(k, log.tau, log.tau_fb, log.held)
         advance(
             kinematics, plant, lag, thrust, log.tau[k], eta, nu, weather, k, h, substeps, work,
+            euler,
         )  # fmt: skip
-    return n
+    return last
 
 
 @dataclass(frozen=True)
@@ -144,41 +223,69 @@ class Plant:
     vessel: Vessel
     thruster: SecondOrderLag | None
     velocity_limits: tuple[float, ...]  # [m/s, rad/s]
+    change: tuple[float, Vessel] | None = None  # from a time [s] on it is another vessel
+    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
+    integrator: Literal["rk4", "euler"] = "rk4"
 
     @property
     def planar(self) -> bool:
         """Whether the pose is (x, y, psi) in NED; otherwise each axis integrates its velocity."""
         return self.vessel.dofs == PLANAR
 
+    def at(self, time_s: float) -> Vessel:
+        """The vessel from a time [s] on."""
+        if self.change is None or time_s < self.change[0] - 1e-9:
+            return self.vessel
+        return self.change[1]
+
 
 @dataclass(frozen=True)
 class Voyage:
-    """A sailed simulation: time [s], shape (N,), its log, and the weather it met."""
+    """A sailed simulation: time [s], shape (N,), its log, and the weather it met.
+
+    `step_times` [s] are wall-clock times of one turn of the loop: of every instant where the
+    controller ran in Python, else means over blocks of the compiled loop.
+    """
 
     t: Array
     log: Log
     dofs: tuple[str, ...]
     weather: Weather
+    step_times: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Somebody who looks at the log while sailing and may change the controller's parameters.
+
+    `look(k, log, parameters, state)` is called before the instants k that are multiples of
+    `every`, from the first multiple on, and returns parameters of the same type.
+    """
+
+    every: int
+    look: Callable[[int, Log, Any, Any], Any]
 
 
 def sail(
     plant: Plant,
     weather: Weather,
     guidance: tuple[NamedTuple, Array],
-    reference_filter: FilterTable,
-    controller: tuple[NamedTuple, Array],
+    reference_filter: NamedTuple,
+    controller: tuple[NamedTuple, Any],
     start: Array,
     period_s: float,
     step_s: float,
     start_nu: Array | None = None,
+    watch: Watch | None = None,
 ) -> Voyage:
     """Sail from the pose `start` for as many control periods as the weather has rows.
 
     The voyage begins at rest, unless a velocity `start_nu` over ground is given.
 
-    `guidance` and `controller` are (parameters, initial state) of registered steps; `period_s`
-    is the control period and `step_s` the longest integration step [s]. Raises Diverged with the
-    time when a velocity leaves its limit.
+    `guidance` and `controller` are (parameters, initial state) of registered steps and
+    `reference_filter` the table of a registered reference model; `period_s` is the control period
+    and `step_s` the longest integration step [s]. Raises Diverged with the time when a velocity
+    leaves its limit.
     """
     if not 0.0 < step_s <= period_s:
         raise ConfigurationError(
@@ -186,22 +293,58 @@ def sail(
         )
     n, n_dof = weather.force_ned.shape
     substeps = int(np.ceil(period_s / step_s - 1e-9))
+    h = period_s / substeps
     log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
-    table = plant.vessel.plant_table()
-    h = period_s / substeps
-    rows: int = _sail(
-        table, kinematics_of(plant.vessel.dofs), lag_table(plant.thruster, 0.5 * h),
-        weather.sailed(), *guidance, plant.planar, reference_filter, reference, *controller,
-        np.zeros((n_dof, 2)), np.array(start, dtype=np.float64),
+    parameters, state = controller
+    kinematics = kinematics_of(plant.vessel.dofs, plant.attitude)
+    pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
+    log.eta[:1] = start  # angles are unrolled from here
+    before = (
+        kinematics, lag_table(plant.thruster, 0.5 * h), weather.sailed(),
+        *guidance, plant.planar, reference_filter, reference,
+    )  # fmt: skip
+    craft = (
+        np.zeros((n_dof, 2)), pose,
         np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
         np.array(plant.velocity_limits, dtype=np.float64), h, substeps,
-        scratch(len(table.codes), n_dof, n_dof), log,
+        plant.integrator == "euler",
     )  # fmt: skip
-    if rows < n:
-        raise _diverged(plant, log, rows, period_s)
-    return Voyage(period_s * np.arange(n, dtype=np.float64), log, plant.vessel.dofs, weather)
+    loop, edges = _loop(parameters, plant, watch, n, period_s)
+    times: list[float] = []
+    for first, last in pairwise(edges):
+        vessel = plant.at(first * period_s)
+        table = vessel.plant_table()
+        if watch is not None and first > 0 and first % watch.every == 0:
+            parameters = watch.look(first, log, parameters, state)
+        work = scratch(len(table.codes), n_dof, len(pose))
+        begun = perf_counter()
+        rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
+        if rows < last:
+            raise _diverged(plant, log, rows, period_s)
+        times.append((perf_counter() - begun) / max(last - first, 1))
+    t = period_s * np.arange(n, dtype=np.float64)
+    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+
+
+def _loop(
+    parameters: Any, plant: Plant, watch: Watch | None, n: int, period_s: float
+) -> tuple[Callable[..., int], list[int]]:
+    """The compiled loop, or the same in Python for a step that is; and where it is interrupted.
+
+    It begins with an empty stretch, so that compiling or loading it is not timed.
+    """
+    compiled: Any = _sail
+    block = BLOCK
+    if not hasattr(CONTROLLERS[type(parameters)], "py_func"):
+        compiled, block = compiled.py_func, 1
+    edges = {*range(0, n, block), n}
+    if watch is not None:
+        edges |= set(range(watch.every, n, watch.every))
+    if plant.change is not None:
+        edges |= {min(n, int(np.ceil(plant.change[0] / period_s - 1e-9)))}
+    return compiled, [0, *sorted(edges)]
 
 
 def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:
@@ -241,3 +384,30 @@ def measured_wind(voyage: Voyage, weather: Weather) -> Array | None:
     psi = attitude_of(voyage.dofs, voyage.log.eta)[:, 2]
     noise = weather.wind_noise if len(weather.wind_noise) else 0.0
     return in_body(weather.wind_ned, psi) + noise
+
+
+@lean_kernel
+def _foresee(
+    planar: bool, table: Any, state: Array, setpoints: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array,
+) -> None:  # fmt: skip
+    for k in range(setpoints.shape[0]):
+        reference_in_body_kernel(planar, state, eta_d[k], nu_d, nu_dot_d)
+        reference_step(table, state, setpoints[k])
+
+
+def outlook(
+    plant: Plant, weather: Weather, guidance: NamedTuple, reference_filter: NamedTuple, start: Array
+) -> Outlook:
+    """What can be known ahead: the reference of set-points on a timetable, and the weather's wind.
+
+    A guidance law knows its set-points in advance when its parameters have `setpoints`, shape
+    (N, n_dof).
+    """
+    setpoints = getattr(guidance, "setpoints", np.zeros((0, 0)))
+    eta_d = np.zeros_like(setpoints)
+    state = np.zeros((len(start), 3))
+    state[:, 0] = start
+    work = np.zeros((2, len(start)))
+    _foresee(plant.planar, reference_filter, state, setpoints, eta_d, *work)
+    return Outlook(eta_d, weather.wind_ned, weather.wind_noise)

@@ -5,12 +5,15 @@ identifier. The weather's streams do not depend on the identifier or the control
 competitor meets the same weather, and the nominal and the identified model are compared in pairs.
 """
 
+import logging
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.basis import Array
+from models.control.limits import largest_disturbance
 from models.disturbance import Disturbance
 from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
@@ -18,11 +21,15 @@ from models.excitation.mission import Mission, Replay
 from models.identification.problem import Identified, Problem
 from models.recorded import RecordedFile
 from models.recording import Recording
-from models.simulation import Plant, Voyage, recording_of, sail
+from models.simulation import Voyage, outlook, recording_of, sail
+from models.statespace import StateSpace
 from models.vessel import Vessel
-from runner import measured, rows
+from runner import control_rows, measured, rows
 from runner.config import Trial
+from runner.control_rows import Sailed
 from runner.database.records import Results
+
+log = logging.getLogger(__name__)
 
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
@@ -65,9 +72,7 @@ def check(trial: Trial) -> None:
     """Raise ConfigurationError for a combination that cannot work, before any work."""
     for group in ("vessel", "disturbance", "excitation", "identifier"):
         if getattr(trial, group) is None:
-            raise ConfigurationError(
-                f"{group}: got none, expected an option of the group"
-            )
+            raise ConfigurationError(f"{group}: got none, expected an option of the group")
     dofs = trial.vessel.dofs
     from_file = isinstance(trial.excitation, RecordedFile)
     if not from_file and trial.controller is None:
@@ -76,9 +81,7 @@ def check(trial: Trial) -> None:
         )
     trial.excitation.check(dofs)
     if from_file:
-        trial.excitation.read(
-            dofs
-        )  # a damaged file is a wrong option, not a failed trial
+        trial.excitation.read(dofs)  # a damaged file is a wrong option, not a failed trial
     else:
         trial.disturbance.check(dofs)
     if trial.evaluation is not None and not from_file:
@@ -100,12 +103,8 @@ def run(trial: Trial) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = trial.identifier.identify(
-        problem, np.random.default_rng(seeds.identifier)
-    )
-    validation = rows.validation(
-        problem.validation, problem.nominal, identified, excited.truth
-    )
+    identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
+    validation = rows.validation(problem.validation, problem.nominal, identified, excited.truth)
     results = Results(
         metrics=validation,
         coefficients=[
@@ -121,11 +120,7 @@ def run(trial: Trial) -> Results:
     )
     if isinstance(trial.excitation, RecordedFile):
         results = with_quality(results, trial.excitation, excited.recording)
-    return (
-        results
-        if results.note
-        else deploy(trial, seeds, problem.nominal, identified, results)
-    )
+    return results if results.note else deploy(trial, seeds, problem.nominal, identified, results)
 
 
 def with_quality(results: Results, file: RecordedFile, recording: Recording) -> Results:
@@ -157,8 +152,9 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
         recording, truth, weather = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
-        voyage, recording = sail_mission(trial, seeds, model, trial.excitation)
+        voyage = sail_mission(trial, seeds, model, trial.excitation).voyage
         weather = voyage.weather
+        recording = recording_of(voyage, weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
     recording = recording.with_thruster(vessel.thruster)
@@ -166,8 +162,8 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
 
 
 def sail_mission(
-    trial: Trial, seeds: Streams, model: Vessel, mission: Mission
-) -> tuple[Voyage, Recording]:
+    trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission
+) -> Sailed:
     """Sail a mission with the controller built on `model`, from rest at the origin."""
     vessel, disturbance = trial.vessel, trial.disturbance
     assert isinstance(disturbance, Disturbance)
@@ -182,44 +178,67 @@ def sail_mission(
         period,
     )
     table = trial.plant_scale * vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
-    plant = Plant(table, vessel.thruster, vessel.velocity_limits)
+    plant = vessel.plant(table)
+    guidance = mission.guidance(period * np.arange(n, dtype=np.float64), start)
+    reference = mission.reference_filter.table(period)
+    ahead = outlook(plant, weather, guidance[0], reference, start)
+    parameters, state = trial.controller.build(model, period)
+    foresee = getattr(trial.controller, "foresee", None)
+    if foresee is not None:
+        parameters = foresee(parameters, ahead)
+    heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     voyage = sail(
         plant,
         weather,
-        mission.guidance(period * np.arange(n, dtype=np.float64), start),
-        mission.reference_filter.table(period),
-        trial.controller.build(model, period),
+        guidance,
+        reference,
+        (parameters, state),
         start,
         period,
         trial.integration_step_s,
     )
-    return voyage, recording_of(voyage, weather)
+    return sailed(trial, voyage, model, state, largest_disturbance(table, weather, heading))
+
+
+def sailed(
+    trial: Trial, voyage: Voyage, model: Vessel | StateSpace, state: Any, needed: Array
+) -> Sailed:
+    """A voyage with what its controller says of itself, as far as it does."""
+    controller, period = trial.controller, trial.sample_time_s
+    ahead, remarks = (getattr(controller, name, None) for name in ("preview_rows", "remarks"))
+    failures = getattr(state, "failures", None)
+    return Sailed(
+        voyage=voyage,
+        period_s=period,
+        limits=controller.limits if getattr(controller, "limited", False) else None,
+        ahead=0 if ahead is None else ahead(period),
+        failures=0 if failures is None else int(failures[0]),
+        remarks=() if remarks is None else remarks(model, period),
+        needed=needed,
+    )
 
 
 def deploy(
-    trial: Trial,
-    seeds: Streams,
-    nominal: Vessel,
-    identified: Identified,
-    results: Results,
+    trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
 ) -> Results:
     """Sail the evaluation with the nominal and with the identified model, in the same weather."""
-    mission = (
-        trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
-    )
+    mission = trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
     metrics, series = list(results.metrics), list(results.series)
+    diagnostics = list(results.diagnostics)
     failure: Diverged | None = None
     for name, model in (("nominal", nominal), ("identified", identified.model)):
         try:
-            voyage, _ = sail_mission(trial, seeds, model, mission)
+            one = sail_mission(trial, seeds, model, mission)
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
-        metrics += rows.deployment(voyage, name, trial.sample_time_s)
-        series.append(rows.deployment_series(voyage, name))
-    complete = Results(
-        metrics, results.coefficients, results.diagnostics, series, note=results.note
-    )
+        metrics += rows.deployment(one.voyage, name, trial.sample_time_s)
+        metrics += control_rows.metrics(one, name)
+        diagnostics += control_rows.diagnostics(one, name)
+        series.append(rows.deployment_series(one.voyage, name))
+        for warning in control_rows.warnings(one, name):
+            log.warning(warning)
+    complete = Results(metrics, results.coefficients, diagnostics, series, note=results.note)
     if failure is not None:
         raise TrialDiverged(failure, complete)
     return complete

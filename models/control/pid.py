@@ -1,4 +1,9 @@
-"""PID control with model feedforward. Jervan (2020), eqs. (2.9)-(2.14)."""
+"""PID control with model feedforward. Jervan (2020), eqs. (2.9)-(2.14).
+
+Thrusters that lag as omega_n^2 / (s^2 + 2 zeta omega_n s + omega_n^2) delay a slow command by
+T = 2 zeta / omega_n. The thruster lead adds T d(tau_FF)/dt to the feedforward, by a backward
+difference: it arrives when it is needed.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,6 +15,7 @@ from models.compiled import lean_kernel
 from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
 from models.simulation import CONTROLLERS
+from models.thruster import SecondOrderLag
 from models.vessel import (
     PLANAR,
     ForceTable,
@@ -31,6 +37,7 @@ class PidTable(NamedTuple):
     model: ForceTable
     planar: bool
     period_s: float
+    lead: float  # T over the period; 0 is none
     z: Array  # work space: variables and their magnitudes, basis functions, body error
     phi: Array
     e: Array
@@ -52,30 +59,46 @@ body_error_kernel = lean_kernel(body_error)
 
 
 @lean_kernel
+def feedforward(pid: PidTable, eta_d: Array, nu_d: Array, nu_dot_d: Array, tau: Array) -> None:
+    """tau = F(nu_dot_d, nu_d), the force that the reference needs [N, Nm]."""
+    fill_variables_kernel(pid.z, pid.model.acceleration_index, nu_dot_d)
+    fill_variables_kernel(pid.z, pid.model.velocity_index, nu_d)
+    if pid.planar:
+        pid.z[COS_PSI], pid.z[SIN_PSI] = np.cos(eta_d[2]), np.sin(eta_d[2])
+        pid.z[N_VARIABLES + COS_PSI] = abs(pid.z[COS_PSI])
+        pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
+    if pid.model.aerodynamic and nu_d.shape[0] > 1:  # the wind is not known: still air
+        fill_air_kernel(pid.z, nu_d[0], nu_d[1])
+    features_kernel(pid.model.codes, pid.z, pid.phi)
+    weighted_sum_kernel(pid.model.theta, pid.phi, tau)
+
+
+@lean_kernel
 def _step(
-    pid: PidTable, integral: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    pid: PidTable, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); the integral follows after."""
-    for i in range(tau.shape[0]):
+    """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); the integral follows after.
+
+    state = (integral of e, last feedforward, whether there was one).
+    """
+    n = tau.shape[0]
+    for i in range(n):
         tau[i] = tau_fb[i] = 0.0
     if pid.feedforward:
-        fill_variables_kernel(pid.z, pid.model.acceleration_index, nu_dot_d)
-        fill_variables_kernel(pid.z, pid.model.velocity_index, nu_d)
-        if pid.planar:
-            pid.z[COS_PSI], pid.z[SIN_PSI] = np.cos(eta_d[2]), np.sin(eta_d[2])
-            pid.z[N_VARIABLES + COS_PSI] = abs(pid.z[COS_PSI])
-            pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
-        if pid.model.aerodynamic and nu_d.shape[0] > 1:  # the wind is not known: still air
-            fill_air_kernel(pid.z, nu_d[0], nu_d[1])
-        features_kernel(pid.model.codes, pid.z, pid.phi)
-        weighted_sum_kernel(pid.model.theta, pid.phi, tau)
+        feedforward(pid, eta_d, nu_d, nu_dot_d, tau)
+        if pid.lead > 0.0:
+            for i in range(n):
+                now = tau[i]
+                tau[i] += pid.lead * (now - state[n + i]) * state[2 * n]
+                state[n + i] = now
+            state[2 * n] = 1.0
     if pid.feedback:
         e = pid.e
         body_error_kernel(pid.planar, eta_d, eta, e)
-        for i in range(e.shape[0]):
-            tau_fb[i] = pid.kp[i] * e[i] + pid.ki[i] * integral[i] + pid.kd[i] * (nu_d[i] - nu[i])
-            integral[i] += pid.period_s * e[i]
+        for i in range(n):
+            tau_fb[i] = pid.kp[i] * e[i] + pid.ki[i] * state[i] + pid.kd[i] * (nu_d[i] - nu[i])
+            state[i] += pid.period_s * e[i]
             tau[i] += tau_fb[i]
 
 
@@ -87,6 +110,7 @@ class PidFeedforward:
     """PID on the body-frame error with the model's force as feedforward.
 
     Gains in SI, one a degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
+    `thruster_lead` makes up for the lag of `thruster`, where there is one.
     """
 
     kp: tuple[float, ...]
@@ -94,6 +118,8 @@ class PidFeedforward:
     kd: tuple[float, ...]
     feedback: bool = True
     feedforward: bool = True
+    thruster_lead: bool = False
+    thruster: SecondOrderLag | None = None
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):
@@ -117,7 +143,13 @@ class PidFeedforward:
         z[0] = z[N_VARIABLES] = 1.0
         kp, ki, kd = (np.array(g, dtype=np.float64) for g in (self.kp, self.ki, self.kd))
         parameters = PidTable(
-            kp, ki, kd, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s, z,
-            np.empty(len(table.codes)), np.empty(len(model.dofs)),
+            kp, ki, kd, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s,
+            self._lead_s / period_s, z, np.empty(len(table.codes)), np.empty(len(model.dofs)),
         )  # fmt: skip
-        return parameters, np.zeros(len(model.dofs))
+        return parameters, np.zeros(2 * len(model.dofs) + 1)
+
+    @property
+    def _lead_s(self) -> float:
+        """2 zeta / omega_n [s], the delay of the thrusters at low frequency."""
+        lag = self.thruster if self.thruster_lead else None
+        return 0.0 if lag is None else 2.0 * lag.damping / lag.natural_frequency_rad_s

@@ -27,9 +27,9 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
     with Reader.read(url, results_dir=tmp_path) as reader:
         for model in ("nominal", "identified"):
             vessel = stored_vessel(reader, begun.run_id, model)
-            voyage, _ = trials.sail_mission(
+            voyage = trials.sail_mission(
                 trial, trials.streams(trial.seed), vessel, trial.excitation
-            )
+            ).voyage
             stored = reader.series(begun.run_id, f"deployment_{model}")
             for column, name in enumerate(("x", "y", "psi")):
                 np.testing.assert_allclose(

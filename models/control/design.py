@@ -1,0 +1,159 @@
+"""What a linear controller is designed on: a sampled model whose input is a share of its limits.
+
+Any model serves. A vessel is linearised at rest and sampled with a zero-order hold; its pose and
+velocity are seen from the present body axes, in which the linear model holds at every heading
+(vessel-parallel coordinates, Fossen (2011), section 7.5.3). A state-space model is taken as it
+was identified, in the axes of its data.
+
+    x_{k+1} = A x_k + B (u_k + d_k),    y_k = C x_k
+
+with the pose y, u the commanded force over its limit, and d the disturbance that is known: what
+the model's table asks for at rest, such as the wind's force.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models import basis
+from models.basis import ACCELERATIONS, DOFS, INDEX, N_VARIABLES, VELOCITIES, Array
+from models.errors import ConfigurationError
+from models.linearisation import linearise
+from models.statespace import StateSpace, spectral_radius
+from models.vessel import PLANAR, ForceTable, Vessel
+from models.wind import WindForce
+
+MOVING = tuple(INDEX[name] for name in (*ACCELERATIONS, *VELOCITIES))
+ATTITUDE = tuple(INDEX[name] for name in basis.ATTITUDE)
+START_WEIGHT = 1e3  # of showing the first pose, against standing still
+
+
+class Remark(NamedTuple):
+    """One number that a controller says of itself; stored with the run."""
+
+    name: str
+    dof: str
+    value: float
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DesignModel:
+    """A discrete model with n states, r inputs and m outputs, its input in shares of the limits."""
+
+    model: StateSpace
+    limits: Array  # (r,) [N, Nm]: inputs of one
+    turning: bool  # the pose is (x, y, psi), and the state is seen from the present axes
+    still: Vessel  # the terms without motion: the force that is needed at rest, less the known
+    dofs: tuple[str, ...]
+    physical: bool  # the state is (pose, velocity)
+
+    @property
+    def period_s(self) -> float:
+        """Sample time [s]."""
+        return float(self.model.period_s or 0.0)
+
+    def static_table(self) -> ForceTable:
+        """The force at rest, for the kernels."""
+        return self.still.force_table()
+
+    def start(self) -> Array:
+        """The state at rest with a given pose, x_0 = S y_0; shape (n, m)."""
+        model = self.model
+        drift = model.A - np.eye(model.order)
+        drift /= max(float(np.linalg.norm(drift)), 1e-300)
+        rows = np.vstack([START_WEIGHT * model.C, drift])
+        return np.asarray(np.linalg.pinv(rows)[:, : len(model.C)] * START_WEIGHT)
+
+    def remarks(self) -> list[Remark]:
+        """Order, controllability, observability and stability of the model."""
+        model = self.model
+        return [
+            Remark("model_order", "all", float(model.order)),
+            Remark("controllable_order", "all", float(model.controllable_order)),
+            Remark("observable_order", "all", float(model.observable_order)),
+            Remark("open_loop_radius", "all", model.spectral_radius),
+        ]
+
+
+def design_model(
+    model: Vessel | StateSpace,
+    limits: tuple[float, ...],
+    period_s: float,
+    wind: WindForce | None = None,
+) -> DesignModel:
+    """The sampled model of a vessel or an identified model, per share of the input `limits`.
+
+    `wind` is the wind's force on the vessel, where the controller knows it; it is not added to a
+    model that has its own. Raises ConfigurationError when the limits or the period do not fit.
+    """
+    scale = np.array(limits, dtype=np.float64)
+    names = model.dofs if isinstance(model, Vessel) else model.inputs
+    if len(limits) != len(names):
+        raise ConfigurationError(
+            f"controller.limits: got {len(limits)} numbers, expected {len(names)} "
+            f"for {', '.join(names)}"
+        )
+    if isinstance(model, StateSpace):
+        return _identified(model, scale, period_s)
+    motion, still = _parts(model)
+    if wind is not None and not still.force_table().aerodynamic:
+        still = still + wind.table(model.dofs)
+    sampled = linearise(motion).discretised(period_s).scaled(1.0 / scale, np.ones(len(scale)))
+    return DesignModel(sampled, scale, model.dofs == PLANAR, still, model.dofs, True)
+
+
+def _identified(model: StateSpace, scale: Array, period_s: float) -> DesignModel:
+    """A state-space model in shares of the limits; several of its periods make one of ours."""
+    if model.period_s is None:
+        model = model.discretised(period_s)
+    if np.any(model.D != 0.0):
+        raise ConfigurationError("controller: the model has a direct term D, expected none")
+    if len(model.C) != len(scale):
+        raise ConfigurationError(
+            f"controller: the model has {len(model.C)} outputs, expected {len(scale)}"
+        )
+    if abs(float(model.period_s or 0.0) - period_s) > 1e-9 * period_s:
+        raise ConfigurationError(
+            f"controller.period_s: the model was identified at {model.period_s} s, "
+            f"got {period_s:g} s, expected the same"
+        )
+    dofs = tuple(name.removeprefix("tau_") for name in model.inputs)
+    dofs = dofs if set(dofs) <= set(DOFS) else DOFS[: len(scale)]
+    still = Vessel("none", dofs, (), np.zeros((0, len(dofs))))
+    sampled = model.scaled(1.0 / scale, np.ones(len(scale)))
+    return DesignModel(sampled, scale, False, still, dofs, False)
+
+
+def _parts(model: Vessel) -> tuple[Vessel, Vessel]:
+    """The terms of the motion, for the linear model, and those that act at rest.
+
+    Attitude in the plane is a force that is fixed in NED, such as the weather's mean; elsewhere it
+    is a restoring force, part of the motion.
+    """
+    moving: list[int] = []
+    still: list[int] = []
+    for i, one in enumerate(model.terms):
+        variables = {code % N_VARIABLES for code in one.codes if code % N_VARIABLES}
+        restoring = bool(variables & set(ATTITUDE)) and model.dofs != PLANAR
+        (moving if restoring or variables & set(MOVING) else still).append(i)
+
+    def part(rows: list[int]) -> Vessel:
+        terms = tuple(model.terms[i] for i in rows)
+        return Vessel(model.name, model.dofs, terms, model.theta[rows])
+
+    return part(moving), part(still)
+
+
+def check_weights(name: str, values: tuple[float, ...], count: int, *, positive: bool) -> None:
+    """Refuse weights that are negative, or zero where they must not be, or of a wrong number."""
+    low = min(values, default=0.0)
+    if len(values) != count or low < 0.0 or (positive and low == 0.0):
+        kind = "positive" if positive else "not negative"
+        raise ConfigurationError(f"{name} must be {count} numbers, {kind}, got {list(values)}")
+
+
+def closed_loop_radius(A: Array, B: Array, gain: Array) -> float:
+    """Spectral radius of A + B G; 1 or more: the design does not settle on its own model."""
+    return spectral_radius(A + B @ gain)

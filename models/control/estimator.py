@@ -1,0 +1,326 @@
+"""What a controller knows of the present: the Kalman filter, or the measured motion as it is.
+
+    correct   x_k = x-_k + M (y_k - C x-_k)
+    predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k)
+
+M is the gain of the filter; that of the predictor is K = A M. Bargouth (2022), (2.27)-(2.28),
+prints the second form and computes with the first one's gain. The disturbance d is known (wind),
+b is estimated (`estimate_bias`), a random walk in NED.
+
+The state is kept in NED and seen from the body axes of the moment, in which the model holds:
+what was measured or commanded a sample ago turns with the vessel, so that a force that is fixed
+in NED stays one. A measurement that is not a number is left out.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from models.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
+from models.compiled import lean_kernel
+from models.control.design import DesignModel, Remark
+from models.dynamics import COS_PSI, SIN_PSI
+from models.errors import ConfigurationError
+from models.simulation import Outlook
+from models.statespace import spectral_radius
+from models.vessel import ForceTable, fill_air_kernel, weighted_sum_kernel
+
+CONSTANT = INDEX["1"]
+
+
+class Believed(NamedTuple):
+    """The design model and its filter, for the kernels; inputs in SI."""
+
+    A: Array  # (n, n)
+    B: Array  # (n, r)
+    C: Array  # (m, n)
+    M: Array  # (n, m)
+    bias_gain: Array  # (r, m) [N/m, ...]
+    start: Array  # (n, m)
+    limits: Array  # (r,) [N, Nm]
+    turning: bool
+    measured: bool
+    still: ForceTable
+    north: int  # the velocity along north and the one along east where nothing turns; -1 is none
+    east: int
+    z: Array  # work space: variables and basis functions of the force at rest
+    phi: Array
+    error: Array  # (m,)
+    local: Array  # (n,)
+    moved: Array  # (n,)
+    force: Array  # (r,)
+
+
+class Memory(NamedTuple):
+    """What a controller keeps from one sample to the next; forces in SI."""
+
+    instant: Codes  # (1,) number of loop instants so far
+    failures: Codes  # (1,) samples at which the last command was held
+    x: Array  # (n,) estimated state, NED
+    x_last: Array  # (n,) the same a sample ago
+    y_last: Array  # (m,) measured pose a sample ago, NED
+    bias: Array  # (r,) estimated disturbance, NED
+    axes: Array  # (1,) heading of the body axes of the two that follow [rad]
+    known: Array  # (r,) known disturbance of the last sample
+    command: Array  # (r,) force commanded at the last sample
+
+
+def memory(n: int, m: int, r: int) -> Memory:
+    """A memory of nothing."""
+    counts = np.zeros((2, 1), dtype=np.int64)
+    return Memory(counts[0], counts[1], *(np.zeros(size) for size in (n, n, m, r, 1, r, r)))
+
+
+@lean_kernel
+def seen(turning: bool, psi: float, vector: Array, out: Array) -> None:
+    """out = the vector in axes turned by psi: (x, y) of every three rotated by R(psi)'."""
+    for i in range(vector.shape[0]):
+        out[i] = vector[i]
+    if turning:
+        c, s = np.cos(psi), np.sin(psi)
+        for i in range(0, vector.shape[0] - 1, 3):
+            a, b = vector[i], vector[i + 1]
+            out[i], out[i + 1] = c * a + s * b, c * b - s * a
+
+
+@lean_kernel
+def heading(believed: Believed, x: Array) -> float:
+    """The direction of the axes in which the model holds [rad]."""
+    return x[2] if believed.turning else 0.0
+
+
+@lean_kernel
+def known_force(
+    believed: Believed, psi: float, velocity: Array, outlook: Outlook, k: int, noise: bool,
+    out: Array,
+) -> None:  # fmt: skip
+    """d = -F(0, 0, psi, nu_q), what acts at rest as far as it is known, in body axes [N, Nm]."""
+    z = believed.z
+    z[COS_PSI], z[SIN_PSI] = np.cos(psi), np.sin(psi)
+    z[N_VARIABLES + COS_PSI], z[N_VARIABLES + SIN_PSI] = abs(z[COS_PSI]), abs(z[SIN_PSI])
+    if outlook.wind_ned.shape[0] > 0 and believed.still.aerodynamic:
+        row = min(k, outlook.wind_ned.shape[0] - 1)
+        north, east = outlook.wind_ned[row, 0], outlook.wind_ned[row, 1]
+        ahead = z[COS_PSI] * north + z[SIN_PSI] * east
+        aside = z[COS_PSI] * east - z[SIN_PSI] * north
+        if noise and row < outlook.wind_noise.shape[0]:
+            ahead += outlook.wind_noise[row, 0]
+            aside += outlook.wind_noise[row, 1]
+        u = velocity[believed.north] if believed.north >= 0 else 0.0
+        v = velocity[believed.east] if believed.east >= 0 else 0.0
+        fill_air_kernel(
+            z, u - ahead if believed.north >= 0 else 0.0, v - aside if believed.east >= 0 else 0.0
+        )
+    features_kernel(believed.still.codes, z, believed.phi)
+    weighted_sum_kernel(believed.still.theta, believed.phi, out)
+    for i in range(out.shape[0]):
+        out[i] = -out[i]
+
+
+@lean_kernel
+def estimate(believed: Believed, past: Memory, eta: Array, nu: Array) -> None:
+    """Bring the state to this instant: predicted and corrected, or as measured."""
+    m = eta.shape[0]
+    for i in range(past.x.shape[0]):
+        past.x_last[i] = past.x[i]
+    if past.instant[0] == 0:
+        for i in range(past.x.shape[0]):
+            past.x[i] = 0.0
+            for j in range(m):
+                past.x[i] += believed.start[i, j] * eta[j]
+    elif not believed.measured:
+        _predict(believed, past)
+    if believed.measured:
+        psi = eta[2] if believed.turning else 0.0
+        for i in range(m):
+            past.x[i], believed.error[i] = eta[i], nu[i]
+        seen(believed.turning, -psi, believed.error, past.x[m:])
+    elif past.instant[0] > 0:
+        _correct(believed, past, eta)
+
+
+@lean_kernel
+def _correct(believed: Believed, past: Memory, eta: Array) -> None:
+    """x + M (y - C x), the innovation seen from the predicted axes."""
+    x, error, change = past.x, believed.error, believed.moved
+    for i in range(error.shape[0]):
+        change[i] = eta[i]
+        for j in range(x.shape[0]):
+            change[i] -= believed.C[i, j] * x[j]
+        if not np.isfinite(change[i]):
+            return
+    psi = heading(believed, x)
+    seen(believed.turning, psi, change[: error.shape[0]], error)
+    if believed.turning:
+        error[2] = np.pi - (np.pi - error[2]) % (2.0 * np.pi)
+    for i in range(x.shape[0]):
+        believed.local[i] = 0.0
+        for j in range(error.shape[0]):
+            believed.local[i] += believed.M[i, j] * error[j]
+    seen(believed.turning, -psi, believed.local, change)
+    for i in range(x.shape[0]):
+        x[i] += change[i]
+    for i in range(past.bias.shape[0]):
+        believed.force[i] = 0.0
+        for j in range(error.shape[0]):
+            believed.force[i] += believed.bias_gain[i, j] * error[j]
+    seen(believed.turning, -psi, believed.force, believed.local[: past.bias.shape[0]])
+    for i in range(past.bias.shape[0]):
+        past.bias[i] += believed.local[i]
+
+
+@lean_kernel
+def _predict(believed: Believed, past: Memory) -> None:
+    """x <- A x + B (u + d + b), in the axes of the last sample, from its own pose."""
+    x, local, moved, force = past.x, believed.local, believed.moved, believed.force
+    n, r = x.shape[0], past.command.shape[0]
+    psi = heading(believed, x)
+    seen(believed.turning, psi, past.bias, force)
+    for i in range(r):
+        force[i] += past.command[i] + past.known[i]
+    seen(believed.turning, psi, x, local)
+    if believed.turning:
+        local[0] = local[1] = local[2] = 0.0
+    for i in range(n):
+        moved[i] = 0.0
+        for j in range(n):
+            moved[i] += believed.A[i, j] * local[j]
+        for j in range(r):
+            moved[i] += believed.B[i, j] * force[j]
+    seen(believed.turning, -psi, moved, local)
+    for i in range(n):
+        x[i] = local[i] + (x[i] if believed.turning and i < 3 else 0.0)
+
+
+@lean_kernel
+def remember(past: Memory, psi: float, eta: Array, known: Array) -> None:
+    """Keep the measured pose and the known force of this sample for the next."""
+    for i in range(eta.shape[0]):
+        if np.isfinite(eta[i]):
+            past.y_last[i] = eta[i]
+    for i in range(known.shape[0]):
+        past.known[i] = known[i]
+    past.axes[0] = psi
+
+
+@lean_kernel
+def accept(past: Memory, tau: Array, limits: Array, limited: bool) -> None:
+    """Command tau [N, Nm] within the limits; the last command again where it is not a number."""
+    for i in range(tau.shape[0]):
+        if not np.isfinite(tau[i]):
+            past.failures[0] += 1
+            return
+    for i in range(tau.shape[0]):
+        past.command[i] = min(max(tau[i], -limits[i]), limits[i]) if limited else tau[i]
+
+
+@dataclass(frozen=True)
+class Kalman:
+    """Noise that the filter is designed for; standard deviations, one a degree of freedom.
+
+    `process`: acceleration, constant over a sample [m/s^2, rad/s^2]. `measurement`: pose [m, rad].
+    `bias_walk`: change of the unknown disturbance over a second [N, Nm], used by `estimate_bias`.
+    An identified state-space model brings its own gain.
+    """
+
+    process: tuple[float, ...]
+    measurement: tuple[float, ...]
+    bias_walk: tuple[float, ...]
+    estimate_bias: bool
+
+    def __post_init__(self) -> None:
+        for name in ("process", "measurement", "bias_walk"):
+            values = getattr(self, name)
+            if len(values) != len(self.process) or min(values, default=0.0) <= 0.0:
+                raise ConfigurationError(
+                    f"{name} must be {len(self.process)} positive numbers, got {list(values)}"
+                )
+
+    def gains(self, design: DesignModel) -> tuple[Array, Array]:
+        """M (n, m) and the gain of the bias (r, m), the latter in shares of the limits."""
+        model, n, r = design.model, design.model.order, len(design.limits)
+        if not design.physical:
+            return self._identified_gain(design), np.zeros((r, len(model.C)))
+        if len(self.process) != r:
+            raise ConfigurationError(
+                f"controller.kalman.process: got {len(self.process)} numbers, expected {r}"
+            )
+        A, C = model.A, model.C
+        shock = np.vstack([0.5 * design.period_s**2 * np.eye(r), design.period_s * np.eye(r)])
+        Q = shock @ np.diag(np.square(self.process)) @ shock.T
+        if self.estimate_bias:
+            A = np.block([[A, model.B], [np.zeros((r, n)), np.eye(r)]])
+            C = np.hstack([C, np.zeros((len(C), r))])
+            walk = np.square(np.array(self.bias_walk) / design.limits) * design.period_s
+            Q = np.block([[Q, np.zeros((n, r))], [np.zeros((r, n)), np.diag(walk)]])
+        M = filter_gain(A, C, Q, np.diag(np.square(self.measurement)))
+        return M[:n], M[n:] if self.estimate_bias else np.zeros((r, len(C)))
+
+    def _identified_gain(self, design: DesignModel) -> Array:
+        """M of an identified model, from its predictor gain K = A M."""
+        if self.estimate_bias:
+            raise ConfigurationError(
+                "controller.kalman.estimate_bias: got true, expected false for an identified "
+                "state-space model: its noise is not told apart by axis"
+            )
+        if design.model.K is None:
+            raise ConfigurationError("controller: the model has no innovations gain K")
+        return np.asarray(np.linalg.lstsq(design.model.A, design.model.K, rcond=None)[0])
+
+
+def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
+    """M = P C' (C P C' + R)^-1 with P = A P A' - A M C P A' + Q: the steady-state filter.
+
+    The predictor's gain is A M. Raises ConfigurationError when there is no steady state.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    try:
+        P = solve_discrete_are(A.T, C.T, Q, R)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ConfigurationError(f"controller.kalman: no steady-state gain, {error}") from error
+    return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T, dtype=np.float64)
+
+
+Estimator = Literal["kalman", "measured"]
+
+
+def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
+    """The kernels' table of a design model with its estimator."""
+    model, (n, r) = design.model, design.model.B.shape
+    m = len(model.C)
+    if kind == "measured" and not design.physical:
+        raise ConfigurationError(
+            "controller.estimator: got measured, expected kalman for an identified state-space "
+            "model, whose state cannot be measured"
+        )
+    if kind == "measured" and kalman.estimate_bias:
+        raise ConfigurationError(
+            "controller.kalman.estimate_bias: got true, expected false with estimator=measured"
+        )
+    M, bias = (np.zeros((n, m)), np.zeros((r, m))) if kind == "measured" else kalman.gains(design)
+    still = design.static_table()
+    z = np.zeros(2 * N_VARIABLES)
+    z[CONSTANT] = z[N_VARIABLES + CONSTANT] = 1.0
+    north, east = (
+        design.dofs.index(dof) if dof in design.dofs else -1 for dof in ("surge", "sway")
+    )
+    return Believed(
+        _whole(model.A), _whole(model.B / design.limits), _whole(model.C), _whole(M),
+        _whole(design.limits[:, None] * bias), _whole(design.start()), design.limits.copy(),
+        design.turning, kind == "measured", still, north, east, z, np.zeros(len(still.codes)),
+        np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
+    )  # fmt: skip
+
+
+def estimator_remarks(table: Believed) -> list[Remark]:
+    """How fast the filter forgets: the spectral radius of A - A M C, without a bias."""
+    if table.measured:
+        return []
+    error = table.A - table.A @ table.M @ table.C
+    return [Remark("estimator_radius", "all", spectral_radius(error))]
+
+
+def _whole(values: Array) -> Array:
+    return np.ascontiguousarray(values, dtype=np.float64)

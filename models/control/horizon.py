@@ -1,0 +1,187 @@
+"""One optimal control problem over a receding horizon, and four ways to write it as a QP.
+
+    J = 1/2 sum_{i=1..N} (y_i - r_i)' Q (y_i - r_i) + u_{i-1}' P u_{i-1}
+    x_{i+1} = A x_i + B (u_i + d_i),    y_i = C x_i
+
+standard   z = (u, x, e, y)    Bargouth (2022), (3.47)-(3.74)
+reduced    z = (u, x)          (3.75)-(3.86), with the signs of appendix I
+condensed  z = u               (3.87)-(3.96)
+increments z = Delta u         (3.97)-(3.111), on the model of increments
+
+The first three are the same problem. What changes from sample to sample enters linearly, through
+
+    theta = (x_0, r_1 ... r_N, d_0 ... d_{N-1}, u_{-1})
+
+with inputs in shares of their limits. In the problem of increments x_0 is (Delta x_0, y_{-1}) and
+d are increments too; only that one uses the last command u_{-1}.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from models.basis import Array
+
+FREE = 1e30  # what the solver takes for no bound
+
+
+@dataclass(frozen=True, eq=False)
+class Horizon:
+    """The problem: a model, weights and a number of steps; `rate` limits increments a step."""
+
+    A: Array  # (n, n)
+    B: Array  # (n, r)
+    C: Array  # (m, n)
+    Q: Array  # (m, m)
+    P: Array  # (r, r)
+    steps: int
+    rate: Array | None = None  # (r,) shares of the limits
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """States, inputs and outputs."""
+        return self.A.shape[0], self.B.shape[1], self.C.shape[0]
+
+    @property
+    def parameters(self) -> tuple[slice, slice, slice, slice]:
+        """Where x_0, r, d and the last command stand in theta."""
+        n, r, m = self.sizes
+        edges = np.cumsum([0, n, self.steps * m, self.steps * r, r]).tolist()
+        state, reference, known, last = (slice(a, b) for a, b in pairwise(edges))
+        return state, reference, known, last
+
+    @property
+    def width(self) -> int:
+        """Number of parameters theta."""
+        return int(self.parameters[-1].stop)
+
+    @cached_property
+    def prediction(self) -> tuple[Array, Array]:
+        """O (N m, n) and F (N m, N r): y = O x_0 + F (u + d). (3.89)-(3.91)"""
+        n, r, m = self.sizes
+        reached, free = self.B, self.C @ self.A
+        observability = np.zeros((self.steps, m, n))
+        response = np.zeros((self.steps, m, r))
+        for i in range(self.steps):
+            observability[i], response[i] = free, self.C @ reached
+            free, reached = free @ self.A, self.A @ reached
+        F = np.zeros((self.steps, m, self.steps, r))
+        for i in range(self.steps):
+            for j in range(i + 1):
+                F[i, :, j, :] = response[i - j]
+        return observability.reshape(-1, n), F.reshape(self.steps * m, self.steps * r)
+
+    def over(self, weight: Array) -> Array:
+        """A weight repeated over the horizon."""
+        return np.asarray(np.kron(np.eye(self.steps), weight), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """1/2 z' H z + (f theta)' z  subject to  |rows z - shift theta| <= bound  (equal where 0).
+
+    The first `simple` rows are the first variables themselves. The first r variables are the
+    command (or its increment).
+    """
+
+    H: Array
+    f: Array  # (nz, width)
+    rows: Array  # general constraints, (nc, nz)
+    shift: Array  # (simple + nc, width)
+    bound: Array  # (simple + nc,)
+    simple: int
+
+    @property
+    def equal(self) -> Array:
+        """Which rows are equalities."""
+        return np.asarray(self.bound == 0.0)
+
+
+def standard(h: Horizon) -> Quadratic:
+    """z = (u, x, e, y), with the model, the output and the error as equalities."""
+    (n, r, m), N = h.sizes, h.steps
+    nu, nx, ny = N * r, N * n, N * m
+    model, shift = _model_rows(h)
+    f = np.zeros((nu + nx + 2 * ny, h.width))
+    output = np.hstack([np.zeros((ny, nu)), -h.over(h.C), np.zeros((ny, ny)), np.eye(ny)])
+    error = np.hstack([np.zeros((ny, nu + nx)), np.eye(ny), -np.eye(ny)])
+    rows = np.vstack([np.hstack([model, np.zeros((nx, 2 * ny))]), output, error])
+    reference = np.zeros((ny, h.width))
+    reference[:, h.parameters[1]] = -np.eye(ny)
+    shift = np.vstack([np.zeros((nu, h.width)), shift, np.zeros((ny, h.width)), reference])
+    H = _block_diagonal(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
+    bound = np.concatenate([np.ones(nu), np.zeros(len(rows))])
+    return Quadratic(H, f, rows, shift, bound, nu)
+
+
+def reduced(h: Horizon) -> Quadratic:
+    """z = (u, x), with the model as equality."""
+    (n, r, _), N = h.sizes, h.steps
+    nu, nx = N * r, N * n
+    rows, shift = _model_rows(h)
+    f = np.zeros((nu + nx, h.width))
+    f[nu:, h.parameters[1]] = -h.over(h.C.T @ h.Q)
+    H = _block_diagonal(h.over(h.P), h.over(h.C.T @ h.Q @ h.C))
+    bound = np.concatenate([np.ones(nu), np.zeros(nx)])
+    return Quadratic(H, f, rows, np.vstack([np.zeros((nu, h.width)), shift]), bound, nu)
+
+
+def condensed(h: Horizon) -> Quadratic:
+    """z = u: H = F' Q F + P, f = F' Q (O x_0 + F d - r)."""
+    nu = h.steps * h.sizes[1]
+    H, f = _condensed_cost(h)
+    return Quadratic(H, f, np.zeros((0, nu)), np.zeros((nu, h.width)), np.ones(nu), nu)
+
+
+def increments(h: Horizon) -> Quadratic:
+    """z = Delta u on the model of increments: |S Delta u + c u_{-1}| <= 1, |Delta u| <= rate."""
+    r, N = h.sizes[1], h.steps
+    H, f = _condensed_cost(h)
+    summed = np.asarray(np.kron(np.tril(np.ones((N, N))), np.eye(r)))  # S, (3.105)
+    shift = np.zeros((N * r, h.width))
+    shift[:, h.parameters[3]] = -np.kron(np.ones((N, 1)), np.eye(r))  # -c, (3.106)
+    if h.rate is None:
+        return Quadratic(H, f, summed, shift, np.ones(N * r), 0)
+    bound = np.concatenate([np.tile(h.rate, N), np.ones(N * r)])
+    return Quadratic(H, f, summed, np.vstack([np.zeros_like(shift), shift]), bound, N * r)
+
+
+def unconstrained_gain(h: Horizon, problem: Quadratic) -> Array:
+    """u_0 = G theta without limits, from the problem's own optimality conditions; (r, width)."""
+    keep = problem.equal[problem.simple :]
+    E, e = problem.rows[keep], problem.shift[problem.simple :][keep]
+    nz, ne = len(problem.H), len(E)
+    conditions = np.block([[problem.H, E.T], [E, np.zeros((ne, ne))]])
+    solution = np.linalg.solve(conditions, np.vstack([-problem.f, e]))
+    return np.ascontiguousarray(solution[:nz][: h.sizes[1]])
+
+
+def _model_rows(h: Horizon) -> tuple[Array, Array]:
+    """x_{i+1} - A x_i - B u_i = B d_i over (u, x), and the right-hand side over theta."""
+    (n, _, _), N = h.sizes, h.steps
+    rows = np.hstack([-h.over(h.B), np.eye(N * n) - np.kron(np.eye(N, k=-1), h.A)])
+    right = np.zeros((N * n, h.width))
+    right[:n, h.parameters[0]] = h.A
+    right[:, h.parameters[2]] = h.over(h.B)
+    return rows, right
+
+
+def _condensed_cost(h: Horizon) -> tuple[Array, Array]:
+    O, F = h.prediction  # noqa: E741 - the literature's name
+    weighted = F.T @ h.over(h.Q)
+    f = np.zeros((F.shape[1], h.width))
+    state, reference, known, _ = h.parameters
+    f[:, state], f[:, reference], f[:, known] = weighted @ O, -weighted, weighted @ F
+    return weighted @ F + h.over(h.P), f
+
+
+def _block_diagonal(*blocks: Array) -> Array:
+    size = sum(len(block) for block in blocks)
+    whole = np.zeros((size, size))
+    start = 0
+    for block in blocks:
+        whole[start : start + len(block), start : start + len(block)] = block
+        start += len(block)
+    return whole

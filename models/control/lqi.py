@@ -1,0 +1,211 @@
+"""Linear-quadratic control with integral action, on incremental form.
+
+    J = 1/2 sum (y_k - r)' Q (y_k - r) + Delta u_k' P Delta u_k
+    u_k = u_{k-1} + G1 (x_k - x_{k-1}) + G2 (y_{k-1} - r_k)
+
+Bargouth (2022), (3.38)-(3.46). The state of the increments has no constant disturbance, so that
+none leaves an error. At an amplitude limit the increment is what the limit leaves of it: nothing
+winds up.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models.basis import Array
+from models.compiled import lean_kernel
+from models.control.design import (
+    DesignModel,
+    Remark,
+    check_weights,
+    closed_loop_radius,
+    design_model,
+)
+from models.control.estimator import (
+    Believed,
+    Estimator,
+    Kalman,
+    Memory,
+    accept,
+    believed,
+    estimate,
+    estimator_remarks,
+    heading,
+    known_force,
+    memory,
+    remember,
+    seen,
+)
+from models.errors import ConfigurationError
+from models.simulation import CONTROLLERS, NO_OUTLOOK, Outlook
+from models.statespace import StateSpace
+from models.vessel import FORCE_UNIT, Vessel
+from models.wind import WindForce
+
+
+class LqiTable(NamedTuple):
+    """Parameters of the compiled step."""
+
+    believed: Believed
+    outlook: Outlook
+    gain: Array  # (r, n + m) [N, Nm] of (Delta x, y_{k-1} - r)
+    limited: bool
+    every: int  # loop instants from one command to the next
+    change: Array  # (n,) work space: increments, error, force
+    now: Array  # (n,)
+    error: Array  # (m,)
+    known: Array  # (r,)
+    command: Array  # (r,)
+
+
+@lean_kernel
+def _step(
+    lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """u_k = u_{k-1} + G1 Delta x + G2 (y_{k-1} - r_k), within the limits; held between samples."""
+    if past.instant[0] % lqi.every == 0:
+        _command(lqi, past, eta, nu, eta_d)
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = past.command[i]
+    past.instant[0] += 1
+
+
+@lean_kernel
+def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
+    """The command of one sample, into the memory."""
+    n, m, r = past.x.shape[0], eta.shape[0], past.command.shape[0]
+    turning, tau = lqi.believed.turning, lqi.command
+    estimate(lqi.believed, past, eta, nu)
+    psi = heading(lqi.believed, past.x)
+    seen(turning, psi, past.x, lqi.now)
+    known_force(lqi.believed, psi, lqi.now[n - m :], lqi.outlook, past.instant[0], True, lqi.known)
+    if past.instant[0] == 0:
+        for i in range(r):
+            tau[i] = -lqi.known[i]
+    else:
+        for i in range(n):
+            lqi.now[i] = past.x[i] - past.x_last[i]
+        seen(turning, psi, lqi.now, lqi.change)
+        for i in range(m):
+            lqi.now[i] = past.y_last[i] - eta_d[i]
+        seen(turning, psi, lqi.now[:m], lqi.error)
+        if turning:
+            lqi.error[2] = np.pi - (np.pi - lqi.error[2]) % (2.0 * np.pi)
+        seen(turning, psi - past.axes[0], past.command, tau)
+        for i in range(r):
+            for j in range(n):
+                tau[i] += lqi.gain[i, j] * lqi.change[j]
+            for j in range(m):
+                tau[i] += lqi.gain[i, n + j] * lqi.error[j]
+    remember(past, psi, eta, lqi.known)
+    accept(past, tau, lqi.believed.limits, lqi.limited)
+
+
+CONTROLLERS[LqiTable] = _step
+
+
+def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
+    """G (r, n + m) of Delta u = G (Delta x, y_{k-1} - r): the steady-state Riccati solution.
+
+    Raises ConfigurationError when the model has none.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    plus = model.with_integral_action()
+    try:
+        S = solve_discrete_are(plus.A, plus.B, plus.C.T @ Q @ plus.C, P)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ConfigurationError(f"controller=lqi: no stable design, {error}") from error
+    return -np.asarray(np.linalg.solve(P + plus.B.T @ S @ plus.B, plus.B.T @ S @ plus.A))
+
+
+@dataclass(frozen=True)
+class Lqi:
+    """LQ control with integral action on the pose.
+
+    Weights: `error_weight` of the pose error [1/m^2, 1/rad^2], `input_weight` of the increments a
+    sample, of shares of `limits` [N, Nm]. `period_s` None commands at every sample of the loop.
+    `wind` is the wind's force, where it is measured and known; `limited` holds the commands within
+    the limits.
+    """
+
+    error_weight: tuple[float, ...]
+    input_weight: tuple[float, ...]
+    limits: tuple[float, ...]
+    limited: bool
+    period_s: float | None
+    estimator: Estimator
+    kalman: Kalman
+    wind: WindForce | None
+
+    def __post_init__(self) -> None:
+        n = len(self.limits)
+        check_weights("limits", self.limits, n, positive=True)
+        check_weights("error_weight", self.error_weight, n, positive=False)
+        check_weights("input_weight", self.input_weight, n, positive=True)
+
+    def design(self, model: Vessel | StateSpace, period_s: float) -> DesignModel:
+        """The model that the gain is computed on."""
+        own = samples(self.period_s, period_s) * period_s
+        return design_model(model, self.limits, own, self.wind)
+
+    def build(self, model: Vessel | StateSpace, period_s: float) -> tuple[LqiTable, Memory]:
+        """Parameters and initial state of the compiled step, for a model and control period."""
+        design = self.design(model, period_s)
+        gain = lqi_gain(design.model, np.diag(self.error_weight), np.diag(self.input_weight))
+        n, r = design.model.B.shape
+        m = len(design.model.C)
+        work = (np.zeros(size) for size in (n, n, m, r, r))
+        table = LqiTable(
+            believed(design, self.estimator, self.kalman), NO_OUTLOOK,
+            np.ascontiguousarray(design.limits[:, None] * gain), self.limited,
+            samples(self.period_s, period_s), *work,
+        )  # fmt: skip
+        return table, memory(n, m, r)
+
+    def foresee(self, table: LqiTable, outlook: Outlook) -> LqiTable:
+        """The same with what the weather and the mission will be."""
+        return table._replace(outlook=outlook)
+
+    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+        """The design's order, controllability and closed-loop spectral radius."""
+        design = self.design(model, period_s)
+        table, _ = self.build(model, period_s)
+        plus = design.model.with_integral_action()
+        gain = table.gain / design.limits[:, None]
+        radius = closed_loop_radius(plus.A, plus.B, gain)
+        return [
+            *design.remarks(),
+            *estimator_remarks(table.believed),
+            Remark("spectral_radius", "all", radius),
+            *si_weights(design, self.error_weight, self.input_weight),
+        ]
+
+
+def samples(own_s: float | None, period_s: float) -> int:
+    """Loop instants in a controller's own period; ConfigurationError when it is not a multiple."""
+    if own_s is None:
+        return 1
+    times = round(own_s / period_s)
+    if times < 1 or abs(times * period_s - own_s) > 1e-9 * own_s:
+        raise ConfigurationError(
+            f"controller.period_s: got {own_s:g} s, expected a multiple of sample_time_s, "
+            f"{period_s:g} s"
+        )
+    return times
+
+
+def si_weights(
+    design: DesignModel, error_weight: tuple[float, ...], input_weight: tuple[float, ...]
+) -> list[Remark]:
+    """The weights in SI: of the pose as given, of the input divided by the limits' squares."""
+    found = []
+    for i, dof in enumerate(design.dofs):
+        force = FORCE_UNIT[dof]
+        pose = "1/m^2" if force == "N" else "1/rad^2"
+        found.append(Remark("error_weight", dof, error_weight[i], pose))
+        scaled = float(input_weight[i] / design.limits[i] ** 2)
+        found.append(Remark("input_weight", dof, scaled, f"1/{force}^2"))
+    return found

@@ -1,0 +1,364 @@
+"""Model predictive control: four formulations of one problem, with a preview of what will come.
+
+Without limits the command is linear in what is known, and its step compiles. With limits every
+sample is a quadratic program, solved in the Python loop; where it has no answer the last command
+is held and counted.
+
+`preview`: `none` takes the present set-point and wind for the whole horizon, `setpoint` knows the
+reference ahead, `setpoint_and_wind` the wind as well, as Bargouth (2022), section 3.6.1, assumes.
+A reference that is not known in advance (line of sight) is held.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from models.basis import Array
+from models.compiled import kernel, lean_kernel
+from models.control import horizon
+from models.control.design import (
+    DesignModel,
+    Remark,
+    check_weights,
+    closed_loop_radius,
+    design_model,
+)
+from models.control.estimator import (
+    Believed,
+    Estimator,
+    Kalman,
+    Memory,
+    accept,
+    believed,
+    estimate,
+    estimator_remarks,
+    heading,
+    known_force,
+    memory,
+    remember,
+    seen,
+)
+from models.control.horizon import Horizon, Quadratic
+from models.control.lqi import samples, si_weights
+from models.control.quadratic import Solver
+from models.errors import ConfigurationError
+from models.simulation import CONTROLLERS, NO_OUTLOOK, Outlook
+from models.statespace import StateSpace
+from models.vessel import Vessel
+from models.wind import WindForce
+
+Preview = Literal["none", "setpoint", "setpoint_and_wind"]
+
+
+class MpcTable(NamedTuple):
+    """Parameters of the compiled step."""
+
+    believed: Believed
+    outlook: Outlook
+    gain: Array  # (r, width): the command without limits, in shares of theirs
+    steps: int  # of the horizon
+    increments: bool
+    limited: bool
+    setpoints: bool  # known ahead
+    winds: bool
+    every: int  # loop instants from one command to the next
+    theta: Array  # (width,) parameters of the problem
+    now: Array  # (n,) work space
+    change: Array  # (n,)
+    error: Array  # (m,)
+    known: Array  # (r,)
+    last: Array  # (r,)
+    tau: Array  # (r,)
+
+
+class QpTable(NamedTuple):
+    """Parameters of the step in Python: the same, and the solver."""
+
+    table: MpcTable
+    solver: Solver
+
+
+def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
+    """Bring the memory to this instant and write theta = (x_0, r, d, u_{-1}), seen from the body.
+
+    Where the axes turn, positions count from the estimated pose, or from the last measured one in
+    the problem of increments.
+    """
+    n, m = past.x.shape[0], eta.shape[0]
+    r, k = past.command.shape[0], past.instant[0]
+    table, theta, limits = mpc.believed, mpc.theta, mpc.believed.limits
+    estimate(table, past, eta, nu)
+    psi = heading(table, past.x)
+    _state(mpc, past, eta, psi)
+    at = n + mpc.increments * m
+    shift = 0.0
+    for i in range(mpc.steps):
+        row = k + (i + 1) * mpc.every
+        for j in range(m):
+            ahead = mpc.setpoints and mpc.outlook.reference.shape[0] > 0
+            target = (
+                mpc.outlook.reference[min(row, mpc.outlook.reference.shape[0] - 1), j]
+                if ahead
+                else eta_d[j]
+            )
+            if table.turning and j == 2 and i == 0:
+                shift = 2.0 * np.pi * np.round((target - psi) / (2.0 * np.pi))
+            mpc.now[j] = target - mpc.error[j] - (shift if j == 2 and table.turning else 0.0)
+        seen(table.turning, psi, mpc.now[:m], theta[at + i * m : at + (i + 1) * m])
+    at += mpc.steps * m
+    _disturbance(mpc, past, psi, at)
+    at += mpc.steps * r
+    seen(table.turning, psi - past.axes[0], past.command, mpc.last)
+    for i in range(r):
+        mpc.last[i] /= limits[i]
+        if k == 0:  # begin with what the known force asks for
+            mpc.last[i] = -mpc.known[i] / limits[i]
+        if mpc.limited:  # a command that turned out of its limits with the vessel
+            mpc.last[i] = min(max(mpc.last[i], -1.0), 1.0)
+        theta[at + i] = mpc.last[i]
+    remember(past, psi, eta, mpc.known)
+
+
+@lean_kernel
+def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
+    """x_0 into theta, and into `error` the pose that the reference counts from."""
+    n, m = past.x.shape[0], eta.shape[0]
+    turning, theta = mpc.believed.turning, mpc.theta
+    for i in range(m):
+        mpc.error[i] = 0.0
+    for i in range(n):
+        mpc.now[i] = past.x[i]
+        if mpc.increments:
+            mpc.now[i] = past.x[i] - past.x_last[i] if past.instant[0] > 0 else 0.0
+        elif turning and i < m:
+            mpc.now[i], mpc.error[i] = 0.0, past.x[i]
+    seen(turning, psi, mpc.now, theta[:n])
+    if mpc.increments:
+        for i in range(m):
+            mpc.error[i] = past.y_last[i] if past.instant[0] > 0 else eta[i]
+            theta[n + i] = 0.0
+
+
+@lean_kernel
+def _disturbance(mpc: MpcTable, past: Memory, psi: float, at: int) -> None:
+    """d_0 ... d_{N-1} into theta, in shares: the known force with the bias, or its increments."""
+    n, r, k = past.x.shape[0], past.command.shape[0], past.instant[0]
+    table, theta, limits = mpc.believed, mpc.theta, mpc.believed.limits
+    seen(table.turning, psi, past.x, mpc.change)
+    velocity = mpc.change[n - r :]
+    known_force(table, psi, velocity, mpc.outlook, k, True, mpc.known)
+    seen(table.turning, psi, past.bias, mpc.tau)
+    for j in range(r):
+        theta[at + j] = (mpc.known[j] + mpc.tau[j]) / limits[j]
+    for i in range(1, mpc.steps):
+        if mpc.winds:
+            known_force(table, psi, velocity, mpc.outlook, k + i * mpc.every, False, mpc.last)
+            for j in range(r):
+                theta[at + i * r + j] = (mpc.last[j] + mpc.tau[j]) / limits[j]
+        else:
+            for j in range(r):
+                theta[at + i * r + j] = theta[at + j]
+    if mpc.increments:
+        for i in range(mpc.steps - 1, 0, -1):
+            for j in range(r):
+                theta[at + i * r + j] -= theta[at + (i - 1) * r + j]
+        seen(table.turning, psi - past.axes[0], past.known, mpc.last)
+        for j in range(r):
+            before = mpc.last[j] if k > 0 else mpc.known[j]
+            theta[at + j] = (mpc.known[j] - before) / limits[j]
+
+
+_write = lean_kernel(write_parameters)
+
+
+@lean_kernel
+def _linear_step(
+    mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """The command without limits: u_0 = G theta, or the last command and G theta."""
+    if past.instant[0] % mpc.every == 0:
+        _write(mpc, past, eta, nu, eta_d)
+        for i in range(mpc.tau.shape[0]):
+            total = 0.0
+            for j in range(mpc.theta.shape[0]):
+                total += mpc.gain[i, j] * mpc.theta[j]
+            mpc.tau[i] = (total + mpc.increments * mpc.last[i]) * mpc.believed.limits[i]
+        accept(past, mpc.tau, mpc.believed.limits, False)
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = past.command[i]
+    past.instant[0] += 1
+
+
+CONTROLLERS[MpcTable] = _linear_step
+
+_prepare = kernel(write_parameters)
+
+
+def _quadratic_step(
+    mpc: QpTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """The command within the limits; the last one again where the problem has no answer."""
+    table = mpc.table
+    if past.instant[0] % table.every == 0:
+        _prepare(table, past, eta, nu, eta_d)
+        z = mpc.solver.solve(table.theta)
+        if z is None:
+            past.failures[0] += 1
+        else:
+            share = z[: len(tau)]
+            if table.increments:
+                share = share + table.last
+            np.multiply(np.clip(share, -1.0, 1.0), table.believed.limits, out=past.command)
+    tau[:] = tau_fb[:] = past.command
+    past.instant[0] += 1
+
+
+CONTROLLERS[QpTable] = _quadratic_step
+
+
+@dataclass(frozen=True)
+class Mpc:
+    """What the formulations share; see the module for `preview` and Lqi for the rest.
+
+    `input_weight` is of shares of the `limits` [N, Nm], or of their increments a sample;
+    `horizon` the number of samples looked ahead; `period_s` None commands at every instant.
+    """
+
+    horizon: int
+    preview: Preview
+    error_weight: tuple[float, ...]
+    input_weight: tuple[float, ...]
+    limits: tuple[float, ...]
+    limited: bool
+    period_s: float | None
+    estimator: Estimator
+    kalman: Kalman
+    wind: WindForce | None
+
+    incremental: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        n = len(self.limits)
+        if self.horizon < 1:
+            raise ConfigurationError(f"horizon must be at least 1, got {self.horizon}")
+        check_weights("limits", self.limits, n, positive=True)
+        check_weights("error_weight", self.error_weight, n, positive=False)
+        check_weights("input_weight", self.input_weight, n, positive=True)
+
+    def design(self, model: Vessel | StateSpace, period_s: float) -> DesignModel:
+        """The model that is looked ahead with."""
+        own = samples(self.period_s, period_s) * period_s
+        return design_model(model, self.limits, own, self.wind)
+
+    def problem(self, design: DesignModel) -> Horizon:
+        """The optimal control problem on a design model."""
+        model = design.model.with_integral_action() if self.incremental else design.model
+        weights = np.diag(self.error_weight), np.diag(self.input_weight)
+        return Horizon(model.A, model.B, model.C, *weights, self.horizon, self._rate(design))
+
+    def _rate(self, design: DesignModel) -> Array | None:
+        return None
+
+    def write(self, problem: Horizon) -> Quadratic:
+        """The formulation of the problem."""
+        raise NotImplementedError
+
+    def build(
+        self, model: Vessel | StateSpace, period_s: float
+    ) -> tuple[MpcTable | QpTable, Memory]:
+        """Parameters and initial state of the step, for a model and control period."""
+        design = self.design(model, period_s)
+        problem = self.problem(design)
+        quadratic = self.write(problem)
+        n, r = design.model.B.shape
+        m = len(design.model.C)
+        work = (np.zeros(size) for size in (problem.width, n, n, m, r, r, r))
+        table = MpcTable(
+            believed(design, self.estimator, self.kalman), NO_OUTLOOK,
+            horizon.unconstrained_gain(problem, quadratic), self.horizon, self.incremental,
+            self.limited, self.preview != "none", self.preview == "setpoint_and_wind",
+            samples(self.period_s, period_s), *work,
+        )  # fmt: skip
+        parameters = QpTable(table, Solver(quadratic)) if self.limited else table
+        return parameters, memory(n, m, r)
+
+    def foresee(self, parameters: MpcTable | QpTable, outlook: Outlook) -> MpcTable | QpTable:
+        """The same with what the weather and the mission will be."""
+        if isinstance(parameters, QpTable):
+            return parameters._replace(table=parameters.table._replace(outlook=outlook))
+        return parameters._replace(outlook=outlook)
+
+    def preview_rows(self, period_s: float) -> int:
+        """Loop instants that a following step of the reference is known before it."""
+        known = self.preview != "none"
+        return self.horizon * samples(self.period_s, period_s) if known else 0
+
+    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+        """The design's order, controllability and unconstrained closed-loop spectral radius."""
+        design = self.design(model, period_s)
+        problem = self.problem(design)
+        gain = horizon.unconstrained_gain(problem, self.write(problem))
+        radius = closed_loop_radius(problem.A, problem.B, gain[:, problem.parameters[0]])
+        table = believed(design, self.estimator, self.kalman)
+        return [
+            *design.remarks(),
+            *estimator_remarks(table),
+            Remark("spectral_radius", "all", radius),
+            *si_weights(design, self.error_weight, self.input_weight),
+        ]
+
+
+@dataclass(frozen=True)
+class MpcStandard(Mpc):
+    """z = (u, x, e, y), Bargouth (2022), section 3.6.1."""
+
+    def write(self, problem: Horizon) -> Quadratic:
+        """The formulation of the problem."""
+        return horizon.standard(problem)
+
+
+@dataclass(frozen=True)
+class MpcReduced(Mpc):
+    """z = (u, x), section 3.6.2."""
+
+    def write(self, problem: Horizon) -> Quadratic:
+        """The formulation of the problem."""
+        return horizon.reduced(problem)
+
+
+@dataclass(frozen=True)
+class MpcCondensed(Mpc):
+    """z = u, section 3.6.3: the simple MPC of Di Ruscio."""
+
+    def write(self, problem: Horizon) -> Quadratic:
+        """The formulation of the problem."""
+        return horizon.condensed(problem)
+
+
+@dataclass(frozen=True)
+class MpcIntegral(Mpc):
+    """z = Delta u, section 3.6.4: integral action, amplitude and rate limits.
+
+    `rate_limits` [N/s, Nm/s] bound the change of a command; None is no bound.
+    """
+
+    rate_limits: tuple[float, ...] | None
+
+    incremental: ClassVar[bool] = True
+
+    def write(self, problem: Horizon) -> Quadratic:
+        """The formulation of the problem."""
+        return horizon.increments(problem)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rate_limits is not None:
+            check_weights("rate_limits", self.rate_limits, len(self.limits), positive=True)
+
+    def _rate(self, design: DesignModel) -> Array | None:
+        if self.rate_limits is None:
+            return None
+        return np.array(self.rate_limits) * design.period_s / design.limits

@@ -1,0 +1,72 @@
+"""The thruster lead of the feedforward."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.control.pid import PidFeedforward
+from models.simulation import CONTROLLERS, Voyage
+from models.thruster import SecondOrderLag, acting_force
+from models.vessel import PLANAR, Vessel, from_derivatives
+from runner import trial
+from tests.trials import composed
+
+LAG = SecondOrderLag(2.0, 0.8)
+NONE = (0.0,) * 3
+
+
+def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyage:
+    """The ferry's lap in the calm, with the controller built on its true model, or on another."""
+    options = [f"controller.thruster_lead={str(lead).lower()}", f"sample_time_s={period_s}"]
+    one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
+    truth = one.plant_scale * one.vessel.nominal()
+    return trial.sail_mission(one, trial.streams(0), model or truth, one.excitation).voyage
+
+
+def error_of(voyage: Voyage) -> float:
+    """Mean error of the position [m]."""
+    difference: Any = (voyage.log.eta_d - voyage.log.eta)[:, :2]
+    return float(np.mean(np.hypot(*difference.T)))
+
+
+def test_with_the_true_model_the_lead_tracks_within_a_centimetre(milliampere: Vessel) -> None:
+    assert error_of(lap(lead=True)) <= 0.01
+    assert error_of(lap(lead=True, period_s=0.02)) <= 0.006
+    assert error_of(lap(lead=False)) > 0.04
+    assert error_of(lap(lead=False, model=milliampere)) > 0.2  # the believed model
+
+
+def test_a_ramp_arrives_without_delay_behind_the_lag() -> None:
+    """tau + T d tau/dt through the lag is the ramp, but for what dies out and the held command."""
+    ramp = 5.0 * 0.05 * np.arange(800)[:, None]
+    lead = ramp + 0.8 * np.gradient(ramp, 0.05, axis=0)
+    delayed, led = acting_force(LAG, ramp, 0.05), acting_force(LAG, lead, 0.05)
+    held = 0.5 * 0.05 * 5.0  # a command is held for a period: half of it late
+    assert (ramp - delayed)[-1, 0] == pytest.approx(5.0 * 0.8 + held, rel=1e-6)
+    assert (ramp - led)[-1, 0] == pytest.approx(held, rel=1e-5)
+
+
+def test_the_lead_is_a_backward_difference_and_nothing_at_the_first_sample() -> None:
+    mass = np.diag([10.0, 20.0, 30.0])
+    vessel = from_derivatives("box", PLANAR, mass, {}, False)
+    pid = PidFeedforward(NONE, NONE, NONE, thruster_lead=True, thruster=LAG)
+    parameters, state = pid.build(vessel, 0.1)
+    step, still = CONTROLLERS[type(parameters)], np.zeros(3)
+    wanted = [np.array([1.0, 0.0, 0.0]), np.array([1.5, 0.0, 0.2])]
+    commands = []
+    for acceleration in wanted:
+        tau, tau_fb = np.empty(3), np.empty(3)
+        step(parameters, state, still, still, still, still, acceleration, tau, tau_fb)
+        commands.append(tau)
+    np.testing.assert_allclose(commands[0], mass @ wanted[0])
+    change = mass @ (wanted[1] - wanted[0]) / 0.1
+    np.testing.assert_allclose(commands[1], mass @ wanted[1] + 0.8 * change)
+
+
+def test_no_thruster_no_lead(milliampere: Vessel) -> None:
+    for pid in (
+        PidFeedforward(NONE, NONE, NONE, thruster_lead=True),
+        PidFeedforward(NONE, NONE, NONE, thruster=LAG),
+    ):
+        assert pid.build(milliampere, 0.1)[0].lead == 0.0
