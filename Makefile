@@ -1,7 +1,7 @@
 # seatrial: `make demo`, `make test`, `make slow`, `make check`; each sets up .venv by itself.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo test slow check clean help
+.PHONY: demo readme test slow check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -32,6 +32,11 @@ demo: $(VENV)/demo.stamp
 	for figure in 'bars --dof surge --log' orders residual track errors coefficients; do \
 	    $(BIN)/python -m runner.compare plot $$figure || exit 1; \
 	done
+
+# The tables and the figure of README.md, made again from the demo's runs.
+readme: demo
+	$(BIN)/python docs/refresh.py
+	cp results/figures/bars-force_mse.svg docs/force_mse.svg
 
 test: $(VENV)/test.stamp
 	$(BIN)/python -m pytest

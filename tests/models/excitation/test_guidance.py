@@ -1,5 +1,7 @@
 """Way-points, reference filter and line of sight."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import lti, step
@@ -72,7 +74,7 @@ def test_the_sight_point_lies_on_the_leg_and_on_the_circle() -> None:
 def test_way_points_are_passed_in_turn_and_the_heading_unrolls() -> None:
     corners = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0), (0.0, 0.0), (20.0, 0.0))
     sight = LineOfSight(corners, 3.0)
-    legs = [np.linspace(a, b, 40) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    legs = [np.linspace(a, b, 40) for a, b in pairwise(corners)]
     track = np.vstack(legs)
     setpoints = follow(sight, np.column_stack([track, np.zeros(len(track))]))
     assert setpoints[-1, 2] == pytest.approx(2.0 * np.pi, abs=1e-6)  # a full turn, not a jump

@@ -1,0 +1,32 @@
+"""Make again what README.md shows: `make readme`.
+
+Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
+prints. The commands read the logbook that `make demo` wrote.
+"""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+README = Path(__file__).parents[1] / "README.md"
+BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def output(command: str, *more: str) -> str:
+    """What a `python -m ...` command prints."""
+    words = [sys.executable if word == "python" else word for word in shlex.split(command)]
+    done = subprocess.run(
+        [*words, *more], capture_output=True, text=True, check=True, cwd=README.parent
+    )
+    return done.stdout
+
+
+def refreshed(text: str) -> str:
+    """The text with every block made again."""
+    return BLOCK.sub(lambda found: f"{found[1]}\n{output(found['command'])}\n{found[3]}", text)
+
+
+if __name__ == "__main__":
+    README.write_text(refreshed(README.read_text()))
