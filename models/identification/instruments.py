@@ -10,7 +10,7 @@ The heading is measured, not simulated: a simulated one drifts, and its sine and
 the true ones. The wind that instruments know is the mean of the measured one in NED.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,6 @@ from models.errors import ConfigurationError, Diverged, IdentificationError
 from models.kinematics import in_body
 from models.recording import Recording
 from models.simulation import CONTROLLERS, GUIDANCE, REFERENCES, Plant, sail
-from models.thruster import SecondOrderLag
 from models.vessel import Vessel
 
 RUNAWAY = 20.0  # a velocity this many times the largest measured one has run away
@@ -71,30 +70,22 @@ GUIDANCE[Adrift] = _ask_nothing
 REFERENCES[Adrift] = _stay
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """What the simulated vessel is driven by: `force` as in the residual, through this lag."""
+def held_force(recording: Recording, kind: str | None) -> Array:
+    """Force [N, Nm] of every control period (N, n_dof), of the kind that the residual has.
 
-    force: str | None
-    lag: SecondOrderLag | None
-    restart_s: float | None
-
-    def held(self, recording: Recording) -> tuple[Array, SecondOrderLag | None]:
-        """Force of every control period (N, n_dof), and the lag that it passes.
-
-        Where the acting force is taken, that of an interval is what acts at its end: exact for a
-        force that is held.
-        """
-        chosen = recording.force(self.force)
-        if recording.tau_filtered is not None and chosen is recording.tau_filtered:
-            return recording.tau, self.lag
-        if recording.tau_actual is not None and chosen is recording.tau_actual:
-            return np.vstack([chosen[1:], chosen[-1:]]), None
-        return chosen, None
+    A command is held from its sample on. What passed a known lag is continuous: its mean over the
+    period. An acting force that was recorded is what acts at the period's end, exact where it
+    follows the command at once.
+    """
+    force = recording.force(kind)
+    if force is recording.tau:
+        return force
+    after = np.vstack([force[1:], force[-1:]])
+    return after if force is recording.tau_actual else 0.5 * (force + after)
 
 
 def simulated_motion(
-    recording: Recording, model: Vessel, inputs: Inputs
+    recording: Recording, model: Vessel, force: str | None, restart_s: float | None
 ) -> tuple[Recording, NDArray[np.bool_]]:
     """The recording with the motion of a model in place of the measured one.
 
@@ -106,8 +97,8 @@ def simulated_motion(
     limits = RUNAWAY * np.max(np.abs(recording.nu), axis=0)
     limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
     motions, first = [], []
-    for piece in stretches(recording, inputs.restart_s):
-        motions.append(_simulated(piece, model, inputs, wind, tuple(limits.tolist())))
+    for piece in stretches(recording, restart_s):
+        motions.append(_simulated(piece, model, force, wind, tuple(limits.tolist())))
         first.append(np.arange(len(piece)) == 0)
     nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
     air = None if wind is None else _seen_aboard(wind, recording)
@@ -141,10 +132,14 @@ def _seen_aboard(wind: Array, recording: Recording) -> Array:
 
 
 def _simulated(
-    piece: Recording, model: Vessel, inputs: Inputs, wind: Array | None, limits: tuple[float, ...]
+    piece: Recording,
+    model: Vessel,
+    force: str | None,
+    wind: Array | None,
+    limits: tuple[float, ...],
 ) -> tuple[Array, Array]:
     """Velocity and acceleration of a model from the first measured state on, (N, n_dof) each."""
-    forces, lag = inputs.held(piece)
+    forces = held_force(piece, force)
     n, n_dof = forces.shape
     still = np.zeros((n, n_dof))
     weather = Weather(still, still, still, still)
@@ -153,7 +148,7 @@ def _simulated(
     adrift = Adrift()
     try:
         voyage = sail(
-            Plant(model, lag, limits), weather, (adrift, np.zeros(1)), adrift,
+            Plant(model, None, limits), weather, (adrift, np.zeros(1)), adrift,
             (Playback(np.ascontiguousarray(forces)), np.zeros(1)), piece.eta[0],
             piece.period_s, min(STEP_S, piece.period_s), piece.nu[0],
         )  # fmt: skip

@@ -25,7 +25,7 @@ from models import basis
 from models.basis import Array, Term
 from models.errors import ConfigurationError, IdentificationError
 from models.identification.design import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
-from models.identification.instruments import Inputs, simulated_motion
+from models.identification.instruments import simulated_motion
 from models.identification.lag import thruster_of
 from models.identification.problem import Finding, Identified, Problem
 from models.identification.uncertainty import ErrorKind, hac_variance, stationary_variance
@@ -239,7 +239,7 @@ class InstrumentalVariables(ResidualOptions):
         recording = problem.training
         if self.thruster == "estimated":
             recording = recording.with_thruster(lag)
-        motion, first = simulated_motion(recording, model, Inputs(self.force, lag, self.restart_s))
+        motion, first = simulated_motion(recording, model, self.force, self.restart_s)
         starts = motion.t[first]
         motion = self.filtered(motion, lag)
         used = ~np.isin(motion.t, starts)
