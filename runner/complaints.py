@@ -15,6 +15,8 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from models.errors import SeatrialError
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
+# Launchers that are no part of a plain installation, and the extra that brings them.
+LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
 
 _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/']*)'")
@@ -70,6 +72,8 @@ def _missing_config(error: MissingConfigException) -> str:
     found = _NOT_FOUND.search(str(error))
     if found is None:
         return _joined(str(error))
+    if (extra := LAUNCHERS.get(found["option"])) and found["group"] == "hydra/launcher":
+        return f"hydra/launcher={found['option']} is not installed: pip install -e '.[{extra}]'"
     options = sorted(error.options or ()) or _options(found["group"])
     close = get_close_matches(found["option"], options, n=1)
     hint = f"did you mean {close[0]}? " if close else ""

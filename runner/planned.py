@@ -32,6 +32,21 @@ class Refusal:
 
 
 Known = dict[str, "RunSummary"]
+ENDED = ("finished", "failed", "diverged")
+
+
+def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
+    """By fingerprint, the status of the last attempt that this sweep made at each of these trials.
+
+    A trial that the sweep has not tried yet is left out.
+    """
+    from runner.database import Logbook
+    from runner.database.tables import Run
+
+    asked = {plan.fingerprint for plan in plans}
+    with Logbook.read(url) as logbook:
+        runs = logbook.runs(Run.sweep_id == sweep_id)  # in the order of their attempts
+    return {run.fingerprint: run.status for run in runs if run.fingerprint in asked}
 
 
 def known(plans: Iterable[Plan]) -> Known:

@@ -5,10 +5,7 @@ whatever launcher is configured, and ends with a summary from the logbook.
 """
 
 import logging
-import os
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
-from hydra.core.utils import JobStatus
+from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
@@ -29,6 +26,7 @@ from runner.complaints import EXPECTED, one_line
 from runner.composition import Composer, order_of
 from runner.config import Trial, build_trial
 from runner.job import Order, Outcome, perform, prepare, shown
+from runner.launching import Launched, check, launch
 from runner.planned import Plan, Refusal, known, listed
 from runner.provenance import Provenance, collect
 
@@ -36,12 +34,6 @@ log = logging.getLogger(__name__)
 
 # Hydra takes plugins from its own name space only: the sweeper is made known under this name.
 PLUGIN = "hydra_plugins.seatrial.Sweeper"
-WORKER_LOST = (
-    "a worker process was killed, or ran out of memory, and that ends the sweep: "
-    "finished runs are kept, the same command runs the rest"
-)
-# Read by the libraries when a worker starts; a trial uses one thread.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class Session:
@@ -137,6 +129,7 @@ class SeatrialSweeper(Sweeper):
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         from runner.database import Logbook
 
+        check(self._choice, arguments)
         trial, provenance = plans[0].trial, collect()
         url = trial.database_url
         with Logbook.open(url, results_dir=trial.results_dir) as logbook:
@@ -146,39 +139,28 @@ class SeatrialSweeper(Sweeper):
             job = SweepJob(sweep_id, provenance)
             outcomes, todo = _finished_before(plans, job)
             with progress.shown(url, sweep_id):
-                launched, bugs = self._launch(todo, job)
+                launched = self._launch(todo, job)
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
-        outcomes += launched
+        outcomes += launched.outcomes
         print("\n".join(report.sweep_summary(status, outcomes, url, factors)))
         self.session.exit_code = report.sweep_exit_code(status, outcomes)
-        if bugs:
-            raise bugs[0]
+        self.session.error = launched.error
+        if launched.bugs:
+            raise launched.bugs[0]
 
-    def _launch(
-        self, plans: Sequence[Plan], job: SweepJob
-    ) -> tuple[list[Outcome], list[Exception]]:
-        """What came of each plan, and the exceptions that no row of the logbook holds: bugs."""
-        outcomes: list[Outcome] = []
-        bugs: list[Exception] = []
-        if not plans:
-            return outcomes, bugs
-        launcher = Plugins.instance().instantiate_launcher(
-            hydra_context=self._context, task_function=job, config=self._config
-        )
-        size = self.max_batch_size or len(plans)
-        with _single_threaded_workers():
-            for start in range(0, len(plans), size):
-                batch = [list(plan.order.overrides) for plan in plans[start : start + size]]
-                try:
-                    returns = launcher.launch(batch, initial_job_idx=start)
-                except BrokenProcessPool:
-                    self.session.error = WORKER_LOST
-                    break
-                for one in returns:
-                    done = one.status is JobStatus.COMPLETED
-                    (outcomes if done else bugs).append(one._return_value)
-        return outcomes, bugs
+    @property
+    def _choice(self) -> str:
+        """The name of the launcher."""
+        return str(self._config.hydra.runtime.choices["hydra/launcher"])
+
+    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> Launched:
+        def make() -> Launcher:
+            return Plugins.instance().instantiate_launcher(
+                hydra_context=self._context, task_function=job, config=self._config
+            )
+
+        return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
 
 
 def register() -> None:
@@ -240,17 +222,3 @@ def _sweep_name(arguments: Sequence[str]) -> str:
     """The experiment's name, where the sweep is one."""
     experiments = [one.removeprefix("experiment=") for one in arguments if "experiment=" in one]
     return experiments[-1] if experiments else "sweep"
-
-
-@contextmanager
-def _single_threaded_workers() -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -121,6 +121,16 @@ def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
         )
 
 
+def checkpoint(path: Path) -> None:
+    """Move what is in the write-ahead log into the file, so that a copy of the file is whole.
+
+    Closing the last connection does so by itself, but a reader may still be open; where one is in
+    the middle of a query, or another process writes, the log is left to them.
+    """
+    with closing(sqlite3.connect(path, timeout=1.0, isolation_level=None)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+
+
 def open_to_read(path: Path) -> sqlite3.Connection:
     """A connection that cannot write, also where the folder cannot be written."""
     try:

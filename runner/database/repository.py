@@ -86,13 +86,16 @@ class Logbook(Reader):
         return int(key[0])
 
     def end_sweep(self, sweep_id: int) -> None:
-        """Note the end of a sweep."""
+        """Note the end of a sweep; the file of a SQLite logbook is whole then, without its log."""
         with self._writing() as connection:
             connection.execute(
                 update(tables.Sweep)
                 .where(tables.Sweep.id == sweep_id)
                 .values(finished_at=datetime.now(UTC))
             )
+        if self.address.path is not None:
+            with engines.explained(self.address):
+                engines.checkpoint(self.address.path)
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
