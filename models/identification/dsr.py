@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from models import basis
-from models.basis import Array, Codes, Term
+from models.basis import ACCELERATIONS, AIR, VELOCITIES, Array, Codes, Term
 from models.errors import ConfigurationError, IdentificationError
 from models.identification.dsr_findings import (
     fit_findings,
@@ -43,7 +43,8 @@ class Dsr:
 
     `order` is a number, `physical` (two states a degree of freedom) or `gap` (the largest gap of
     the singular values). `variant: closed` (dsr_e) holds with and without feedback, `open` only
-    without. `physical_form: optional` keeps the nominal model where there is no physical form,
+    without. `extra_terms: physical` are the nominal model's own, as far as they are not linear.
+    `physical_form: optional` keeps the nominal model where there is no physical form,
     with the reason as a finding, so that the state-space model can still be used.
     """
 
@@ -54,7 +55,7 @@ class Dsr:
     output: Output
     heading_span_deg: float  # of `output: pose`, which holds near one heading only
     force: Literal["commanded", "filtered", "actual"] | None
-    extra_terms: tuple[str, ...]  # further inputs: what acts beside the force
+    extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
     period_s: float | None
     physical_form: Literal["required", "optional"]
     condition_limit: float
@@ -74,9 +75,8 @@ class Dsr:
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise ConfigurationError(f"{name} must be positive, got {value}")
-        for one in self._extra:
-            names = {basis.VARIABLES[code % basis.N_VARIABLES] for code in one.codes if code}
-            if not names or names & set(basis.ACCELERATIONS) or one.name in basis.VELOCITIES:
+        for one in () if self.extra_terms == "physical" else basis.terms(self.extra_terms):
+            if not is_further_input(one):
                 raise ConfigurationError(
                     f"extra_terms: got {one}; a constant looks like a first state, and "
                     f"accelerations and velocities are in the model already"
@@ -102,14 +102,14 @@ class Dsr:
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The state-space model, and the vessel that is its physical form."""
         nominal, dofs = problem.nominal, problem.nominal.dofs
-        data = self._sampled(problem.training)
+        data = self._sampled(problem.training, nominal)
         realisation = self._realise(data, self._order(nominal))
         model, errors = realisation.model, None
         findings = realisation_findings(realisation)
         try:
             form = self._physical(model, data)
             model = _turned(form.model, data.heading)
-            vessel = form.vessel("identified", dofs, self._extra)
+            vessel = form.vessel("identified", dofs, data.extra)
             findings += physical_findings(form, dofs)
             errors = self._standard_errors(data, model.order, vessel - nominal, rng)
         except IdentificationError as error:
@@ -118,17 +118,19 @@ class Dsr:
             vessel = replace(nominal, name="identified")
             findings.append(Finding("physical_form", "all", 0.0, label=str(error)))
         findings += model_findings(model, self.markov_parameters, dofs)
-        findings += fit_findings(model, self._sampled(problem.validation), dofs)
+        findings += fit_findings(model, self._sampled(problem.validation, nominal), dofs)
         steered = _by_forces(model, len(dofs))
         return Identified(vessel, vessel - nominal, errors, tuple(findings), state_space=steered)
 
-    @property
-    def _extra(self) -> tuple[Term, ...]:
-        return basis.terms(self.extra_terms)
+    def _extra(self, nominal: Vessel) -> tuple[Term, ...]:
+        if self.extra_terms != "physical":
+            return basis.terms(self.extra_terms)
+        return tuple(one for one in nominal.terms if is_further_input(one) and moves(one))
 
-    def _sampled(self, recording: Recording) -> Sampled:
+    def _sampled(self, recording: Recording, nominal: Vessel) -> Sampled:
         span = np.radians(self.heading_span_deg)
-        return sampled(recording, self.force, self._extra, self.output, self.period_s, span)
+        extra = self._extra(nominal)
+        return sampled(recording, self.force, extra, self.output, self.period_s, span)
 
     def _order(self, nominal: Vessel) -> int | None:
         named = {"physical": 2 * len(nominal.dofs), "gap": None}
@@ -159,7 +161,7 @@ class Dsr:
             times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
             try:
                 form = self._physical(self._realise(data, order, times).model, data)
-                tables.append(form.vessel("replicate", residual.dofs, self._extra))
+                tables.append(form.vessel("replicate", residual.dofs, data.extra))
             except IdentificationError:
                 continue  # a replicate may miss what excites the vessel
         errors = np.full(residual.theta.shape, np.nan)
@@ -184,3 +186,16 @@ def _turned(model: StateSpace, psi: float) -> StateSpace:
     K = None if model.K is None else model.K @ R.T
     F = None if model.F is None else R @ model.F
     return replace(model, C=R @ model.C, D=R @ model.D, K=K, F=F)
+
+
+def is_further_input(one: Term) -> bool:
+    """Whether a term can be an input beside the force: it varies and the model does not hold it."""
+    names = {basis.VARIABLES[code % basis.N_VARIABLES] for code in one.codes if code}
+    return bool(names) and not names & set(ACCELERATIONS) and one.name not in VELOCITIES
+
+
+def moves(one: Term) -> bool:
+    """Whether a term holds a velocity; the attitude alone is a stiffness, found from the states."""
+    return any(
+        basis.VARIABLES[code % basis.N_VARIABLES] in (*VELOCITIES, *AIR) for code in one.codes
+    )

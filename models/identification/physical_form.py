@@ -109,6 +109,7 @@ def _inertia(inverse: Array) -> Array:
     if smallest <= 0.0:
         raise IdentificationError(
             f"no physical form: the inertia must be positive definite, "
-            f"got an eigenvalue of {smallest:.3g}"
+            f"got an eigenvalue of {smallest:.3g}; what is not linear in the motion may need to "
+            f"be told (identifier.extra_terms)"
         )
     return np.asarray(inertia)

@@ -30,6 +30,7 @@ class Sampled:
     u: Array
     stretch: Codes  # (N,), counted from 0
     period_s: float
+    extra: tuple[Term, ...]  # the terms
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     heading: float  # [rad] between the axes of the output and those of the body
@@ -73,6 +74,7 @@ def sampled(
         u=np.vstack(u),
         stretch=np.concatenate(stretch).astype(np.int64),
         period_s=every * recorded_period,
+        extra=extra,
         inputs=(*(f"tau_{dof}" for dof in recording.dofs), *(one.name for one in extra)),
         outputs=tuple(f"body {name}" if body else name for name in names),
         heading=float(np.mean(psi)) if output == "pose" else 0.0,

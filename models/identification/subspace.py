@@ -33,6 +33,7 @@ from models.identification.block_hankel import (
     stretches,
     triangular,
 )
+from models.identification.predictor_gain import observer_gain, with_gain
 from models.statespace import StateSpace, spectral_radius
 
 Variant = Literal["open", "closed"]
@@ -113,7 +114,7 @@ def _identify_open(
     explained, e = explained_by_past(record, J, feedthrough)
     noise, scale = _innovation_inputs(e.y)
     K, _ = input_matrices(explained, noise, A, C, observer, False, known=model)
-    model, recomputed = _with_gain(model, K @ scale, e.y)
+    model, recomputed = with_gain(model, K @ scale, e.y)
     return model, values, recomputed
 
 
@@ -132,7 +133,7 @@ def _identify_closed(
     v = np.hstack([explained.u, noise])
     BK, D = input_matrices(explained, v, A, C, observer_gain(A, C), False)
     model = StateSpace(A, BK[:, :r], C, D[:, :r], 1.0)
-    model, recomputed = _with_gain(model, BK[:, r:] @ scale, e.y)
+    model, recomputed = with_gain(model, BK[:, r:] @ scale, e.y)
     return model, values, recomputed
 
 
@@ -237,11 +238,6 @@ def _responses(
         x[:] = following
 
 
-def observer_gain(A: Array, C: Array) -> Array:
-    """A gain G with A - G C stable: the Kalman predictor's for noise of unit size everywhere."""
-    return _riccati_gain(A, C, np.eye(len(A)), np.zeros((len(A), len(C))), np.eye(len(C)))
-
-
 def _innovation_inputs(e: Array) -> tuple[Array, Array]:
     """The innovations above rounding, each of unit size, and the map (kept, m) back from e."""
     size = np.sqrt(np.mean(e**2, axis=0))
@@ -249,40 +245,6 @@ def _innovation_inputs(e: Array) -> tuple[Array, Array]:
     back = np.zeros((len(kept), e.shape[1]))
     back[np.arange(len(kept)), kept] = 1.0 / size[kept]
     return e[:, kept] / size[kept], back
-
-
-def _with_gain(model: StateSpace, K: Array, e: Array) -> tuple[StateSpace, bool]:
-    """The model with K, or where A - K C is not stable, with the stable K of the same spectrum.
-
-    Noise of the covariances K R K', K R and R has the same spectrum for both; the second one
-    solves the Riccati equation. Data without noise leave K open: then process noise that enters
-    as the inputs do, and 1 % of the output's size on it, are assumed.
-    """
-    m = len(model.C)
-    if not np.any(K):
-        B = model.B
-        S, R = np.zeros((model.order, m)), 1e-4 * np.eye(m)
-        return replace(model, K=_riccati_gain(model.A, model.C, B @ B.T, S, R)), True
-    model = replace(model, K=K)
-    if model.predictor_radius < 1.0:
-        return model, False
-    R = e.T @ e / len(e)
-    R = R + 1e-6 * np.trace(R) / m * np.eye(m)
-    return replace(model, K=_riccati_gain(model.A, model.C, K @ R @ K.T, K @ R, R)), True
-
-
-def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
-    """K = (A P C' + S)(C P C' + R)^-1 with P of the Riccati equation of the predictor."""
-    from scipy.linalg import solve_discrete_are
-
-    floor = 1e-9 * max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
-    try:
-        P = solve_discrete_are(A.T, C.T, Q + floor * np.eye(len(A)), R, s=S)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise IdentificationError(
-            f"no stable predictor for the identified model: {error}"
-        ) from error
-    return np.asarray(np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + S).T).T)
 
 
 def _scales(values: Array, what: str) -> Array:

@@ -139,6 +139,16 @@ def test_known_terms_beside_the_force_are_identified_too(
     assert found.state_space.inputs == ("tau_surge", "tau_sway", "tau_yaw")
 
 
+def test_the_nominal_model_can_say_which_terms_are_known(
+    identifier: Identifier, calm: Any, rng: np.random.Generator
+) -> None:
+    dsr = identifier("dsr", bootstrap=None, extra_terms="physical", force="filtered", J=10, L=6)
+    found = dsr.identify(calm.problem, rng)
+    assert set(found.model.terms) == set(calm.problem.nominal.terms)
+    true = np.diag(calm.truth.inertia)
+    np.testing.assert_allclose(np.diag(found.model.inertia), true, rtol=0.01)
+
+
 def test_a_constant_force_in_ned_needs_its_terms(
     identifier: Identifier, constant: Any, rng: np.random.Generator
 ) -> None:

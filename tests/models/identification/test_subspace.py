@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.errors import ConfigurationError, IdentificationError
+from models.identification.predictor_gain import observer_gain
 from models.identification.subspace import identify_innovations, largest_gap
 from models.statespace import StateSpace
 
@@ -216,6 +217,25 @@ def test_eigenvalues_agree_with_nfoursid_in_open_loop(rng: np.random.Generator) 
         found = identify_innovations(y, u, 10, 10, 4, variant).model  # type: ignore[arg-type]
         np.testing.assert_allclose(by_size(found), expected, atol=0.01)
         np.testing.assert_allclose(by_size(found), by_size(truth), atol=0.01)
+
+
+def test_a_gain_without_a_stable_predictor_is_recomputed(rng: np.random.Generator) -> None:
+    """Innovations that K over-corrects have the spectrum of a stable predictor's."""
+    plant = random_plant(rng)
+    truth = replace(plant, K=kalman_gain(plant, np.eye(6), np.eye(3)))
+    loud = replace(truth, K=-6.0 * truth.K)
+    assert loud.predictor_radius > 1.0
+    y, u, _ = open_loop(loud, 8000, 0.3, rng)
+    for variant in ("open", "closed"):
+        found = identify_innovations(y, u, 6, 20, 6, variant)  # type: ignore[arg-type]
+        assert found.model.predictor_radius < 1.0
+        assert markov_error(found.model, truth) < 0.1
+
+
+def test_a_state_that_no_output_shows_has_no_stable_predictor() -> None:
+    hidden = StateSpace(np.diag([0.5, 1.1]), np.eye(2), np.eye(1, 2), np.zeros((1, 2)), 1.0)
+    with pytest.raises(IdentificationError, match=r"no stable predictor: .* radius 1\.1"):
+        observer_gain(hidden.A, hidden.C)
 
 
 def test_the_order_is_the_largest_gap() -> None:
