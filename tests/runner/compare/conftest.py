@@ -8,7 +8,6 @@ import pytest
 from runner.compare.__main__ import run as run_program
 from runner.compare.results import Results, open_results
 from tests.runner.compare import stored
-from tests.runner.database.conftest import postgres, postgres_server  # noqa: F401 - fixtures
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from runner.compare.selection import TableRequest
 from runner.compare.table import comparison
 from runner.database import Logbook
 from tests.runner.compare import stored
-from tests.runner.database.conftest import Postgres
+from tests.runner.postgres import Postgres
 
 INJECTIONS = (
     "seed<3; DROP TABLE run",

@@ -10,7 +10,7 @@ import pytest
 from models.errors import LogbookError
 from runner.database import Logbook, display_url, without_passwords
 from runner.database.address import parse
-from tests.runner.database.conftest import Postgres
+from tests.runner.postgres import Postgres
 
 
 @pytest.mark.parametrize(

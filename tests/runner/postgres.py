@@ -1,0 +1,133 @@
+"""A PostgreSQL server of the tests' own, on a free port of 127.0.0.1."""
+
+import os
+import pwd
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+INSTALL = "apt-get install postgresql, and pip install 'psycopg[binary]'"
+
+
+@dataclass
+class Postgres:
+    """A server of our own on a free port of 127.0.0.1."""
+
+    port: int
+    made: int = 0
+    used: int = 0  # by the current test
+
+    def new_database(self) -> str:
+        """An empty database: a former test's, emptied, since making one takes 300 files."""
+        import psycopg
+
+        self.used += 1
+        name = f"sea{self.used}"
+        if self.used > self.made:
+            with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+                connection.execute(f"CREATE DATABASE {name}")
+            self.made += 1
+        else:
+            with psycopg.connect(self.url(name), autocommit=True) as connection:
+                connection.execute("DROP SCHEMA public CASCADE")
+                connection.execute("CREATE SCHEMA public")
+        return self.url(name)
+
+    def url(self, database: str) -> str:
+        return f"postgresql://sailor:anchor@127.0.0.1:{self.port}/{database}"
+
+
+def _binaries() -> Path | None:
+    """The newest server's programs: Debian keeps them out of PATH."""
+    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=_version)
+    if found:
+        return found[-1].parent
+    if config := shutil.which("pg_config"):
+        said = subprocess.run([config, "--bindir"], capture_output=True, text=True, check=True)
+        if (folder := Path(said.stdout.strip())).joinpath("initdb").exists():
+            return folder
+    return None
+
+
+def _version(initdb: Path) -> float:
+    return float(initdb.parent.parent.name)
+
+
+def _account() -> str | None:
+    """Whom to run the server as: it refuses root."""
+    return "postgres" if os.getuid() == 0 else None
+
+
+def served() -> Iterator[Postgres]:
+    """The server, while the tests run; they skip where it is not installed."""
+    pytest.importorskip("psycopg", reason=f"no psycopg: {INSTALL}")
+    binaries, account = _binaries(), _account()
+    if binaries is None:
+        pytest.skip(f"no PostgreSQL server: {INSTALL}")
+    # Root's own temporary folder may be closed to the server's account.
+    folder = Path(tempfile.mkdtemp(prefix="seatrial-postgres-", dir="/tmp" if account else None))
+    if account:
+        owner = pwd.getpwnam(account)
+        os.chown(folder, owner.pw_uid, owner.pw_gid)
+    password = folder / "password"
+    password.write_text("anchor")
+    password.chmod(0o644)
+    try:
+        subprocess.run(
+            [
+                *(binaries / "initdb", "-D", folder / "data", "-U", "sailor"),
+                *("-A", "scram-sha-256", "--pwfile", password, "--no-sync"),
+                *("--encoding", "UTF8", "--locale", "C"),
+            ],
+            user=account,
+            cwd=folder,
+            check=True,
+            capture_output=True,
+        )
+        server, port = _start(binaries, folder, account)
+        try:
+            yield Postgres(port)
+        finally:
+            server.send_signal(signal.SIGQUIT)  # at once: nothing of it is kept
+            server.wait(30)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start(
+    binaries: Path, folder: Path, account: str | None
+) -> tuple[subprocess.Popen[bytes], int]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    with (folder / "log").open("wb") as log:
+        server = subprocess.Popen(
+            [
+                *(binaries / "postgres", "-D", folder / "data", "-p", str(port)),
+                *("-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={folder}"),
+                *("-c", "fsync=off", "-c", "max_connections=100"),
+            ],
+            user=account,
+            cwd=folder,
+            stdout=log,
+            stderr=log,
+        )
+    import psycopg
+
+    url = Postgres(port).url("postgres")
+    for _ in range(200):
+        try:
+            psycopg.connect(url).close()
+            return server, port
+        except psycopg.OperationalError:
+            assert server.poll() is None, (folder / "log").read_text()
+            time.sleep(0.05)
+    raise AssertionError((folder / "log").read_text())
