@@ -115,15 +115,11 @@ class Recording:
         return [self.part(slice(a, b)) for a, b in pairwise(edges)]
 
     def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
-        nyquist = 0.5 / self.period_s
-        if not 0.0 < cutoff_hz < nyquist:
-            raise ConfigurationError(
-                f"identifier.lowpass_hz must lie between 0 and {nyquist:g}, got {cutoff_hz}"
-            )
+        check_cutoff(cutoff_hz, self.period_s)
         drop = round(drop_s / self.period_s)
         if len(self) < 2 * drop + 30:
             raise RecordingError(f"got {len(self)} samples, too few for a low-pass")
-        sections = butter(LOWPASS_ORDER, cutoff_hz / nyquist, output="sos")
+        sections = butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos")
 
         def smooth(values: Array) -> Array:
             return np.asarray(sosfiltfilt(sections, values, axis=0))
@@ -135,6 +131,15 @@ class Recording:
             wind=None if self.wind is None else smooth(self.wind),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
+
+
+def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
+    """Refuse a low-pass that a sample time [s] cannot hold."""
+    highest = 0.5 / period_s
+    if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
+        raise ConfigurationError(
+            f"identifier.lowpass_hz must lie between 0 and {highest:g}, got {cutoff_hz:g}"
+        )
 
 
 def _joined(pieces: Sequence[Recording]) -> Recording:

@@ -17,10 +17,17 @@ from models.control.limits import largest_disturbance
 from models.disturbance import Disturbance
 from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
-from models.excitation.mission import Mission, Replay
+from models.excitation.mission import (
+    Mission,
+    Replay,
+    added_force,
+    check_limits,
+    is_open_loop,
+    steering,
+)
 from models.identification.problem import Identified, Problem
 from models.recorded import RecordedFile
-from models.recording import Recording
+from models.recording import Recording, check_cutoff
 from models.simulation import Voyage, outlook, recording_of, sail
 from models.statespace import StateSpace
 from models.vessel import Vessel
@@ -33,6 +40,7 @@ log = logging.getLogger(__name__)
 
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
+NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
 
 
 class Streams(NamedTuple):
@@ -75,15 +83,18 @@ def check(trial: Trial) -> None:
             raise ConfigurationError(f"{group}: got none, expected an option of the group")
     dofs = trial.vessel.dofs
     from_file = isinstance(trial.excitation, RecordedFile)
-    if not from_file and trial.controller is None:
+    if not from_file and trial.controller is None and not is_open_loop(trial.excitation):
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
         )
     trial.excitation.check(dofs)
-    if from_file:
-        trial.excitation.read(dofs)  # a damaged file is a wrong option, not a failed trial
+    period = trial.sample_time_s
+    if from_file:  # a damaged file is a wrong option, not a failed trial
+        period = trial.excitation.read(dofs).period_s
     else:
         trial.disturbance.check(dofs)
+        check_limits(trial.excitation, trial.vessel.limits_by_dof, trial.sample_time_s)
+    check_cutoff(getattr(trial.identifier, "lowpass_hz", None), period)
     if trial.evaluation is not None and not from_file:
         trial.evaluation.check(dofs)
     if trial.controller is not None:
@@ -142,6 +153,8 @@ def skipped(trial: Trial) -> str | None:
     for group in ("controller", "evaluation"):
         if getattr(trial, group) is None:
             return NOT_DEPLOYED.format(group)
+    if isinstance(trial.evaluation, Replay) and is_open_loop(trial.excitation):
+        return NO_REFERENCE
     return None
 
 
@@ -179,12 +192,14 @@ def sail_mission(
     )
     table = trial.plant_scale * vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
     plant = vessel.plant(table)
-    guidance = mission.guidance(period * np.arange(n, dtype=np.float64), start)
+    t = period * np.arange(n, dtype=np.float64)
+    guidance = mission.guidance(t, start)
     reference = mission.reference_filter.table(period)
     ahead = outlook(plant, weather, guidance[0], reference, start)
-    parameters, state = trial.controller.build(model, period)
+    controller = steering(mission, vessel.dofs, period)
+    parameters, state = controller or trial.controller.build(model, period)
     foresee = getattr(trial.controller, "foresee", None)
-    if foresee is not None:
+    if foresee is not None and controller is None:
         parameters = foresee(parameters, ahead)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     voyage = sail(
@@ -196,6 +211,7 @@ def sail_mission(
         start,
         period,
         trial.integration_step_s,
+        added=added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation)),
     )
     return sailed(trial, voyage, model, state, largest_disturbance(table, weather, heading))
 
@@ -205,6 +221,8 @@ def sailed(
 ) -> Sailed:
     """A voyage with what its controller says of itself, as far as it does."""
     controller, period = trial.controller, trial.sample_time_s
+    if controller is None:  # an open loop
+        return Sailed(voyage, period, None, 0, 0, (), needed)
     ahead, remarks = (getattr(controller, name, None) for name in ("preview_rows", "remarks"))
     failures = getattr(state, "failures", None)
     return Sailed(
