@@ -48,7 +48,7 @@ def test_a_deployment_that_diverges_keeps_what_holds() -> None:
 
 def test_the_same_seed_repeats_every_figure() -> None:
     overrides = ("identifier=plsr", "disturbance=noise", "seed=7")
-    timed = ("step_time_median", "step_time_99")
+    timed = ("step_time_median", "step_time_p99")
 
     def figures(*given: str) -> list[float | None]:
         return [r.value for r in trials.run(composed(*given)).metrics if r.name not in timed]
