@@ -143,7 +143,7 @@ class Lqi:
     def __post_init__(self) -> None:
         n = len(self.limits)
         check_weights("limits", self.limits, n, positive=True)
-        check_weights("error_weight", self.error_weight, n, positive=False)
+        check_weights("error_weight", self.error_weight, n, positive=True)
         check_weights("input_weight", self.input_weight, n, positive=True)
 
     def design(self, model: Vessel | StateSpace, period_s: float) -> DesignModel:

@@ -44,9 +44,9 @@ class Solver:
 
     def solve(self, theta: Array) -> Array | None:
         """The solution z for the parameters theta, or None when there is none to rely on."""
-        f = self.f @ theta
-        if not (self.ready and np.all(np.isfinite(f))):
+        if not (self.ready and np.all(np.isfinite(theta))):
             return None
+        f = self.f @ theta
         if self.moving:
             middle = self.shift @ theta
             flag = self.model.update(f=f, bupper=middle + self.bound, blower=middle - self.bound)

@@ -46,14 +46,15 @@ class LimitTable(NamedTuple):
 def _approach(table: LimitTable, state: Array, setpoint: Array) -> None:
     """x <- x + h v with the largest v that still stops in time; state (x, v, v_dot).
 
-    From v a vessel that brakes with a in steps of h needs v^2 / 2a + h v / 2, so that
-    v = sqrt((a h / 2)^2 + 2 a |d|) - a h / 2 for the distance d, and never more than d / h.
+    Braking with a in steps of h from v takes h (v + (v - a h) + (v - 2 a h) + ...). With m whole
+    steps that is the distance d for v = d / ((m + 1) h) + m a h / 2, the largest m for which
+    a h^2 m (m + 1) / 2 <= d.
     """
     h = table.period_s
     for i in range(state.shape[0]):
         a, distance, v = table.acceleration[i], setpoint[i] - state[i, 0], state[i, 1]
-        brake = np.sqrt((0.5 * a * h) ** 2 + 2.0 * a * abs(distance)) - 0.5 * a * h
-        wanted = min(brake, abs(distance) / h, table.speed[i])
+        m = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * abs(distance) / (a * h * h)) - 1.0))
+        wanted = min(abs(distance) / ((m + 1.0) * h) + 0.5 * m * a * h, table.speed[i])
         wanted = wanted if distance > 0.0 else -wanted
         change = min(max(wanted - v, -a * h), a * h)
         state[i, 1] = v + change

@@ -1,0 +1,158 @@
+"""The Kalman filter against the Riccati equation, another library, and what it should find."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+from models.control.design import design_model
+from models.control.estimator import Kalman, believed, filter_gain
+from models.errors import ConfigurationError
+from models.statespace import StateSpace
+from tests.models.control.sailing import (
+    KALMAN,
+    LIMITS,
+    WINDAGE,
+    double_integrators,
+    lqi,
+    remark,
+    ship,
+    steady,
+    voyage,
+    weather,
+)
+
+
+def random_system(seed: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(4, 4))
+    A *= 0.95 / np.max(np.abs(np.linalg.eigvals(A)))
+    C, G = rng.normal(size=(2, 4)), rng.normal(size=(4, 4))
+    return A, C, G @ G.T, np.diag(rng.uniform(0.5, 2.0, 2))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_filter_and_the_predictor_gain_are_told_apart(seed: int) -> None:
+    """K = A M: the predictor's gain of python-control's dlqe, the filter's of MATLAB's."""
+    A, C, Q, R = random_system(seed)
+    M = filter_gain(A, C, Q, R)
+    P = solve_discrete_are(A.T, C.T, Q, R)
+    K = A @ P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+    np.testing.assert_allclose(A @ M, K, rtol=1e-9, atol=1e-12)
+    control: Any = pytest.importorskip("control")
+    predictor, covariance, _ = control.dlqe(A, np.eye(4), C, Q, R)
+    np.testing.assert_allclose(A @ M, predictor, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(covariance, P, rtol=1e-8)
+
+
+def test_a_scalar_filter_has_its_closed_form() -> None:
+    """Random walk, q = r: P = golden ratio times r, M = P / (P + r)."""
+    one = np.eye(1)
+    golden = 0.5 * (1.0 + np.sqrt(5.0))
+    assert filter_gain(one, one, one, one)[0, 0] == pytest.approx(golden / (golden + 1.0))
+
+
+def test_the_gain_is_the_limit_of_the_recursion() -> None:
+    A, C, Q, R = random_system(7)
+    P = np.eye(4)
+    for _ in range(500):
+        M = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+        P = A @ (P - M @ C @ P) @ A.T + Q
+    np.testing.assert_allclose(filter_gain(A, C, Q, R), M, rtol=1e-8, atol=1e-12)
+
+
+def test_no_steady_state_is_refused() -> None:
+    A = np.diag([2.0, 0.5])  # unstable and not observed
+    with pytest.raises(ConfigurationError, match="no steady-state gain"):
+        filter_gain(A, np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
+
+
+def test_an_identified_models_own_gain_is_taken_back_to_the_filters() -> None:
+    A, C, Q, R = random_system(2)
+    K = A @ filter_gain(A, C, Q, R)
+    B = np.random.default_rng(3).normal(size=(4, 2))
+    model = StateSpace(A, B, C, np.zeros((2, 2)), 1.0, K=K)
+    design = design_model(model, (1.0, 1.0), 1.0)
+    M, _ = KALMAN.gains(design)
+    np.testing.assert_allclose(M, filter_gain(A, C, Q, R), rtol=1e-8)
+    for changes, message in (
+        ({"kalman": replace(KALMAN, estimate_bias=True)}, "estimate_bias"),
+        ({"estimator": "measured"}, "cannot be measured"),
+    ):
+        two = {"limits": (1.0,) * 2, "error_weight": (1.0,) * 2, "input_weight": (1.0,) * 2}
+        with pytest.raises(ConfigurationError, match=message):
+            lqi(wind=None, **two, **changes).build(model, 1.0)
+    with pytest.raises(ConfigurationError, match="no innovations gain"):
+        KALMAN.gains(design_model(replace(model, K=None), (1.0, 1.0), 1.0))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_filter_follows_an_exact_model_exactly(axis: int) -> None:
+    """No noise, its own model, every force known: the prediction is the motion."""
+    n = 200
+    setpoints = np.zeros((n, 3))
+    setpoints[:, axis] = 5.0
+    met = weather(n, wind_ned=steady(n, 9.0, axis * np.pi / 2))
+    plant = double_integrators() + WINDAGE.table(("surge", "sway", "yaw"))
+    controller = lqi(kalman=replace(KALMAN, measurement=(1e3, 1e3, 10.0)))  # hardly corrects
+    sailed, state = voyage(controller, setpoints, model=double_integrators(), plant=plant, met=met)
+    assert np.max(np.abs(sailed.log.eta[:, axis])) > 2.0
+    np.testing.assert_allclose(state.x[:2], sailed.log.eta[-1, :2], atol=5e-3)
+    np.testing.assert_allclose(state.x[3:5], sailed.log.nu[-1, :2], atol=5e-4)
+
+
+def test_a_bias_is_estimated_and_turns_with_the_vessel() -> None:
+    """A force that is fixed in NED stays one while the vessel turns a quarter."""
+    n = 1500
+    setpoints = np.zeros((n, 3))
+    setpoints[600:, 2] = np.pi / 2
+    force = np.tile([4e4, -6e4, 5e5], (n, 1))
+    kalman = replace(KALMAN, estimate_bias=True)
+    _, state = voyage(lqi(kalman=kalman), setpoints, met=weather(n, force_ned=force))
+    np.testing.assert_allclose(state.bias, force[0], rtol=0.02)
+
+
+def test_noise_is_filtered() -> None:
+    n = 600
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(n, 3)) * KALMAN.measurement
+    sailed, state = voyage(lqi(), np.zeros((n, 3)), met=weather(n, pose_noise=noise))
+    error = np.abs(state.x[:3] - sailed.log.eta[-1])
+    assert np.all(error < 2.0 * np.array(KALMAN.measurement))
+    assert remark(lqi(), "estimator_radius") < 1.0
+
+
+def test_a_lost_measurement_is_left_out() -> None:
+    n = 400
+    noise = np.zeros((n, 3))
+    noise[100:160] = np.nan  # a minute without a position
+    sailed, state = voyage(lqi(), np.zeros((n, 3)), met=weather(n, pose_noise=noise))
+    assert np.all(np.isfinite(sailed.log.tau))
+    assert np.all(np.abs(sailed.log.eta[:, :2]) < 0.5)
+    assert np.all(np.isfinite(state.x))
+
+
+def test_the_measured_state_is_used_as_it_is() -> None:
+    n = 50
+    sailed, state = voyage(lqi(estimator="measured"), np.tile([1.0, 1.0, 0.1], (n, 1)))
+    log = sailed.log
+    c, s = np.cos(log.eta[-1, 2]), np.sin(log.eta[-1, 2])
+    u, v, r = log.nu[-1]
+    ned = [c * u - s * v, s * u + c * v, r]
+    np.testing.assert_allclose(state.x, [*log.eta[-1], *ned], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["process", "measurement", "bias_walk"])
+def test_deviations_must_be_positive(name: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"{name} must be 3 positive numbers"):
+        replace(KALMAN, **{name: (1.0, 0.0, 1.0)})
+
+
+def test_what_does_not_fit_the_vessel_is_refused() -> None:
+    design = design_model(ship(), LIMITS, 1.0)
+    with pytest.raises(ConfigurationError, match="got 1 numbers, expected 3"):
+        Kalman((1.0,), (1.0,), (1.0,), False).gains(design)
+    with pytest.raises(ConfigurationError, match="expected false with estimator=measured"):
+        believed(design, "measured", replace(KALMAN, estimate_bias=True))
