@@ -1,0 +1,135 @@
+"""Model selection without peeking: cross-validated free-run error, one-standard-error rule.
+
+Jervan (2020), chapter 6, asks for it: an order or a method that is chosen on the test part is
+chosen with what it is then judged by. Here every candidate is identified on part of the training
+half and simulated on the block left out, under the recorded force, from the measured state and
+again every `horizon_s`. The error of a block is
+
+    E = mean over dof of  rms(nu_simulated - nu) / std(nu of the training part)
+
+A block on which a candidate cannot be identified, or its simulation runs away, counts as E = 1,
+the error of predicting the mean motion. Chosen is the first candidate (they stand in order of
+simplicity) whose mean error exceeds the least by no more than one standard error: Hastie,
+Tibshirani and Friedman (2009), section 7.10. The standard error is that of the difference over
+the blocks, since all candidates meet the same ones. The chosen one is identified again on the
+whole training part.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models.basis import Array
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.instruments import simulated_motion
+from models.identification.problem import Finding, Identified, Identifier, Problem, check_force
+from models.recording import Recording
+from models.splits import blocked_k_fold
+from models.thruster import SecondOrderLag
+from models.vessel import Vessel
+
+LOST = 1.0  # error of a block on which a candidate fails
+
+
+@dataclass(frozen=True)
+class Auto:
+    """A list of identifiers, of which cross-validation picks one.
+
+    `candidates` maps names to identifiers, the simplest first; `folds` blocks; `horizon_s` [s] is
+    how long a model runs free before it is set back to the measured state; `force` is the one it
+    is simulated under, as for `ls`.
+    """
+
+    candidates: dict[str, Any]
+    folds: int
+    horizon_s: float
+    force: str | None
+
+    def __post_init__(self) -> None:
+        if not self.candidates:
+            raise ConfigurationError("candidates: got none, expected at least one identifier")
+        if self.folds < 2:
+            raise ConfigurationError(f"folds must be at least 2, got {self.folds}")
+        if not self.horizon_s > 0.0:
+            raise ConfigurationError(f"horizon_s must be positive, got {self.horizon_s}")
+        check_force(self.force)
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Refuse what one of the candidates refuses."""
+        for name, candidate in self.candidates.items():
+            refuse = getattr(candidate, "check", None)
+            if refuse is not None:
+                try:
+                    refuse(nominal, thruster, measured)
+                except ConfigurationError as error:
+                    raise ConfigurationError(f"identifier.candidates.{name}: {error}") from error
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify with the candidate that cross-validation picks.
+
+        Raises IdentificationError when no candidate serves.
+        """
+        seeds = rng.integers(2**63, size=len(self.candidates))
+        errors = {
+            name: self._errors(candidate, problem, int(seed))
+            for (name, candidate), seed in zip(self.candidates.items(), seeds, strict=True)
+        }
+        chosen = one_standard_error(errors)
+        found: Identified = self.candidates[chosen].identify(problem, rng)
+        return replace(found, findings=(*found.findings, *_findings(errors, chosen)))
+
+    def _errors(self, candidate: Identifier, problem: Problem, seed: int) -> Array:
+        """Free-run error on each block left out, shape (folds,); infinite where it fails."""
+        training = problem.training
+        scale = np.std(training.nu, axis=0)
+        quick = without_bootstrap(candidate)
+        errors = np.full(self.folds, LOST)
+        for i, split in enumerate(blocked_k_fold(len(training), self.folds)):
+            part = training.part(split.train)
+            try:
+                model = quick.identify(
+                    replace(problem, training=part, validation=part), np.random.default_rng(seed)
+                ).model
+                errors[i] = self._free_run(model, training.part(split.test), scale)
+            except IdentificationError:
+                continue  # the block is lost
+        return errors
+
+    def _free_run(self, model: Vessel, block: Recording, scale: Array) -> float:
+        simulated, first = simulated_motion(block, model, self.force, self.horizon_s)
+        difference = (simulated.nu - block.nu)[~first]
+        return float(np.mean(np.sqrt(np.mean(np.square(difference), axis=0)) / scale))
+
+
+def without_bootstrap(candidate: Any) -> Any:
+    """The candidate without the standard errors that a cross-validation does not look at."""
+    return replace(candidate, bootstrap=None) if hasattr(candidate, "bootstrap") else candidate
+
+
+def one_standard_error(errors: dict[str, Array]) -> str:
+    """The first name that is worse than the best by no more than the difference's standard error.
+
+    Raises IdentificationError when no candidate predicts better than the mean motion.
+    """
+    best = min(errors, key=lambda name: float(np.mean(errors[name])))
+    if np.mean(errors[best]) >= LOST:
+        raise IdentificationError(
+            f"no candidate predicts the blocks left out better than their mean: {', '.join(errors)}"
+        )
+
+    def within(name: str) -> bool:
+        worse = errors[name] - errors[best]
+        return bool(np.mean(worse) <= np.std(worse, ddof=1) / np.sqrt(len(worse)))
+
+    return next(name for name in errors if within(name))
+
+
+def _findings(errors: dict[str, Array], chosen: str) -> tuple[Finding, ...]:
+    """Every candidate's error on every block (i candidate, j block), and which was chosen."""
+    found = []
+    for i, (name, values) in enumerate(errors.items()):
+        for j, value in enumerate(values):
+            found.append(Finding("auto_error", "all", float(value), "", i, j, name))
+        found.append(Finding("auto_chosen", "all", float(name == chosen), "", i, label=name))
+    return tuple(found)
