@@ -13,8 +13,8 @@ ROOT = Path(__file__).parents[2]
 TRIALS = ("identifier=none", "evaluation=none")
 
 METRICS = (
-    "SELECT run.seed, stage, model, dof, name, value FROM metric JOIN run ON run.id = run_id "
-    "ORDER BY 1, 2, 3, 4, 5"
+    "SELECT identifier, disturbance, run.seed, stage, model, dof, name, value "
+    "FROM metric JOIN run ON run.id = run_id ORDER BY 1, 2, 3, 4, 5, 6, 7"
 )
 
 

@@ -29,7 +29,7 @@ RUNNING = "SELECT pid, id FROM run WHERE status = 'running'"
 ATTEMPTS = "SELECT seed, attempt, status FROM run ORDER BY 1, 2"
 
 
-class Lost(RuntimeError):
+class Lost(RuntimeError):  # noqa: N818 - it stands in for another name
     """What submitit raises for a job that leaves no result."""
 
 
