@@ -16,7 +16,8 @@ with `instruments: none` (LS) or `simulated` (IV).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -41,8 +42,14 @@ class Solution:
 
     theta: Array  # (n_terms, m)
     rest: Array  # (N, m)
-    gains: Array  # (N, n_terms)
+    span: Array  # (N, n_instruments) orthonormal columns of the instruments
+    share: Array  # (n_instruments, n_terms), theta = share' span' y
     condition: float  # of the scaled regressors as far as the instruments see them
+
+    @cached_property
+    def gains(self) -> Array:
+        """Weight of every sample's target in theta, shape (N, n_terms)."""
+        return np.asarray(self.span @ self.share)
 
     def white_errors(self) -> Array:
         """Standard errors for white residuals, shape (n_terms, m); N - n_terms degrees of freedom.
@@ -72,9 +79,9 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     scale = _size(phi)
     u, s, vt = np.linalg.svd(zq.T @ (phi / scale), full_matrices=False)
     _check_singular(s, vt, names, "instruments")
-    gains = (zq @ (u / s)) @ vt / scale
-    theta = gains.T @ y
-    return Solution(theta, y - phi @ theta, gains, float(s[0] / s[-1]))
+    share = (u / s) @ vt / scale
+    theta = share.T @ (zq.T @ y)
+    return Solution(theta, y - phi @ theta, zq, share, float(s[0] / s[-1]))
 
 
 def _size(columns: Array) -> Array:
@@ -219,15 +226,15 @@ class InstrumentalVariables(ResidualOptions):
         for _ in range(self.iterations):
             model = problem.nominal + found.residual(problem.nominal.dofs)
             try:
-                z, same_sign = self.columns(problem, model, lag)
-                found = _solved(samples, z)
+                better, same_sign = self.columns(problem, model, lag)
+                found, z = _solved(samples, better), better
             except IdentificationError:
                 break
             done += 1
-        findings = [Finding("iterations", "all", float(done))]
+        findings = [Finding("iterations", "all", float(done)), *_correlations(found, z)]
         for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
             findings.append(Finding("same_sign", dof, float(share)))
-        return Estimate(samples, found.kept, found.solution, tuple(findings) + found.findings)
+        return Estimate(samples, found.kept, found.solution, tuple(findings))
 
     def columns(
         self, problem: Problem, model: Vessel, lag: SecondOrderLag | None
@@ -239,6 +246,8 @@ class InstrumentalVariables(ResidualOptions):
         recording = problem.training
         if self.thruster == "estimated":
             recording = recording.with_thruster(lag)
+        elif self.thruster == "none":
+            recording = replace(recording, tau_filtered=None)
         motion, first = simulated_motion(recording, model, self.force, self.restart_s)
         starts = motion.t[first]
         motion = self.filtered(motion, lag)
@@ -276,22 +285,20 @@ def _solved(samples: Samples, z: Array) -> Estimate:
     names = [str(samples.terms[i]) for i in kept]
     columns = list(kept)
     solution = solve(z[:, columns], samples.phi[:, columns], samples.epsilon, names)
-    return Estimate(samples, kept, solution, _correlations(names, z[:, columns], samples, columns))
+    return Estimate(samples, kept, solution, ())
 
 
-def _correlations(
-    names: Sequence[str], z: Array, samples: Samples, columns: list[int]
-) -> tuple[Finding, ...]:
+def _correlations(found: Estimate, z: Array) -> tuple[Finding, ...]:
     """Correlation of every regressor with its instrument; a weak one makes a poor estimate."""
-    found = []
-    for i, name in enumerate(names):
-        a, b = z[:, i] - np.mean(z[:, i]), samples.phi[:, columns[i]]
+    values = []
+    for i in found.kept:
+        a, b = z[:, i] - np.mean(z[:, i]), found.samples.phi[:, i]
         b = b - np.mean(b)
         size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
         if size > 0.0:
-            value = float(a @ b) / size
-            found.append(Finding("instrument_correlation", "all", value, label=name))
-    return tuple(found)
+            name = found.samples.terms[i].name
+            values.append(Finding("instrument_correlation", "all", float(a @ b) / size, label=name))
+    return tuple(values)
 
 
 def _fit_findings(found: Estimate, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
