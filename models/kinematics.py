@@ -62,17 +62,25 @@ def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
     return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
 
 
+def half_turns(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
+    """Unit quaternion of (phi, theta, psi) [rad]."""
+    cx, sx = np.cos(0.5 * phi), np.sin(0.5 * phi)
+    cy, sy = np.cos(0.5 * theta), np.sin(0.5 * theta)
+    cz, sz = np.cos(0.5 * psi), np.sin(0.5 * psi)
+    return (
+        cx * cy * cz + sx * sy * sz,
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+    )
+
+
+half_turns_kernel = lean_kernel(half_turns)
+
+
 def quaternion_of(angles: Array) -> Array:
     """Unit quaternion of (phi, theta, psi) [rad], shape (4,)."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(0.5 * angles), np.sin(0.5 * angles)
-    return np.array(
-        [
-            cx * cy * cz + sx * sy * sz,
-            sx * cy * cz - cx * sy * sz,
-            cx * sy * cz + sx * cy * sz,
-            cx * cy * sz - sx * sy * cz,
-        ]
-    )
+    return np.array(half_turns(*angles))
 
 
 def frame_of_quaternion(q: Array, frame: Array) -> None:
@@ -193,6 +201,37 @@ def spatial_reference(filtered: Array, nu_d: Array, nu_dot_d: Array) -> None:
 
 
 spatial_reference_kernel = lean_kernel(spatial_reference)
+
+
+def spatial_error(eta_d: Array, eta: Array, e: Array) -> None:
+    """Position error in body axes, and twice the vector part of the quaternion error; (6,).
+
+    e = [R' (p_d - p), 2 sgn(eta_e) eps_e] with q_e = conj(q) q_d, small angles being themselves.
+    """
+    cx, sx, cy, sy = np.cos(eta[3]), np.sin(eta[3]), np.cos(eta[4]), np.sin(eta[4])
+    for i in range(3):
+        e[i] = eta_d[i] - eta[i]
+    _turn_back(cx, sx, cy, sy, np.cos(eta[5]), np.sin(eta[5]), e, e)
+    n, x, y, z = half_turns_kernel(eta[3], eta[4], eta[5])
+    n_d, x_d, y_d, z_d = half_turns_kernel(eta_d[3], eta_d[4], eta_d[5])
+    sign = 2.0 if n * n_d + x * x_d + y * y_d + z * z_d >= 0.0 else -2.0
+    e[3] = sign * (n * x_d - x * n_d - y * z_d + z * y_d)
+    e[4] = sign * (n * y_d - y * n_d - z * x_d + x * z_d)
+    e[5] = sign * (n * z_d - z * n_d - x * y_d + y * x_d)
+
+
+spatial_error_kernel = lean_kernel(spatial_error)
+
+
+def fill_angles(z: Array, angles: Array) -> None:
+    """Write cosines and sines of (phi, theta, psi), and their magnitudes, into z = [x, |x|]."""
+    for i in range(3):
+        at = FIRST_ANGLE + 2 * i
+        z[at], z[at + 1] = np.cos(angles[i]), np.sin(angles[i])
+        z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(z[at]), abs(z[at + 1])
+
+
+fill_angles_kernel = lean_kernel(fill_angles)
 
 
 def reference_in_body(

@@ -31,6 +31,7 @@ class VesselParameters:
     thruster: SecondOrderLag | None = None
     tuning: dict[str, Any] = field(default_factory=dict)
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
+    force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
     attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
     parameters: str | None = None  # which of the sets completes the derivatives
@@ -48,6 +49,11 @@ class VesselParameters:
             raise ConfigurationError(
                 f"velocity_limits must be {len(self.dofs)} positive numbers, "
                 f"got {list(self.velocity_limits)}"
+            )
+        limits = self.force_limits
+        if limits is not None and (len(limits) != len(self.dofs) or min(limits) <= 0.0):
+            raise ConfigurationError(
+                f"force_limits must be {len(self.dofs)} positive numbers, got {list(limits)}"
             )
         if (self.inertia is None) == (self.body is None):
             raise ConfigurationError("inertia and body: expected one of them, not both or none")
@@ -73,6 +79,11 @@ class VesselParameters:
             attitude=self.attitude,
             integrator=self.integrator,
         )
+
+    @property
+    def limits_by_dof(self) -> dict[str, float]:
+        """Largest force of the thrusters [N, Nm] by degree of freedom, where it is known."""
+        return dict(zip(self.dofs, self.force_limits or (), strict=False))
 
     @property
     def planar(self) -> bool:

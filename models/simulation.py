@@ -194,8 +194,8 @@ def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
 def _sail(
     first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, weather: Weather,
     guidance: Any, guidance_state: Array, planar: bool, table: Any, reference: Array,
-    controller: Any, controller_state: Any, thrust: Array, eta: Array, nu: Array, limits: Array,
-    h: float, substeps: int, euler: bool, work: Scratch, log: Log,
+    controller: Any, controller_state: Any, added: Array, thrust: Array, eta: Array, nu: Array,
+    limits: Array, h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
     """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
     for k in range(first, last):
@@ -208,6 +208,8 @@ def _sail(
             controller, controller_state, log.eta_measured[k], log.nu_measured[k], log.eta_d[k],
             log.nu_d[k], log.nu_dot_d[k], log.tau[k], log.tau_fb[k],
         )  # fmt: skip
+        for i in range(added.shape[1]):
+            log.tau[k, i] += added[k, i]
         _hold(k, log.tau, log.tau_fb, log.held)
         advance(
             kinematics, plant, lag, thrust, log.tau[k], eta, nu, weather, k, h, substeps, work,
@@ -277,10 +279,12 @@ def sail(
     step_s: float,
     start_nu: Array | None = None,
     watch: Watch | None = None,
+    added: Array | None = None,
 ) -> Voyage:
     """Sail from the pose `start` for as many control periods as the weather has rows.
 
-    The voyage begins at rest, unless a velocity `start_nu` over ground is given.
+    The voyage begins at rest, unless a velocity `start_nu` over ground is given. A force `added`
+    to the controller's command [N, Nm], shape (N, n_dof), excites the vessel.
 
     `guidance` and `controller` are (parameters, initial state) of registered steps and
     `reference_filter` the table of a registered reference model; `period_s` is the control period
@@ -306,6 +310,7 @@ def sail(
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
     craft = (
+        np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64),
         np.zeros((n_dof, 2)), pose,
         np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
         np.array(plant.velocity_limits, dtype=np.float64), h, substeps,
@@ -314,8 +319,7 @@ def sail(
     loop, edges = _loop(parameters, plant, watch, n, period_s)
     times: list[float] = []
     for first, last in pairwise(edges):
-        vessel = plant.at(first * period_s)
-        table = vessel.plant_table()
+        table = plant.at(first * period_s).plant_table()
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
         work = scratch(len(table.codes), n_dof, len(pose))

@@ -199,11 +199,15 @@ class Vessel:
         )
 
     def plant_table(self) -> PlantTable:
-        """Forward dynamics for the kernels.
+        """Forward dynamics for the kernels; worked out once.
 
         Raises ConfigurationError when the inertia matrix is not positive definite or an
         acceleration stands in a product: then nu_dot does not follow from a constant matrix.
         """
+        return self._plant_table
+
+    @cached_property
+    def _plant_table(self) -> PlantTable:
         eigenvalues = np.linalg.eigvals(self.inertia)
         if np.min(eigenvalues.real) <= 0.0:
             raise ConfigurationError(

@@ -14,6 +14,7 @@ from models.basis import N_VARIABLES, Array, features_kernel
 from models.compiled import lean_kernel
 from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
+from models.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
 from models.simulation import CONTROLLERS
 from models.thruster import SecondOrderLag
 from models.vessel import (
@@ -44,7 +45,10 @@ class PidTable(NamedTuple):
 
 
 def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
-    """e = R(psi)' (eta_d - eta), the heading error wrapped to (-pi, pi]. Jervan (2.11)."""
+    """e = R(psi)' (eta_d - eta), the heading error wrapped to (-pi, pi]. Jervan (2.11).
+
+    In six degrees of freedom the attitude error is that of quaternions.
+    """
     for i in range(e.shape[0]):
         e[i] = eta_d[i] - eta[i]
     if planar:
@@ -53,6 +57,8 @@ def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
         e[0] = c * north + s * east
         e[1] = c * east - s * north
         e[2] = np.pi - (np.pi - e[2]) % (2.0 * np.pi)
+    elif e.shape[0] == SPATIAL:
+        spatial_error_kernel(eta_d, eta, e)
 
 
 body_error_kernel = lean_kernel(body_error)
@@ -67,6 +73,8 @@ def feedforward(pid: PidTable, eta_d: Array, nu_d: Array, nu_dot_d: Array, tau: 
         pid.z[COS_PSI], pid.z[SIN_PSI] = np.cos(eta_d[2]), np.sin(eta_d[2])
         pid.z[N_VARIABLES + COS_PSI] = abs(pid.z[COS_PSI])
         pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
+    elif nu_d.shape[0] == SPATIAL:
+        fill_angles_kernel(pid.z, eta_d[3:])
     if pid.model.aerodynamic and nu_d.shape[0] > 1:  # the wind is not known: still air
         fill_air_kernel(pid.z, nu_d[0], nu_d[1])
     features_kernel(pid.model.codes, pid.z, pid.phi)

@@ -1,8 +1,8 @@
 """What a vessel is sent to do: way-points on a timetable, line of sight, the same again."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,6 +39,55 @@ class Mission(Protocol):
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
         ...
+
+
+class Exciting(Protocol):
+    """A mission that applies a force of its own, in an open loop or beside the controller."""
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether no controller takes part."""
+        ...
+
+    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
+        """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
+        ...
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+        """Parameters and initial state of a step in the controller's place, where there is one."""
+        ...
+
+    def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
+        """Raise ConfigurationError where a force exceeds what the thrusters can give [N, Nm]."""
+        ...
+
+
+def is_open_loop(mission: Mission) -> bool:
+    """Whether a mission is sailed without a controller."""
+    return bool(getattr(mission, "open_loop", False))
+
+
+def added_force(
+    mission: Mission, t: Array, dofs: Sequence[str], rng: np.random.Generator
+) -> Array | None:
+    """The force of a mission that has one, shape (N, n_dof)."""
+    exciting: Any = mission
+    return exciting.force(t, dofs, rng) if hasattr(mission, "force") else None
+
+
+def steering(
+    mission: Mission, dofs: Sequence[str], period_s: float
+) -> tuple[NamedTuple, Array] | None:
+    """What a mission puts in the controller's place."""
+    exciting: Any = mission
+    return exciting.steering(dofs, period_s) if hasattr(mission, "steering") else None
+
+
+def check_limits(mission: Mission, limits: Mapping[str, float], period_s: float) -> None:
+    """Refuse a mission whose force exceeds the thrusters' limits [N, Nm], by degree of freedom."""
+    exciting: Any = mission
+    if hasattr(mission, "check_limits"):
+        exciting.check_limits(limits, period_s)
 
 
 def _planar_only(what: str, dofs: Sequence[str]) -> None:
