@@ -336,3 +336,19 @@ def test_consistency_over_fifty_runs(wind: float, name: str) -> None:
     for least_squares in ("LS1", "LS2", "LS3"):
         first, last = errors[least_squares]
         assert abs(last / first - 1.0) < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["stationary", "hac"])
+def test_standard_errors_of_a_recording_are_the_spread(kind: str) -> None:
+    """Over 40 recordings within a factor of 2, and 1.96 of them cover about 95 % of the errors."""
+    iv = of_conf("identifier", "iv", basis=list(TERMS), iterations=1, errors=kind)
+    wrong, reported = [], []
+    for seed in range(40):
+        problem, wanted = Experiment(SLOW_WIND).run(8000, seed)
+        found = iv.identify(problem, np.random.default_rng(0))
+        wrong.append(effective(found.model) - wanted)
+        reported.append(np.asarray(found.std_error)[: len(TERMS)])
+    ratio = np.median(reported, axis=0) / np.std(wrong, axis=0)
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
+    assert 0.92 < np.mean(np.abs(np.array(wrong) / reported) < 1.96) < 0.995
