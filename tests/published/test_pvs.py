@@ -1,0 +1,74 @@
+"""A supply vessel's step test in another simulator (PythonVehicleSimulator, `supply`).
+
+Its published model is M nu_dot + D nu = tau without Coriolis forces, in bis scaling (L = 76.2 m,
+m = 6000 t): a coefficient table with the accelerations and u, v, r. The file does not say what
+was commanded. In the steady turn at its end D nu = tau, which gives a surge force and a yaw moment
+(and no sway force, as of two main propellers); the propellers' speed follows its command with the
+published time constant of 1 s, hence their thrust as (1 - exp(-t))^2. Two numbers are taken from
+the last rows; the other 178 are compared.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import basis
+from models.dynamics import Weather
+from models.excitation.guidance import ReferenceFilter, Timetable
+from models.excitation.steering import open_loop
+from models.simulation import Plant, sail
+from models.vessel import PLANAR, Vessel
+
+LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81
+SCALE = np.diag([1.0, 1.0, LENGTH])
+INERTIA = MASS * SCALE @ [[1.1274, 0, 0], [0, 1.8902, -0.0744], [0, -0.0744, 0.1278]] @ SCALE
+DAMPING = [[0.0358, 0, 0], [0, 0.1183, -0.0124], [0, -0.0041, 0.0308]]
+DAMPING = MASS * np.sqrt(GRAVITY / LENGTH) * SCALE @ DAMPING @ SCALE
+PERIOD_S = 0.1
+
+
+def recorded() -> dict[str, np.ndarray]:
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    path = Path(folder) / "pvs" / "pvs_supply_step_test.csv"
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {name: table[name] for name in table.dtype.names}
+
+
+def test_the_columns_are_sane() -> None:
+    data = recorded()
+    assert list(data) == ["t", "N", "E", "psi", "u", "v", "r"]
+    np.testing.assert_allclose(data["t"], 10.0 * np.arange(31))
+    heading = np.cumsum(0.5 * (data["r"][1:] + data["r"][:-1])) * 10.0
+    np.testing.assert_allclose(heading[5:], data["psi"][6:], atol=0.01)
+
+
+def test_a_coefficient_table_sails_the_same_track() -> None:
+    data = recorded()
+    names = basis.terms(["u_dot", "v_dot", "r_dot", "u", "v", "r"])
+    vessel = Vessel("supply", PLANAR, names, np.vstack([INERTIA.T, DAMPING.T]))
+    motion = np.array([data[name] for name in "uvr"]).T
+    rate = (motion[-1] - motion[-2]) / 10.0  # surge is not quite steady yet
+    middle = 0.5 * (motion[-1] + motion[-2])
+    steady = INERTIA @ rate + DAMPING @ middle
+    assert abs(steady[1]) < 1e-3 * steady[0]
+    t = PERIOD_S * np.arange(3001)
+    rise = (1.0 - np.exp(-t - 0.5 * PERIOD_S)) ** 2  # held over a period: the value in its middle
+    force = np.outer(rise, [steady[0], 0.0, steady[2]])
+    weather = Weather(*(np.zeros((len(t), 3)) for _ in range(4)))
+    voyage = sail(
+        Plant(vessel, None, (20.0, 20.0, 1.0)), weather,
+        (Timetable(np.zeros((len(t), 3))), np.zeros(1)), ReferenceFilter(0.5, 0.7).table(PERIOD_S),
+        open_loop(), np.zeros(3), PERIOD_S, PERIOD_S, added=force,
+    )  # fmt: skip
+    rows = slice(None, None, 100)
+    eta, nu = voyage.log.eta[rows], voyage.log.nu[rows]
+    assert np.all(np.max(np.abs(nu - motion), axis=0) < [5e-3, 2e-5, 5e-6])
+    np.testing.assert_allclose(eta[:, 2], data["psi"], atol=1e-3)
+    track = np.array([data["N"], data["E"]]).T
+    travelled = np.sum(np.hypot(*np.diff(track, axis=0).T))
+    assert travelled == pytest.approx(2110.0, rel=0.01)
+    assert np.max(np.hypot(*(eta[:, :2] - track).T)) < 1.0  # of two kilometres
