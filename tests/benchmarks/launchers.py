@@ -2,8 +2,10 @@
 
     python tests/benchmarks/launchers.py [trials]
 
-The start of the programs and of the workers is left out: time is counted from the start of the
-first trial to the end of the last. Nothing is asserted; the load of the machine is printed too.
+The launchers take turns, a quarter of the trials at a time, so that other work on the machine
+weighs on both alike; its load is printed too. The start of the programs and of the workers is left
+out: time is counted from the start of a quarter's first trial to the end of its last. Nothing is
+asserted.
 """
 
 import os
@@ -16,6 +18,7 @@ from statistics import median
 
 from runner.database import Logbook
 
+TURNS = 4
 ROOT = Path(__file__).parents[2]
 TRIAL = ("identifier=none", "evaluation=none", "excitation.interval_s=600")
 
@@ -44,17 +47,20 @@ def measured(launcher: str, trials: int, folder: Path) -> tuple[float, float]:
 def main() -> None:
     """Measure both, in turn, and print the ratio."""
     trials = int(sys.argv[1]) if len(sys.argv) > 1 else 64
-    times = {}
+    total = {"basic": 0.0, "joblib": 0.0}
     with tempfile.TemporaryDirectory() as folder:
-        for launcher in ("basic", "joblib"):
-            before = os.getloadavg()[0]
-            times[launcher], each = measured(launcher, trials, Path(folder) / launcher)
-            print(
-                f"{launcher:<7} {trials} trials in {times[launcher]:6.1f} s, median trial "
-                f"{each:.2f} s; load {before:.1f} before, {os.getloadavg()[0]:.1f} after, "
-                f"{os.cpu_count()} cores"
-            )
-    print(f"ratio   {times['basic'] / times['joblib']:.2f}")
+        for turn in range(TURNS):
+            for launcher in total:
+                place = Path(folder) / f"{launcher}{turn}"
+                span, each = measured(launcher, trials // TURNS, place)
+                total[launcher] += span
+                print(
+                    f"{launcher:<7} {trials // TURNS} trials in {span:6.1f} s, median trial "
+                    f"{each:.2f} s; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
+                    flush=True,
+                )
+    print(*(f"{launcher} {span:.1f} s," for launcher, span in total.items()), end=" ")
+    print(f"ratio {total['basic'] / total['joblib']:.2f}")
 
 
 if __name__ == "__main__":

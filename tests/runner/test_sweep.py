@@ -241,3 +241,17 @@ def test_the_name_of_an_experiment_is_the_sweeps(
         ("table_9", "ls", 8),
     ]
     assert fake.ran == [7, 8]
+
+
+def test_after_a_sweep_the_database_file_alone_is_whole(seatrial: Command, tmp_path: Path) -> None:
+    seatrial.pretend()
+    seatrial("-m", "seed=0,1")
+    with Logbook.read(DATABASE) as reader:  # keeps the sweep from being the last to close the file
+        reader.runs()
+        seatrial("-m", "seed=2,3")
+        assert Path("results/results.db-wal").stat().st_size == 0
+        copy = tmp_path / "copy.db"
+        copy.write_bytes(Path("results/results.db").read_bytes())
+    with Logbook.read(f"sqlite:///{copy}") as logbook:
+        assert [run.status for run in logbook.runs()] == ["finished"] * 4
+        assert [sweep.finished_at is not None for sweep in logbook.sweeps()] == [True, True]
