@@ -13,6 +13,10 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# Small matrices: a second BLAS thread costs more than it brings.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+
 ifeq ($(origin SEATRIAL_DATA),undefined)
 ifneq ($(wildcard ../shared/data/.),)
 export SEATRIAL_DATA := $(CURDIR)/../shared/data

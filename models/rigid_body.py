@@ -20,7 +20,7 @@ DOWN = ("sin(theta)", "sin(phi)cos(theta)", "cos(phi)cos(theta)")
 Vector3 = tuple[float, float, float]
 
 
-def cross_matrix(a: Sequence[float]) -> Array:
+def cross_matrix(a: Sequence[float] | Array) -> Array:
     """S(a) with S(a) b = a x b, shape (3, 3)."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

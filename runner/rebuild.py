@@ -1,7 +1,7 @@
 """A vessel from the coefficient rows of any run: the database is the model.
 
-    with Reader.read("sqlite:///results/results.db") as logbook:
-        vessel = stored_vessel(logbook, run_id=17, model="identified")
+with Reader.read("sqlite:///results/results.db") as logbook:
+    vessel = stored_vessel(logbook, run_id=17, model="identified")
 """
 
 from collections.abc import Iterable

@@ -89,7 +89,10 @@ def test_the_initial_state_is_found_from_the_data(free_run: bool, seed: int) -> 
     _, u = signals(seed, model)
     y = model.simulate(u)
     found = replace(model, x0=None).initial_state(y, u, free_run)
-    np.testing.assert_allclose(found, model.x0, atol=1e-8)
+    # a state that hardly shows in the output is found as badly as it shows: compare outputs
+    begun = replace(model, x0=found)
+    again = begun.simulate(u) if free_run else begun.predict(y, u, x0=found)
+    np.testing.assert_allclose(again, y, atol=1e-8)
 
 
 def test_the_true_predictor_leaves_the_innovations() -> None:

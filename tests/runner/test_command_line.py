@@ -33,9 +33,9 @@ REFUSED = {
     "plant.scael=1": "plant.scael: unknown option, did you mean plant.scale?",
     "lowpass_hz=1": "lowpass_hz: unknown option, did you mean identifier.lowpass_hz?",
     "hydra.bogus=1": "hydra.bogus: unknown option, see python -m runner --cfg job",
-    "vessel=null": "vessel: got null, expected one of milliampere, ",
+    "vessel=null": "vessel: got null, expected one of ",
     "vessel=miliampere": (
-        "vessel: no option 'miliampere', did you mean milliampere? expected one of milliampere, "
+        "vessel: no option 'miliampere', did you mean milliampere? expected one of "
     ),
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, joblib",
     "identifier.force=best": "identifier.force: got 'best', expected one of commanded, ",

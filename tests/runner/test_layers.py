@@ -10,7 +10,13 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.py")])
 # Where Hydra ends: everything else takes plain values and checked objects.
-EDGE = {"runner.__main__", "runner.sweep", "runner.composition", "runner.complaints"}
+EDGE = {
+    "runner.__main__",
+    "runner.sweep",
+    "runner.launching",
+    "runner.composition",
+    "runner.complaints",
+}
 SIBLINGS = ("excitation", "identification", "control")
 
 

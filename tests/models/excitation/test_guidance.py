@@ -110,6 +110,4 @@ def test_missions_that_need_the_plane_refuse_one_axis() -> None:
 @pytest.mark.parametrize("fraction", [0.0, 1.0, -0.5])
 def test_train_fraction_leaves_both_parts(fraction: float) -> None:
     with pytest.raises(ConfigurationError, match="train_fraction must lie between 0 and 1"):
-        Waypoints(
-            ((0.0, 1.0, 90.0),), 60.0, "line", 1.0, 1.0, ReferenceFilter(0.5, 0.7), fraction
-        )
+        Waypoints(((0.0, 1.0, 90.0),), 60.0, "line", 1.0, 1.0, ReferenceFilter(0.5, 0.7), fraction)
