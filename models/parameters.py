@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from models.allocation import Allocation
 from models.basis import DOFS
 from models.errors import ConfigurationError
 from models.rigid_body import RigidBody
@@ -32,6 +33,7 @@ class VesselParameters:
     tuning: dict[str, Any] = field(default_factory=dict)
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
+    thrusters: Allocation | None = None  # how they share a force
     attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
     parameters: str | None = None  # which of the sets completes the derivatives
@@ -55,6 +57,10 @@ class VesselParameters:
             raise ConfigurationError(
                 f"force_limits must be {len(self.dofs)} positive numbers, got {list(limits)}"
             )
+        if self.thruster is not None:
+            self.thruster.check(self.dofs)
+        if self.thrusters is not None:
+            self.thrusters.matrix(self.dofs)
         if (self.inertia is None) == (self.body is None):
             raise ConfigurationError("inertia and body: expected one of them, not both or none")
         self.nominal().plant_table()
@@ -78,6 +84,7 @@ class VesselParameters:
             self.velocity_limits,
             attitude=self.attitude,
             integrator=self.integrator,
+            allocation=self.thrusters,
         )
 
     @property

@@ -10,7 +10,7 @@ loop compiles with it, and the same source runs in Python for a controller that 
 A command that is not a number never reaches the vessel: the last one is held, and logged as held.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from time import perf_counter
@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numba.extending import overload
 
+from models.allocation import ALLOCATIONS, Allocation, Direct, allocate_step
 from models.basis import Array
 from models.compiled import lean_kernel
 from models.dynamics import (
@@ -67,6 +68,7 @@ class Log(NamedTuple):
     nu_dot_d: Array
     setpoint: Array
     held: Array  # 1 where the command was not a number, and the last one was held
+    applied: Array  # what the thrusters' allocation makes of the command
 
 
 class Outlook(NamedTuple):
@@ -192,10 +194,11 @@ def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
 
 @lean_kernel
 def _sail(
-    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, weather: Weather,
-    guidance: Any, guidance_state: Array, planar: bool, table: Any, reference: Array,
-    controller: Any, controller_state: Any, added: Array, thrust: Array, eta: Array, nu: Array,
-    limits: Array, h: float, substeps: int, euler: bool, work: Scratch, log: Log,
+    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, allocation: Any,
+    weather: Weather, guidance: Any, guidance_state: Array, planar: bool, table: Any,
+    reference: Array, controller: Any, controller_state: Any, added: Array, thrust: Array,
+    eta: Array, nu: Array, limits: Array, h: float, substeps: int, euler: bool, work: Scratch,
+    log: Log,
 ) -> int:  # fmt: skip
     """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
     for k in range(first, last):
@@ -211,9 +214,10 @@ def _sail(
         for i in range(added.shape[1]):
             log.tau[k, i] += added[k, i]
         _hold(k, log.tau, log.tau_fb, log.held)
+        allocate_step(allocation, log.tau[k], log.applied[k])
         advance(
-            kinematics, plant, lag, thrust, log.tau[k], eta, nu, weather, k, h, substeps, work,
-            euler,
+            kinematics, plant, lag, thrust, log.applied[k], eta, nu, weather, k, h, substeps,
+            work, euler,
         )  # fmt: skip
     return last
 
@@ -228,6 +232,7 @@ class Plant:
     change: tuple[float, Vessel] | None = None  # from a time [s] on it is another vessel
     attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"
+    allocation: Allocation | None = None  # of the command to thrusters
 
     @property
     def planar(self) -> bool:
@@ -305,8 +310,9 @@ def sail(
     kinematics = kinematics_of(plant.vessel.dofs, plant.attitude)
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
     log.eta[:1] = start  # angles are unrolled from here
+    sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
     before = (
-        kinematics, lag_table(plant.thruster, 0.5 * h), weather.sailed(),
+        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather.sailed(),
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
     craft = (
@@ -316,7 +322,8 @@ def sail(
         np.array(plant.velocity_limits, dtype=np.float64), h, substeps,
         plant.integrator == "euler",
     )  # fmt: skip
-    loop, edges = _loop(parameters, plant, watch, n, period_s)
+    steps = CONTROLLERS[type(parameters)], ALLOCATIONS[type(sharing)]
+    loop, edges = _loop(steps, plant, watch, n, period_s)
     times: list[float] = []
     for first, last in pairwise(edges):
         table = plant.at(first * period_s).plant_table()
@@ -333,7 +340,8 @@ def sail(
 
 
 def _loop(
-    parameters: Any, plant: Plant, watch: Watch | None, n: int, period_s: float
+    steps: Sequence[Callable[..., None]], plant: Plant, watch: Watch | None, n: int,
+    period_s: float,
 ) -> tuple[Callable[..., int], list[int]]:
     """The compiled loop, or the same in Python for a step that is; and where it is interrupted.
 
@@ -341,7 +349,7 @@ def _loop(
     """
     compiled: Any = _sail
     block = BLOCK
-    if not hasattr(CONTROLLERS[type(parameters)], "py_func"):
+    if not all(hasattr(step, "py_func") for step in steps):
         compiled, block = compiled.py_func, 1
     edges = {*range(0, n, block), n}
     if watch is not None:
@@ -363,7 +371,10 @@ def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:
 
 
 def recording_of(voyage: Voyage, weather: Weather) -> Recording:
-    """What the instruments saw of a voyage: the measured motion, the command, the acting force."""
+    """What the instruments saw of a voyage: the measured motion, the command, the acting force.
+
+    The command is the one after the allocation, which the vessel knows.
+    """
     log = voyage.log
     return Recording(
         dofs=voyage.dofs,
@@ -371,7 +382,7 @@ def recording_of(voyage: Voyage, weather: Weather) -> Recording:
         eta=log.eta_measured,
         nu=log.nu_measured,
         nu_dot=log.nu_dot + weather.acceleration_noise,
-        tau=log.tau,
+        tau=log.applied,
         attitude=attitude_of(voyage.dofs, log.eta_measured),
         tau_actual=log.tau_actual,
         wind=measured_wind(voyage, weather),

@@ -160,4 +160,4 @@ class PidFeedforward:
     def _lead_s(self) -> float:
         """2 zeta / omega_n [s], the delay of the thrusters at low frequency."""
         lag = self.thruster if self.thruster_lead else None
-        return 0.0 if lag is None else 2.0 * lag.damping / lag.natural_frequency_rad_s
+        return 0.0 if lag is None else lag.delay_s

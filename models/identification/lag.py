@@ -78,7 +78,8 @@ def estimate(
         method="Nelder-Mead",
         options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 500},
     )
-    lag = SecondOrderLag(*(float(value) for value in np.exp(np.clip(found.x, -5.0, 6.0))))
+    frequency, damping = (float(value) for value in np.exp(np.clip(found.x, -5.0, 6.0)))
+    lag = SecondOrderLag(frequency, damping)
     r2 = 1.0 - search.unexplained(found.x)
     return lag, (
         Finding("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
