@@ -80,9 +80,10 @@ class Outlook(NamedTuple):
     reference: Array  # (N, n_dof) pose that will be asked for
     wind_ned: Array  # (N, 2) velocity of the air
     wind_noise: Array  # (N, 2) error of the anemometer, body axes; ahead, nobody has measured
+    added: Array  # (N, n_dof) force that is added to the controller's commands
 
 
-NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)))
+NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0)))
 
 
 def control_step(
@@ -412,8 +413,9 @@ def _foresee(
 
 
 def outlook(
-    plant: Plant, weather: Weather, guidance: NamedTuple, reference_filter: NamedTuple, start: Array
-) -> Outlook:
+    plant: Plant, weather: Weather, guidance: NamedTuple, reference_filter: NamedTuple,
+    start: Array, added: Array | None = None,
+) -> Outlook:  # fmt: skip
     """What can be known ahead: the reference of set-points on a timetable, and the weather's wind.
 
     A guidance law knows its set-points in advance when its parameters have `setpoints`, shape
@@ -425,4 +427,5 @@ def outlook(
     state[:, 0] = start
     work = np.zeros((2, len(start)))
     _foresee(plant.planar, reference_filter, state, setpoints, eta_d, *work)
-    return Outlook(eta_d, weather.wind_ned, weather.wind_noise)
+    force = np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64)
+    return Outlook(eta_d, weather.wind_ned, weather.wind_noise, force)

@@ -31,6 +31,7 @@ SETTINGS = (
     "sample_time_s",
     "integration_step_s",
     "plant",
+    "update",
     "results_dir",
     "database",
     "rerun",
@@ -66,6 +67,21 @@ class Trial:
     database_url: str
     rerun: bool = False
     dry_run: bool = False
+    plant_change: "PlantChange | None" = None
+    update: Any = None  # runner.adaptive.Update, where the model is identified again while sailing
+
+
+@dataclass(frozen=True)
+class PlantChange:
+    """In the deployment the true plant is another from `at_s` [s] on: `scale` x the nominal."""
+
+    at_s: float
+    scale: float
+
+    def __post_init__(self) -> None:
+        for name in ("at_s", "scale"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
 
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
@@ -77,7 +93,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         raise ConfigurationError(
             f"integration_step_s must not be above sample_time_s = {sample_time:g}, got {step:g}"
         )
-    plant = _section(config, "plant", ("scale",))
+    plant = _section(config, "plant", ("scale", "change"))
     seed: int = coerce(_given(config, "seed"), int, "seed")
     if seed < 0:
         raise ConfigurationError(f"seed must not be negative, got {seed}")
@@ -85,6 +101,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         "sample_time_s": sample_time,
         "integration_step_s": step,
         "plant_scale": _positive(plant, "scale", "plant."),
+        "plant_change": _optional(plant.get("change"), PlantChange, "plant.change"),
+        "update": _optional(config.get("update"), "runner.adaptive.Update", "update"),
         "seed": seed,
         "results_dir": coerce(_given(config, "results_dir"), Path, "results_dir"),
         "database_url": database_url(config),
@@ -93,6 +111,15 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     }
     objects = {group: build(config.get(group), group) for group in GROUPS}
     return Trial(**objects, **settings, names=dict(names), config=config)
+
+
+def _optional(node: Any, cls: type | str, key: str) -> Any:
+    """An object of a class, or None for null."""
+    if node is None:
+        return None
+    if not isinstance(node, Mapping):
+        raise ConfigurationError(f"{key}: got {node!r}, expected null or a group of options")
+    return build_as(_target(cls, key) if isinstance(cls, str) else cls, node, key)
 
 
 def database_url(config: Node) -> str:

@@ -1,7 +1,7 @@
 """The rows that a deployment stores of its controller: response, effort, design and warnings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,10 @@ from models import metrics as measure
 from models import response
 from models.basis import Array
 from models.simulation import Voyage
-from models.vessel import FORCE_UNIT, PLANAR
-from runner.database.records import Diagnostic, Metric
+from models.vessel import FORCE_UNIT, PLANAR, poses_of
+from runner import rows
+from runner.adaptive import Adapter
+from runner.database.records import Diagnostic, Metric, Series
 
 STAND_S = 30.0  # a set-point that stays this long [s] is one to settle at
 
@@ -27,6 +29,8 @@ class Sailed:
     failures: int  # commands that it could not compute, and held
     remarks: Sequence[Any]  # models.control.design.Remark
     needed: Array  # (n_dof,) largest force that standing still takes [N, Nm]
+    adapter: Adapter | None = None  # what identified while sailing
+    wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
 
     @property
     def infeasible(self) -> Array:
@@ -126,6 +130,20 @@ def diagnostics(sailed: Sailed, model: str) -> list[Diagnostic]:
             Diagnostic("needed_force", dof, None, None, model, float(force), FORCE_UNIT[dof])
         )
     return found
+
+
+def series(sailed: Sailed, model: str) -> Series:
+    """The deployment over time, with set-points and the force of the wind where there are some."""
+    one = rows.deployment_series(sailed.voyage, model)
+    dofs, log = sailed.voyage.dofs, sailed.voyage.log
+    columns, units = dict(one.columns), dict(one.units)
+    for i, (name, dof) in enumerate(zip(poses_of(dofs), dofs, strict=True)):
+        columns[f"{name}_setpoint"] = log.setpoint[:, i]
+        units[f"{name}_setpoint"] = units[name]
+        if sailed.wind is not None:
+            columns[f"wind_{dof}"] = sailed.wind[:, i]
+            units[f"wind_{dof}"] = FORCE_UNIT[dof]
+    return replace(one, columns=columns, units=units)
 
 
 def warnings(sailed: Sailed, model: str) -> list[str]:

@@ -7,49 +7,34 @@ competitor meets the same weather, and the nominal and the identified model are 
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.control.limits import largest_disturbance
-from models.disturbance import Disturbance
 from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
 from models.excitation.mission import (
-    Mission,
     Replay,
-    added_force,
     check_limits,
     is_open_loop,
-    steering,
 )
+from models.excitation.persistence import persistence
 from models.identification.problem import Identified, Problem
 from models.recorded import RecordedFile
 from models.recording import Recording, check_cutoff
-from models.simulation import Voyage, outlook, recording_of, sail
+from models.simulation import recording_of
 from models.statespace import StateSpace
 from models.vessel import Vessel
 from runner import control_rows, measured, rows
 from runner.config import Trial
-from runner.control_rows import Sailed
-from runner.database.records import Results
+from runner.database.records import Diagnostic, Results
+from runner.sailing import Streams, sail_mission, streams
 
 log = logging.getLogger(__name__)
 
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
 NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
-
-
-class Streams(NamedTuple):
-    """Independent seeds of one trial; making a generator of one again repeats its numbers."""
-
-    excitation: np.random.SeedSequence
-    noise: np.random.SeedSequence
-    disturbance: np.random.SeedSequence
-    identifier: np.random.SeedSequence
 
 
 class TrialDiverged(Diverged):
@@ -69,11 +54,6 @@ class Excited:
     testing: NDArray[np.bool_]
     truth: Vessel | None  # the plant's table with the disturbance's share
     weather: Weather | None  # what the recording was sailed in
-
-
-def streams(seed: int) -> Streams:
-    """The independent seeds of a trial."""
-    return Streams(*np.random.SeedSequence(seed).spawn(len(Streams._fields)))
 
 
 def check(trial: Trial) -> None:
@@ -122,7 +102,7 @@ def run(trial: Trial) -> Results:
             *rows.coefficients(problem.nominal, identified, excited.truth),
             *rows.stage_coefficients(identified),
         ],
-        diagnostics=rows.diagnostics(identified),
+        diagnostics=[*rows.diagnostics(identified), *excitation_report(problem)],
         series=[
             rows.recording_series(excited.recording, excited.training, excited.weather),
             rows.residual_series(excited, problem.nominal, identified),
@@ -144,6 +124,14 @@ def with_quality(results: Results, file: RecordedFile, recording: Recording) -> 
         diagnostics=[*results.diagnostics, *found],
         series=[*results.series, series],
     )
+
+
+def excitation_report(problem: Problem) -> list[Diagnostic]:
+    """Whether the training data tell the nominal model's terms apart; a warning where not."""
+    reports = persistence(problem.training, problem.nominal)
+    for warning in filter(None, (one.warning() for one in reports)):
+        log.warning("excitation: %s", warning)
+    return rows.excitation_report(reports)
 
 
 def skipped(trial: Trial) -> str | None:
@@ -174,66 +162,10 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
     return Excited(recording, split.train, split.test, truth, weather)
 
 
-def sail_mission(
-    trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission
-) -> Sailed:
-    """Sail a mission with the controller built on `model`, from rest at the origin."""
-    vessel, disturbance = trial.vessel, trial.disturbance
-    assert isinstance(disturbance, Disturbance)
-    period = trial.sample_time_s
-    n = round(mission.duration_s / period)
-    start = np.zeros(len(vessel.dofs))
-    weather = disturbance.realise(
-        n,
-        vessel.dofs,
-        np.random.default_rng(seeds.noise),
-        np.random.default_rng(seeds.disturbance),
-        period,
-    )
-    table = trial.plant_scale * vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
-    plant = vessel.plant(table)
-    t = period * np.arange(n, dtype=np.float64)
-    guidance = mission.guidance(t, start)
-    reference = mission.reference_filter.table(period)
-    ahead = outlook(plant, weather, guidance[0], reference, start)
-    controller = steering(mission, vessel.dofs, period)
-    parameters, state = controller or trial.controller.build(model, period)
-    foresee = getattr(trial.controller, "foresee", None)
-    if foresee is not None and controller is None:
-        parameters = foresee(parameters, ahead)
-    heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
-    voyage = sail(
-        plant,
-        weather,
-        guidance,
-        reference,
-        (parameters, state),
-        start,
-        period,
-        trial.integration_step_s,
-        added=added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation)),
-    )
-    return sailed(trial, voyage, model, state, largest_disturbance(table, weather, heading))
-
-
-def sailed(
-    trial: Trial, voyage: Voyage, model: Vessel | StateSpace, state: Any, needed: Array
-) -> Sailed:
-    """A voyage with what its controller says of itself, as far as it does."""
-    controller, period = trial.controller, trial.sample_time_s
-    if controller is None:  # an open loop
-        return Sailed(voyage, period, None, 0, 0, (), needed)
-    ahead, remarks = (getattr(controller, name, None) for name in ("preview_rows", "remarks"))
-    failures = getattr(state, "failures", None)
-    return Sailed(
-        voyage=voyage,
-        period_s=period,
-        limits=controller.limits if getattr(controller, "limited", False) else None,
-        ahead=0 if ahead is None else ahead(period),
-        failures=0 if failures is None else int(failures[0]),
-        remarks=() if remarks is None else remarks(model, period),
-        needed=needed,
-    )
+def controlled(trial: Trial, identified: Identified) -> Vessel | StateSpace:
+    """The identified model in the form that the controller takes."""
+    linear = hasattr(trial.controller, "design")
+    return (identified.state_space if linear else None) or identified.model
 
 
 def deploy(
@@ -244,19 +176,28 @@ def deploy(
     metrics, series = list(results.metrics), list(results.series)
     diagnostics = list(results.diagnostics)
     failure: Diverged | None = None
-    for name, model in (("nominal", nominal), ("identified", identified.model)):
+    coefficients = list(results.coefficients)
+    models = {"nominal": nominal, "identified": controlled(trial, identified)}
+    if trial.update is not None:
+        models["adaptive"] = nominal
+    for name, model in models.items():
         try:
-            one = sail_mission(trial, seeds, model, mission)
+            one = sail_mission(
+                trial, seeds, model, mission, deployed=True, adaptive=name == "adaptive"
+            )
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
         metrics += rows.deployment(one.voyage, name, trial.sample_time_s)
         metrics += control_rows.metrics(one, name)
         diagnostics += control_rows.diagnostics(one, name)
-        series.append(rows.deployment_series(one.voyage, name))
+        series.append(control_rows.series(one, name))
+        if one.adapter is not None:
+            coefficients += one.adapter.coefficients()
+            diagnostics += one.adapter.diagnostics()
         for warning in control_rows.warnings(one, name):
             log.warning(warning)
-    complete = Results(metrics, results.coefficients, diagnostics, series, note=results.note)
+    complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
     if failure is not None:
         raise TrialDiverged(failure, complete)
     return complete

@@ -11,7 +11,7 @@ with the pose y, u the commanded force over its limit, and d the disturbance tha
 the model's table asks for at rest, such as the wind's force.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +97,11 @@ def design_model(
         )
     if isinstance(model, StateSpace):
         return _identified(model, scale, period_s)
+    if model.dofs != PLANAR and set(model.dofs) & set(DOFS[3:]):
+        raise ConfigurationError(
+            f"controller: a linear controller holds a vessel in {', '.join(PLANAR)}, or in some "
+            f"of {', '.join(DOFS[:3])}, got one in {', '.join(model.dofs)}"
+        )
     motion, still = _parts(model)
     if wind is not None and not still.force_table().aerodynamic:
         still = still + wind.table(model.dofs)
@@ -105,25 +110,57 @@ def design_model(
 
 
 def _identified(model: StateSpace, scale: Array, period_s: float) -> DesignModel:
-    """A state-space model in shares of the limits; several of its periods make one of ours."""
+    """A state-space model in shares of the limits; several of its periods make one of ours.
+
+    A model of the pose summed in body axes, with the state (pose, rate), holds at every heading.
+    """
     if model.period_s is None:
         model = model.discretised(period_s)
     if np.any(model.D != 0.0):
         raise ConfigurationError("controller: the model has a direct term D, expected none")
-    if len(model.C) != len(scale):
+    m = len(model.C)
+    if m != len(scale):
+        raise ConfigurationError(f"controller: the model has {m} outputs, expected {len(scale)}")
+    own = float(model.period_s or period_s)
+    times = round(period_s / own)
+    if times < 1 or abs(times * own - period_s) > 1e-9 * period_s:
         raise ConfigurationError(
-            f"controller: the model has {len(model.C)} outputs, expected {len(scale)}"
-        )
-    if abs(float(model.period_s or 0.0) - period_s) > 1e-9 * period_s:
-        raise ConfigurationError(
-            f"controller.period_s: the model was identified at {model.period_s} s, "
-            f"got {period_s:g} s, expected the same"
+            f"controller.period_s: the model was identified at {own:g} s, got {period_s:g} s, "
+            f"expected a multiple"
         )
     dofs = tuple(name.removeprefix("tau_") for name in model.inputs)
     dofs = dofs if set(dofs) <= set(DOFS) else DOFS[: len(scale)]
     still = Vessel("none", dofs, (), np.zeros((0, len(dofs))))
-    sampled = model.scaled(1.0 / scale, np.ones(len(scale)))
-    return DesignModel(sampled, scale, False, still, dofs, False)
+    sampled = every(model, times).scaled(1.0 / scale, np.ones(len(scale)))
+    physical = model.order == 2 * m and np.allclose(model.C, np.eye(m, 2 * m), atol=1e-9)
+    body = all(name.startswith("body ") for name in model.outputs)
+    turning = physical and body and dofs == PLANAR
+    return DesignModel(sampled, scale, turning, still, dofs, physical)
+
+
+def every(model: StateSpace, times: int) -> StateSpace:
+    """The model over several of its own periods, its input held, with the gain that then is best.
+
+    The innovations e of the model are the noise of the new one: over `times` periods the state
+    receives sum A^i K e, the first of which is the measurement's own.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    if times == 1:
+        return model
+    powers = [np.linalg.matrix_power(model.A, i) for i in range(times + 1)]
+    A, gain = powers[-1], None
+    if model.K is not None:
+        R = np.eye(len(model.C)) if model.F is None else model.F @ model.F.T
+        received = [power @ model.K for power in powers[:-1]]
+        Q, S = sum(one @ R @ one.T for one in received), received[-1] @ R
+        try:
+            P = solve_discrete_are(A.T, model.C.T, Q, R, s=S)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise ConfigurationError(f"controller: no gain at {times} periods, {error}") from error
+        gain = np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ A.T + S.T).T
+    B = sum(powers[:-1], np.zeros_like(A)) @ model.B
+    return replace(model, A=A, B=B, K=gain, period_s=times * float(model.period_s or 1.0))
 
 
 def _parts(model: Vessel) -> tuple[Vessel, Vessel]:

@@ -1,11 +1,12 @@
 """What a controller knows of the present: the Kalman filter, or the measured motion as it is.
 
     correct   x_k = x-_k + M (y_k - C x-_k)
-    predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k)
+    predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k + a_k)
 
 M is the gain of the filter; that of the predictor is K = A M. Bargouth (2022), (2.27)-(2.28),
 prints the second form and computes with the first one's gain. The disturbance d is known (wind),
-b is estimated (`estimate_bias`), a random walk in NED.
+b is estimated (`estimate_bias`), a random walk in NED, and a is what an excitation adds to the
+command: known to the filter, but nothing to work against.
 
 The state is kept in NED and seen from the body axes of the moment, in which the model holds:
 what was measured or commanded a sample ago turns with the vessel, so that a force that is fixed
@@ -64,12 +65,13 @@ class Memory(NamedTuple):
     axes: Array  # (1,) heading of the body axes of the two that follow [rad]
     known: Array  # (r,) known disturbance of the last sample
     command: Array  # (r,) force commanded at the last sample
+    added: Array  # (r,) force added to it
 
 
 def memory(n: int, m: int, r: int) -> Memory:
     """A memory of nothing."""
     counts = np.zeros((2, 1), dtype=np.int64)
-    return Memory(counts[0], counts[1], *(np.zeros(size) for size in (n, n, m, r, 1, r, r)))
+    return Memory(counts[0], counts[1], *(np.zeros(size) for size in (n, n, m, r, 1, r, r, r)))
 
 
 @lean_kernel
@@ -178,7 +180,7 @@ def _predict(believed: Believed, past: Memory) -> None:
     psi = heading(believed, x)
     seen(believed.turning, psi, past.bias, force)
     for i in range(r):
-        force[i] += past.command[i] + past.known[i]
+        force[i] += past.command[i] + past.known[i] + past.added[i]
     seen(believed.turning, psi, x, local)
     if believed.turning:
         local[0] = local[1] = local[2] = 0.0
@@ -194,13 +196,15 @@ def _predict(believed: Believed, past: Memory) -> None:
 
 
 @lean_kernel
-def remember(past: Memory, psi: float, eta: Array, known: Array) -> None:
-    """Keep the measured pose and the known force of this sample for the next."""
+def remember(past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook) -> None:
+    """Keep the measured pose, the known and the added force of this sample for the next."""
     for i in range(eta.shape[0]):
         if np.isfinite(eta[i]):
             past.y_last[i] = eta[i]
+    k = past.instant[0]
     for i in range(known.shape[0]):
         past.known[i] = known[i]
+        past.added[i] = outlook.added[k, i] if k < outlook.added.shape[0] else 0.0
     past.axes[0] = psi
 
 

@@ -99,7 +99,7 @@ def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -
                 tau[i] += lqi.gain[i, j] * lqi.change[j]
             for j in range(m):
                 tau[i] += lqi.gain[i, n + j] * lqi.error[j]
-    remember(past, psi, eta, lqi.known)
+    remember(past, psi, eta, lqi.known, lqi.outlook)
     accept(past, tau, lqi.believed.limits, lqi.limited)
 
 

@@ -117,7 +117,7 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
         if mpc.limited:  # a command that turned out of its limits with the vessel
             mpc.last[i] = min(max(mpc.last[i], -1.0), 1.0)
         theta[at + i] = mpc.last[i]
-    remember(past, psi, eta, mpc.known)
+    remember(past, psi, eta, mpc.known, mpc.outlook)
 
 
 @lean_kernel

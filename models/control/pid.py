@@ -15,7 +15,7 @@ from models.compiled import lean_kernel
 from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
 from models.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
-from models.simulation import CONTROLLERS
+from models.simulation import CONTROLLERS, Log
 from models.thruster import SecondOrderLag
 from models.vessel import (
     PLANAR,
@@ -155,6 +155,24 @@ class PidFeedforward:
             self._lead_s / period_s, z, np.empty(len(table.codes)), np.empty(len(model.dofs)),
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
+
+    def adapt(
+        self, parameters: PidTable, state: Array, model: Vessel, log: Log, k: int
+    ) -> PidTable:
+        """Parameters for another model in mid-voyage, before instant k; the command goes on.
+
+        What the feedforward loses the integral gains, on every axis that has one.
+        """
+        new, _ = self.build(model, parameters.period_s)
+        n = len(self.kp)
+        before, after = np.zeros(n), np.zeros(n)
+        for table, tau in ((parameters, before), (new, after)):
+            feedforward(table, log.eta_d[k - 1], log.nu_d[k - 1], log.nu_dot_d[k - 1], tau)
+        if self.feedforward:
+            integrating = np.array(self.ki) > 0.0
+            state[:n][integrating] += ((before - after) / np.maximum(self.ki, 1e-300))[integrating]
+            state[n : 2 * n] += after - before
+        return new
 
     @property
     def _lead_s(self) -> float:

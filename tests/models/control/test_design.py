@@ -64,7 +64,7 @@ def test_the_first_state_is_at_rest_where_it_was_measured() -> None:
     [
         (ship(), (1.0, 1.0), 1.0, "got 2 numbers, expected 3 for surge, sway, yaw"),
         (StateSpace(np.eye(2), np.eye(2), np.eye(2), np.eye(2), 1.0), (1.0,) * 2, 1.0, "direct"),
-        (StateSpace(np.eye(2), np.eye(2), np.eye(2), 0 * np.eye(2), 0.5), (1.0,) * 2, 1.0, "0.5 s"),
+        (StateSpace(np.eye(2), np.eye(2), np.eye(2), 0 * np.eye(2), 0.7), (1.0,) * 2, 1.0, "0.7 s"),
         (StateSpace(np.eye(2), np.eye(2), np.ones((1, 2)), np.zeros((1, 2)), 1.0), (1.0,) * 2, 1.0,
          "1 outputs, expected 2"),
     ],

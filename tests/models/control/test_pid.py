@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.control.pid import PidFeedforward
-from models.simulation import CONTROLLERS, Voyage
+from models.simulation import CONTROLLERS, Log, Voyage
 from models.thruster import SecondOrderLag, acting_force
 from models.vessel import PLANAR, Vessel, from_derivatives
 from runner import trial
@@ -70,3 +70,24 @@ def test_no_thruster_no_lead(milliampere: Vessel) -> None:
         PidFeedforward(NONE, NONE, NONE, thruster=LAG),
     ):
         assert pid.build(milliampere, 0.1)[0].lead == 0.0
+
+
+def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> None:
+    gains = (100.0, 550.0, 940.0), (30.0, 30.0, 0.0), (850.0, 890.0, 1850.0)
+    pid = PidFeedforward(*gains)
+    rng = np.random.default_rng(0)
+    reference = rng.normal(size=(3, 3)) * 0.3
+    eta, nu = rng.normal(size=(2, 3))
+    log = Log(*(np.zeros((5, 3)) for _ in Log._fields))
+    log.eta_d[:], log.nu_d[:], log.nu_dot_d[:] = reference
+    parameters, state = pid.build(milliampere, 0.1)
+    step, commands = CONTROLLERS[type(parameters)], []
+    for table in (parameters, pid.adapt(parameters, state, 0.5 * milliampere, log, 4)):
+        tau, tau_fb, here = np.empty(3), np.empty(3), state.copy()
+        step(table, here, eta, nu, *reference, tau, tau_fb)
+        commands.append(tau)
+    first = pid.build(milliampere, 0.1)
+    before = np.empty(3)
+    step(first[0], first[1], eta, nu, *reference, before, np.empty(3))
+    np.testing.assert_allclose(commands[1][:2], before[:2], rtol=1e-12)
+    assert abs(commands[1][2] - before[2]) > 1.0  # no integral in yaw that could take it
