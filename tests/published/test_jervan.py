@@ -111,3 +111,11 @@ def test_a_crossing_by_line_of_sight_improves_too(run: Run, metric: Values) -> N
     assert errors["identified"] < 0.5 * errors["nominal"]
     series = next(s for s in results.series if s.kind == "deployment_identified")
     assert np.hypot(series.columns["x"][-1] - 110.0, series.columns["y"][-1] - 25.0) < 0.5
+
+
+def test_the_experiment_is_the_same_trial(run: Run, metric: Values) -> None:
+    found = metric(run("experiment=jervan_table_4_5"), "force_mse")
+    for dof, value in printed("with regular PLSR model").items():
+        assert found[dof] <= value
+    byhand = run("identifier=plsr", "identifier.force=commanded", "identifier.selection=test")
+    assert found == metric(byhand, "force_mse")
