@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from models import basis
@@ -86,6 +86,7 @@ def test_other_coordinates_and_units_change_nothing_between_input_and_output(see
 @given(seed=seeds)
 def test_the_initial_state_is_found_from_the_data(free_run: bool, seed: int) -> None:
     model = random_model(seed)
+    assume(free_run or model.predictor_radius < 1.0)  # else rounding grows along the record
     _, u = signals(seed, model)
     y = model.simulate(u)
     found = replace(model, x0=None).initial_state(y, u, free_run)

@@ -140,7 +140,10 @@ def test_builds_a_trial() -> None:
         ),
         ({"plant": {"scale": 0}}, "plant.scale must be positive, got 0"),
         ({"plant": {}}, "plant.scale is missing"),
-        ({"plant": {"scale": 1, "mass": 2}}, "plant.mass: unknown option, expected one of scale, change"),
+        (
+            {"plant": {"scale": 1, "mass": 2}},
+            "plant.mass: unknown option, expected one of scale, change",
+        ),
         ({"plant": 3}, "plant: got 3, expected the option scale, change"),
         ({"seed": -1}, "seed must not be negative, got -1"),
         ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
