@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from models import metrics as measure
 from models.basis import Array, Term
 from models.dynamics import Weather
+from models.excitation.persistence import Persistence
 from models.identification.problem import Identified, lack_of_fit
 from models.recording import Recording
 from models.simulation import Voyage
@@ -190,6 +191,29 @@ def stage_coefficients(identified: Identified) -> list[Coefficient]:
         for dof, value in zip(table.dofs, row, strict=True)
         if value
     ]
+
+
+def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
+    """What the training data can tell apart of the nominal model's terms."""
+    found = []
+    for one in reports:
+        numbers = {
+            "regressor_condition": one.condition,
+            "regressor_rank": float(one.rank),
+            "regressor_unknowns": float(one.unknowns),
+            "spectral_lines": float(one.lines),
+        }
+        found += [
+            Diagnostic(name, one.dof, None, None, None, number, "")
+            for name, number in numbers.items()
+            if np.isfinite(number)
+        ]
+        groups = [(name,) for name in one.unexcited] + list(one.inseparable)
+        found += [
+            Diagnostic("inseparable_terms", one.dof, i, None, " ".join(group), 1.0 * len(group), "")
+            for i, group in enumerate(groups)
+        ]
+    return found
 
 
 def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
