@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba.extending import overload
+from numpy.typing import NDArray
 
 from models.basis import DOFS, Array, Codes
 from models.compiled import kernel, lean_kernel
@@ -305,7 +306,7 @@ class Allocated(NamedTuple):
 
     u: Array
     applied: Array
-    reached: Array  # (N,) whether it is what was asked for
+    reached: NDArray[np.bool_]  # (N,) whether it is what was asked for
 
 
 @dataclass(frozen=True)
@@ -380,7 +381,7 @@ class Allocation:
         return Allocated(u, applied, reached(tau, applied))
 
 
-def reached(tau: Array, applied: Array) -> Array:
+def reached(tau: Array, applied: Array) -> NDArray[np.bool_]:
     """Whether the force that was given is the one that was asked for; rows of (N, n_dof)."""
     size = np.maximum(np.max(np.abs(tau), axis=0), 1e-300)
     return np.asarray(np.all(np.abs(applied - tau) <= REACHED * size, axis=1))

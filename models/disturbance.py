@@ -13,9 +13,10 @@ import numpy as np
 from models import basis
 from models.basis import DOFS, Array
 from models.current import Current
+from models.derivatives import derivative_table
 from models.dynamics import Weather
 from models.errors import ConfigurationError
-from models.vessel import PLANAR, Vessel, derivative_table
+from models.vessel import PLANAR, Vessel
 from models.waves import Waves
 from models.wind import Wind
 
@@ -181,7 +182,7 @@ class Disturbance:
         """The terms that the wind adds to the vessel that sails in it."""
         if self.wind is None:
             return Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
-        return self.wind.windage.table(dofs)
+        return self.wind.table(dofs)
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """What the disturbance adds to the force a motion needs, as far as it is a table."""

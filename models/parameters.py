@@ -7,11 +7,12 @@ import numpy as np
 
 from models.allocation import Allocation
 from models.basis import DOFS
+from models.derivatives import from_derivatives
 from models.errors import ConfigurationError
 from models.rigid_body import RigidBody
 from models.simulation import Plant
 from models.thruster import SecondOrderLag
-from models.vessel import PLANAR, Vessel, from_derivatives
+from models.vessel import PLANAR, Vessel
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ from typing import Literal, Protocol
 import numpy as np
 
 from models.basis import Array
+from models.derivatives import derivative_table
 from models.errors import ConfigurationError
 from models.stochastic import first_order, smoothed_levels
-from models.vessel import PLANAR, Vessel, derivative_table
+from models.vessel import PLANAR, Vessel
 
 # Bargouth (2022), Table 2.1: wind speeds [m/s] of the forces 1 to 12, first and last
 BEAUFORT = (
@@ -96,7 +97,7 @@ class Wind:
     direction [deg] of the wind.
     """
 
-    windage: WindForce
+    windage: WindForce | None
     speed_m_s: float
     beaufort: int | None
     direction_deg: float
@@ -123,12 +124,22 @@ class Wind:
             )
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Wind meets what stands above the water and moves in the plane."""
+        """Wind meets what stands above the water, of known areas, and moves in the plane."""
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
                 f"disturbance.wind needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(dofs)}"
             )
+        if self.windage is None:
+            raise ConfigurationError(
+                "disturbance.wind.windage: got none, expected the vessel's areas or derivatives"
+            )
+
+    def table(self, dofs: tuple[str, ...]) -> Vessel:
+        """Its share of the force that a motion needs."""
+        self.check(dofs)
+        assert self.windage is not None
+        return self.windage.table(dofs)
 
     @property
     def mean_speed(self) -> float:

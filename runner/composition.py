@@ -5,6 +5,7 @@ differ in values only (replicates over seeds, grids of parameters) share one com
 configuration, in which their values are set as Hydra itself sets them.
 """
 
+import re
 from copy import deepcopy
 from typing import Any
 
@@ -23,11 +24,20 @@ def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -
     """The order in a composed configuration; `hydra` is Hydra's own part of it."""
     config: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
     choices = hydra.runtime.choices
+    given = list(hydra.overrides.task) if overrides is None else overrides
     return Order(
         config=config,
-        names={group: str(choices.get(group) or "none") for group in GROUPS},
-        overrides=list(hydra.overrides.task) if overrides is None else overrides,
+        names={group: _name(group, choices, given) for group in GROUPS},
+        overrides=given,
     )
+
+
+def _name(group: str, choices: Any, overrides: list[str]) -> str:
+    """The option that is chosen of a group; `a+b` for a list, which Hydra does not tell."""
+    if choices.get(group):
+        return str(choices[group])
+    lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
+    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
 
 
 class Composer:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import metrics as measure
+from models.allocation import reached
 from models.basis import Array, Term
 from models.dynamics import Weather
 from models.excitation.persistence import Persistence
@@ -93,6 +94,11 @@ def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]
     ]
 
 
+def _allocated(voyage: Voyage) -> bool:
+    """Whether the commands were shared among thrusters, which leaves at least rounding."""
+    return not np.array_equal(voyage.log.applied, voyage.log.tau)
+
+
 def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     """Tracking, force and energy of a sailed mission, against the true pose."""
     log, dofs = voyage.log, voyage.dofs
@@ -107,6 +113,9 @@ def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     found += _per_dof(stage, model, "nu_dot_mse", accelerations, dofs, squares)
     for name, tau in (("tau_mean_abs", log.tau), ("tau_fb_mean_abs", log.tau_fb)):
         found += _per_dof(stage, model, name, measure.mean_absolute(tau), dofs, force_units)
+    if _allocated(voyage):
+        share = float(np.mean(~reached(log.tau, log.applied)))
+        found.append(Metric(stage, model, "all", "unreached_share", share, ""))
     error = measure.position_error(log.eta_d, log.eta)
     power = measure.position_power(log.tau, log.nu)
     found += [
@@ -294,6 +303,8 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
     columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
     columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
+    if _allocated(voyage):
+        columns |= _columns([f"tau_applied_{dof}" for dof in dofs], log.applied)
     columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
     if dofs == PLANAR:
         columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)

@@ -123,13 +123,16 @@ def sailed(
     controller, period = trial.controller, trial.sample_time_s
     if controller is None:  # an open loop
         return Sailed(voyage, period, None, 0, 0, (), needed)
-    ahead, remarks = (getattr(controller, name, None) for name in ("preview_rows", "remarks"))
+    ahead, every, remarks = (
+        getattr(controller, name, None) for name in ("preview_rows", "command_rows", "remarks")
+    )
     failures = getattr(state, "failures", None)
     return Sailed(
         voyage=voyage,
         period_s=period,
         limits=controller.limits if getattr(controller, "limited", False) else None,
         ahead=0 if ahead is None else ahead(period),
+        every=1 if every is None else every(period),
         failures=0 if failures is None else int(failures[0]),
         remarks=() if remarks is None else remarks(model, period),
         needed=needed,

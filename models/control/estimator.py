@@ -42,6 +42,7 @@ class Believed(NamedTuple):
     limits: Array  # (r,) [N, Nm]
     turning: bool
     measured: bool
+    smooth: bool  # integral action on the estimated pose: with a bias it has no constant error
     still: ForceTable
     north: int  # the velocity along north and the one along east where nothing turns; -1 is none
     east: int
@@ -60,7 +61,7 @@ class Memory(NamedTuple):
     failures: Codes  # (1,) samples at which the last command was held
     x: Array  # (n,) estimated state, NED
     x_last: Array  # (n,) the same a sample ago
-    y_last: Array  # (m,) measured pose a sample ago, NED
+    y_last: Array  # (m,) pose a sample ago that integral action works on, NED
     bias: Array  # (r,) estimated disturbance, NED
     axes: Array  # (1,) heading of the body axes of the two that follow [rad]
     known: Array  # (r,) known disturbance of the last sample
@@ -196,10 +197,16 @@ def _predict(believed: Believed, past: Memory) -> None:
 
 
 @lean_kernel
-def remember(past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook) -> None:
-    """Keep the measured pose, the known and the added force of this sample for the next."""
+def remember(
+    believed: Believed, past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook
+) -> None:
+    """Keep the pose, the known and the added force of this sample for the next."""
     for i in range(eta.shape[0]):
-        if np.isfinite(eta[i]):
+        if believed.smooth:
+            past.y_last[i] = 0.0
+            for j in range(past.x.shape[0]):
+                past.y_last[i] += believed.C[i, j] * past.x[j]
+        elif np.isfinite(eta[i]):
             past.y_last[i] = eta[i]
     k = past.instant[0]
     for i in range(known.shape[0]):
@@ -313,8 +320,8 @@ def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
     return Believed(
         _whole(model.A), _whole(model.B / design.limits), _whole(model.C), _whole(M),
         _whole(design.limits[:, None] * bias), _whole(design.start()), design.limits.copy(),
-        design.turning, kind == "measured", still, north, east, z, np.zeros(len(still.codes)),
-        np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
+        design.turning, kind == "measured", kalman.estimate_bias, still, north, east, z,
+        np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
     )  # fmt: skip
 
 

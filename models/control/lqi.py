@@ -99,7 +99,7 @@ def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -
                 tau[i] += lqi.gain[i, j] * lqi.change[j]
             for j in range(m):
                 tau[i] += lqi.gain[i, n + j] * lqi.error[j]
-    remember(past, psi, eta, lqi.known, lqi.outlook)
+    remember(lqi.believed, past, psi, eta, lqi.known, lqi.outlook)
     accept(past, tau, lqi.believed.limits, lqi.limited)
 
 
@@ -168,6 +168,10 @@ class Lqi:
     def foresee(self, table: LqiTable, outlook: Outlook) -> LqiTable:
         """The same with what the weather and the mission will be."""
         return table._replace(outlook=outlook)
+
+    def command_rows(self, period_s: float) -> int:
+        """Loop instants from one command to the next."""
+        return samples(self.period_s, period_s)
 
     def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
         """The design's order, controllability and closed-loop spectral radius."""

@@ -117,7 +117,7 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
         if mpc.limited:  # a command that turned out of its limits with the vessel
             mpc.last[i] = min(max(mpc.last[i], -1.0), 1.0)
         theta[at + i] = mpc.last[i]
-    remember(past, psi, eta, mpc.known, mpc.outlook)
+    remember(table, past, psi, eta, mpc.known, mpc.outlook)
 
 
 @lean_kernel
@@ -291,10 +291,14 @@ class Mpc:
             return parameters._replace(table=parameters.table._replace(outlook=outlook))
         return parameters._replace(outlook=outlook)
 
+    def command_rows(self, period_s: float) -> int:
+        """Loop instants from one command to the next."""
+        return samples(self.period_s, period_s)
+
     def preview_rows(self, period_s: float) -> int:
         """Loop instants that a following step of the reference is known before it."""
         known = self.preview != "none"
-        return self.horizon * samples(self.period_s, period_s) if known else 0
+        return self.horizon * self.command_rows(period_s) if known else 0
 
     def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""

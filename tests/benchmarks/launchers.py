@@ -20,7 +20,7 @@ from runner.database import Logbook
 
 TURNS = 4
 ROOT = Path(__file__).parents[2]
-TRIAL = ("identifier=none", "evaluation=none", "excitation.interval_s=600")
+TRIAL = ("identifier=none", "evaluation=none", "excitation.interval_s=1400")
 
 
 def measured(launcher: str, trials: int, folder: Path) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from models.basis import DOFS, Array
 from models.control.pid import PidFeedforward
+from models.derivatives import coriolis, from_derivatives
 from models.disturbance import ConstantForce
 from models.dynamics import Weather
 from models.errors import ConfigurationError
@@ -28,7 +29,7 @@ from models.kinematics import (
 )
 from models.rigid_body import RigidBody, cross_matrix
 from models.simulation import Plant, Voyage, sail
-from models.vessel import Vessel, coriolis, from_derivatives
+from models.vessel import Vessel
 from tests.trials import composed
 
 angles = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))

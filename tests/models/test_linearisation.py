@@ -8,10 +8,11 @@ from hypothesis.extra.numpy import arrays
 
 from models import basis
 from models.basis import N_VARIABLES
+from models.derivatives import derivative_table, from_derivatives
 from models.errors import ConfigurationError
 from models.kinematics import angle_rate, frame_of_angles
 from models.linearisation import gradient, linearise, operating_force
-from models.vessel import PLANAR, Vessel, derivative_table, from_derivatives
+from models.vessel import PLANAR, Vessel
 
 WINDAGE = {"X_|u_q|u_q": -9.0, "Y_|v_q|v_q": -30.0, "N_V_qv_q": -4.0}
 

@@ -8,8 +8,9 @@ import pytest
 from models.basis import Array
 from models.compiled import lean_kernel
 from models.control.lqi import LqiTable
+from models.derivatives import from_derivatives
 from models.simulation import CONTROLLERS, Watch
-from models.vessel import PLANAR, Vessel, from_derivatives
+from models.vessel import PLANAR, Vessel
 from tests.models.control.sailing import (
     WINDAGE,
     appendix_k,

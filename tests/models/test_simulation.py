@@ -5,6 +5,7 @@ import pytest
 
 from models.basis import Array
 from models.control.pid import PidFeedforward
+from models.derivatives import from_derivatives
 from models.disturbance import ConstantForce, Disturbance, MeasurementNoise
 from models.errors import ConfigurationError, Diverged
 from models.excitation.guidance import LineOfSight, ReferenceFilter, Timetable
@@ -20,7 +21,7 @@ from models.simulation import (
     sail,
 )
 from models.thruster import SecondOrderLag
-from models.vessel import PLANAR, Vessel, from_derivatives
+from models.vessel import PLANAR, Vessel
 
 CALM = Disturbance(noise=None, force=None)
 FILTER = ReferenceFilter(bandwidth_rad_s=0.5, damping=0.7)

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from models import basis
+from models.derivatives import coriolis, from_derivatives
 from models.errors import ConfigurationError
-from models.vessel import PLANAR, Vessel, coefficient_unit, coriolis, from_derivatives
+from models.vessel import PLANAR, Vessel, coefficient_unit
 
 finite = st.floats(-10.0, 10.0)
 matrices = arrays(np.float64, (3, 3), elements=finite)

@@ -33,7 +33,7 @@ def rng(seed: int = 0) -> np.random.Generator:
 def force_of(blowing: Wind, psi: float, nu: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
     """The force on a vessel of some heading [rad] and velocity; minus the share that it needs."""
     ned = blowing.realise(1, 1.0, rng())
-    table = blowing.windage.table(PLANAR)
+    table = blowing.table(PLANAR)
     motion = np.array([[*nu, 0.0]])
     body = in_body(ned, np.array([psi]))
     return -table.inverse(np.zeros((1, 3)), motion, np.array([[0.0, 0.0, psi]]), body)[0]
@@ -166,3 +166,5 @@ def test_wrong_options_are_refused(changes: dict[str, Any]) -> None:
 def test_wind_needs_a_vessel_in_the_plane() -> None:
     with pytest.raises(ConfigurationError, match=r"disturbance\.wind needs"):
         wind().check(("surge",))
+    with pytest.raises(ConfigurationError, match=r"disturbance\.wind\.windage: got none"):
+        wind(windage=None).check(PLANAR)

@@ -9,10 +9,10 @@ import pytest
 from models.basis import Array
 from models.control.design import design_model
 from models.control.lqi import lqi_gain
+from models.derivatives import from_derivatives
 from models.errors import ConfigurationError
 from models.simulation import CONTROLLERS
 from models.statespace import StateSpace, spectral_radius
-from models.vessel import from_derivatives
 from tests.models.control.sailing import (
     ERROR_WEIGHT,
     INCREMENT_WEIGHT,

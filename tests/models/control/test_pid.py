@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from models.control.pid import PidFeedforward
+from models.derivatives import from_derivatives
 from models.simulation import CONTROLLERS, Log, Voyage
 from models.thruster import SecondOrderLag, acting_force
-from models.vessel import PLANAR, Vessel, from_derivatives
+from models.vessel import PLANAR, Vessel
 from runner import trial
 from tests.trials import composed
 

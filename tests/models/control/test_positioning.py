@@ -97,3 +97,21 @@ def test_an_unstable_design_is_said_to_be_one() -> None:
     radius = next(m.value for m in control_rows.metrics(sailed, "x") if m.name == "spectral_radius")
     assert radius == pytest.approx(1.025, abs=5e-4)
     assert any("spectral radius is 1.024" in line for line in control_rows.warnings(sailed, "x"))
+
+
+@pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
+def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> None:
+    """In waves of half a metre, white noise to the filter, with the bias that makes up for it."""
+    hits, errors = [], []
+    wide = ("controller.kalman.estimate_bias=true", "controller.kalman.measurement=[0.5,0.5,0.02]")
+    for options in ((), wide):
+        one = composed(
+            "vessel=supply_vessel", "disturbance=rough", "evaluation=setpoints", *options,
+            "sample_time_s=1.0", "integration_step_s=1.0", f"controller={controller}",
+        )  # fmt: skip
+        sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
+        found = {(m.name, m.dof): float(m.value or 0.0) for m in control_rows.metrics(sailed, "x")}
+        hits.append(sum(found["limit_hits", dof] for dof in ("surge", "sway", "yaw")))
+        errors.append(found["error_mae", "surge"])
+    assert hits[1] < 0.4 * hits[0]
+    assert errors[1] < 0.8 * errors[0]

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from models import basis
+from models.derivatives import from_derivatives
 from models.excitation.persistence import persistence, spectral_lines
 from models.recording import Recording, attitude_of
-from models.vessel import PLANAR, Vessel, from_derivatives
+from models.vessel import PLANAR, Vessel
 
 DOFS = ("surge",)
 

@@ -1,0 +1,160 @@
+"""Which coefficients of a nominal model are free, and how the table follows from them.
+
+The table is linear in the free parameters,
+
+    theta(p) = theta_nominal + L (p - p_nominal),
+
+where an entry of p is one coefficient (degree of freedom, term). Where the nominal table holds
+the Coriolis and centripetal force of its own inertia (Kirchhoff's equations, `vessel.coriolis`,
+itself linear in the inertia), an inertia parameter moves that force with it: `coriolis: tied`.
+That keeps nu' C(nu) nu = 0, so no candidate can create energy, and needs fewer parameters: 20
+for milliAmpere (5 inertia, 15 damping) where `coriolis: free`, which takes every nonzero entry
+for itself, has 26.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models import basis
+from models.basis import ACCELERATIONS, Array, Term
+from models.derivatives import coriolis
+from models.errors import ConfigurationError
+from models.identification.design import NED_COLUMNS, ned_table
+from models.vessel import Vessel, coefficient_unit
+
+ROUNDING = 1e-9  # of the Coriolis entry: what is left of a table's entry after subtracting it
+
+NED = ("north", "east")
+
+Coriolis = Literal["tied", "free"]
+
+
+@dataclass(frozen=True, eq=False)
+class FreeParameters:
+    """The free coefficients of a nominal model; SI units."""
+
+    nominal: Vessel  # with a row for every free term
+    labels: tuple[str, ...]  # such as `surge.u_dot`, `yaw.|r|r`, and `north` and `east`
+    units: tuple[str, ...]
+    values: Array  # nominal values, shape (m,)
+    directions: Array  # L, shape (n_terms n_dof, m)
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def tables(self, points: Array) -> Array:
+        """theta of many design points (n_points, m); shape (n_points, n_terms, n_dof)."""
+        change = (points - self.values) @ self.directions.T
+        return np.asarray(self.nominal.theta + change.reshape(len(points), *self.shape))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the table."""
+        return len(self.nominal.terms), len(self.nominal.dofs)
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Entries of the table that can be other than zero, bool, shape (n_terms, n_dof)."""
+        moved = np.any(self.directions != 0.0, axis=1).reshape(self.shape)
+        return np.asarray((self.nominal.theta != 0.0) | moved)
+
+    def residual(self, point: Array) -> Vessel:
+        """Identified - nominal, for a design point (m,)."""
+        change = (self.directions @ (point - self.values)).reshape(self.shape)
+        return replace(self.nominal, theta=change)
+
+    def std_error(self, covariance: Array) -> Array:
+        """Standard errors of the table's entries from cov(p) (m, m); NaN where nothing is free."""
+        variance = np.einsum("ij,jk,ik->i", self.directions, covariance, self.directions)
+        free = np.any(self.directions != 0.0, axis=1)
+        errors = np.where(free, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        return np.asarray(errors.reshape(self.shape))
+
+
+def free_parameters(
+    nominal: Vessel, labels: Sequence[str] | None, tie: Coriolis, ned_force: bool
+) -> FreeParameters:
+    """The parameters named by `labels`, or by default the nominal table's nonzero coefficients.
+
+    A label is `dof.term`; it may name a term that the nominal table does not have. `ned_force`
+    adds `north` and `east`, the force of a planar vessel that is constant in NED.
+    """
+    own = own_coriolis(nominal) if tie == "tied" else None
+    if labels is None:
+        entries = _nonzero(nominal if own is None else nominal - own)
+    else:
+        entries = tuple(parse_label(label, nominal) for label in labels)
+    if not entries:
+        raise ConfigurationError(f"parameters: {nominal.name} has no coefficient to identify")
+    for i, (dof, one) in enumerate(entries):
+        if (dof, one) in entries[:i]:
+            raise ConfigurationError(f"parameters: {dof}.{one} is given twice")
+    terms = [one for _, one in entries] + list(NED_COLUMNS if ned_force else ())
+    new = dict.fromkeys(one for one in terms if one not in nominal.terms)
+    wide = nominal.on(nominal.terms + tuple(new))
+    values = np.array([wide.coefficient(dof, str(one)) for dof, one in entries])
+    if own is not None:
+        inside = own.on(wide.terms)
+        values -= [inside.coefficient(dof, str(one)) for dof, one in entries]
+    directions = [_direction(wide, dof, one, own is not None) for dof, one in entries]
+    names = [f"{dof}.{one}" for dof, one in entries]
+    units = [coefficient_unit(one, dof) for dof, one in entries]
+    if ned_force:
+        names, units = [*names, *NED], [*units, "N", "N"]
+        values = np.concatenate([values, np.zeros(len(NED))])
+        directions += [_ned_direction(wide, force) for force in np.eye(len(NED))]
+    return FreeParameters(wide, tuple(names), tuple(units), values, np.array(directions).T)
+
+
+def parse_label(label: str, nominal: Vessel) -> tuple[str, Term]:
+    """`surge.|u|u` -> ("surge", the term |u|u)."""
+    dof, _, name = label.partition(".")
+    if dof not in nominal.dofs or not name:
+        raise ConfigurationError(
+            f"parameters: got {label!r}, expected a degree of freedom out of "
+            f"{', '.join(nominal.dofs)} and a term, such as {nominal.dofs[0]}.{nominal.terms[0]}"
+        )
+    return dof, basis.term(name)
+
+
+def own_coriolis(nominal: Vessel) -> Vessel | None:
+    """C(nu) nu of the nominal inertia, where every entry of it stands in the nominal table."""
+    force = coriolis(nominal.inertia, nominal.dofs)
+    if not force.terms:
+        return None
+    inside = nominal.on(force.terms).theta
+    return force if np.all(inside[force.theta != 0.0] != 0.0) else None
+
+
+def _nonzero(vessel: Vessel) -> tuple[tuple[str, Term], ...]:
+    """Entries of a table that are more than rounding, in the order of its terms."""
+    scale = ROUNDING * np.max(np.abs(vessel.theta), initial=0.0)
+    inertial = [one for one in vessel.terms if one.name in ACCELERATIONS]
+    rest = [one for one in vessel.terms if one.name not in ACCELERATIONS]
+    return tuple(
+        (dof, one)
+        for one in inertial + rest
+        for dof in vessel.dofs
+        if abs(vessel.coefficient(dof, str(one))) > scale
+    )
+
+
+def _direction(wide: Vessel, dof: str, one: Term, tied: bool) -> Array:
+    """Change of the table for one unit of a parameter, shape (n_terms n_dof,)."""
+    change = np.zeros((len(wide.terms), len(wide.dofs)))
+    change[wide.terms.index(one), wide.dofs.index(dof)] = 1.0
+    if tied and one.name in wide.accelerations:
+        unit = np.zeros((len(wide.dofs), len(wide.dofs)))
+        unit[wide.dofs.index(dof), wide.accelerations.index(one.name)] = 1.0
+        change += coriolis(unit, wide.dofs).on(wide.terms).theta
+    return change.ravel()
+
+
+def _ned_direction(wide: Vessel, force: Array) -> Array:
+    """Change of the table for a force (north, east) [N], shape (n_terms n_dof,)."""
+    table = Vessel("force", wide.dofs, NED_COLUMNS, ned_table(force))
+    return np.asarray(table.on(wide.terms).theta).ravel()

@@ -1,0 +1,44 @@
+"""A day of station keeping: bounded, and nothing grows."""
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from runner import trial as trials
+from runner.control_rows import Sailed
+from tests.trials import composed
+
+DAY_S = 86400.0
+
+
+def keep_station(controller: str, duration_s: float) -> Sailed:
+    one = composed(
+        "vessel=supply_vessel", f"controller={controller}", "disturbance=rough",
+        "evaluation=station_keeping", f"evaluation.duration_s={duration_s}", "sample_time_s=1.0",
+        "integration_step_s=1.0",
+    )  # fmt: skip
+    nominal = one.vessel.nominal()
+    return trials.sail_mission(one, trials.streams(0), nominal, one.evaluation)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", ["pid_ff", "lqi", "mpc_condensed", "mpc_integral"])
+def test_a_day_of_station_keeping_stays_bounded_without_growing(controller: str) -> None:
+    keep_station(controller, 600.0)  # what is loaded and compiled once
+    gc.collect()
+    tracemalloc.start()
+    sailed = keep_station(controller, DAY_S)
+    log = sailed.voyage.log
+    assert len(log.eta) == DAY_S
+    hours = np.abs(log.eta).reshape(24, 3600, 3).max(axis=1)
+    assert np.all(hours[:, :2] < 10.0)
+    assert np.all(hours[:, 2] < np.radians(20.0))
+    assert np.all(np.isfinite(log.tau))
+    assert sailed.failures == 0
+    del sailed, log, hours
+    gc.collect()
+    left, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert left < 1e6

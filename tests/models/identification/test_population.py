@@ -1,0 +1,146 @@
+"""Many candidates in one call against one at a time; unrealistic ones; the time it takes."""
+
+import time
+
+import numpy as np
+import pytest
+
+from models.basis import terms
+from models.identification.free_parameters import free_parameters
+from models.identification.objectives import Objectives
+from models.identification.population import LANES, METRICS
+from models.identification.prediction import course_of
+from models.identification.predictor import Predictor
+from models.identification.structure import layout
+from models.vessel import DOFS, PLANAR, Vessel
+
+
+def predictor(model, recording, integrator, horizon=None, limit=10.0):
+    free = free_parameters(model, None, "tied", model.dofs == PLANAR)
+    plan = layout(free.nominal.terms, model.dofs, free.support, integrator)
+    return Predictor(free, plan, course_of(recording, None, None, horizon, limit))
+
+
+def errors_of(measured, predicted, metric):
+    e = measured - predicted
+    if metric == "smape":
+        size = 0.5 * (np.abs(measured) + np.abs(predicted))
+        share = np.divide(np.abs(e), size, out=np.zeros_like(e), where=size > 0.0)
+        return 100.0 * share.mean(axis=0)
+    mean = {"mae": np.abs(e), "mse": e**2, "mean_error": e}[metric].mean(axis=0)
+    return np.abs(mean)
+
+
+@pytest.fixture
+def example(vessel, make):
+    """example(name) -> a vessel and what it does under some force, with noise."""
+
+    def chosen(name):
+        t = 0.1 * np.arange(400)[:, None]
+        if name == "surge":
+            return vessel("surge_nonlinear"), make.forced(30.0 * np.sin(t), ("surge",))
+        if name == "beluga":
+            tau = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0]) * np.sin(t * np.arange(1.0, 7.0))
+            return vessel("beluga_diagonal"), make.driven(
+                vessel("beluga_diagonal"), tau, "rk4", noise=0.01
+            )
+        model = vessel("milliampere")
+        if name == "blown ferry":
+            areas = np.diag([40.0, 60.0, 30.0])
+            model = model + Vessel("air", PLANAR, terms(["V_qu_q", "|v_q|v_q", "V_q"]), areas)
+        return model, make.driven(
+            vessel("milliampere"), 150.0 * np.sin(t * np.array([1.0, 0.7, 0.4])), noise=0.01
+        )
+
+    return chosen
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+@pytest.mark.parametrize("name", ["surge", "ferry", "blown ferry", "beluga"])
+def test_population_equals_one_at_a_time(example, name, integrator, metric):
+    one = predictor(*example(name), integrator, horizon=150)
+    rng = np.random.default_rng(1)
+    factors = rng.uniform(0.8, 1.25, (LANES + 9, len(one.free)))
+    points = one.free.values * factors
+    errors, _, realistic = one.errors(points, metric)
+    assert np.all(realistic)
+    expected = [errors_of(one.course.measured, one.predict(point), metric) for point in points]
+    np.testing.assert_allclose(errors, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_limited_rates_are_counted_alike(make, signal):
+    one = predictor(make.surge(60.0, 20.0, "uu", 2.0), make.forced(signal("many_sine"), ("surge",)),
+                    "euler")  # fmt: skip
+    points = np.array([[60.0, 20.0, 2.0], [12.0, 2.0, 9.0]])
+    _, limited, _ = one.errors(points, "mae")
+    assert limited[0] == 0.0
+    assert limited[1] > 0.1
+
+
+def test_square_drag_runs_away_in_44_percent_of_the_box_and_is_penalised(make, signal):
+    """u^2 drag pushes a vehicle that goes backward; |u|u brakes it."""
+    box = np.random.default_rng(0).uniform([10.0, 1.0, 0.0], [120.0, 40.0, 10.0], (5000, 3))
+    truth = make.surge(60.0, 20.0, "uu", 2.0)
+    recording = make.driven(truth, signal("many_sine"))
+    one = predictor(truth, recording, "euler")
+    for metric in METRICS:
+        objectives = Objectives(one, metric, grouped=False)
+        values = objectives(box)
+        assert np.all(np.isfinite(values))
+        _, limited, _ = one.errors(box, metric)
+        away = limited > 0.0
+        assert np.mean(away) == pytest.approx(0.44, abs=0.02)
+        assert np.min(values[away]) >= objectives.penalty
+    brakes = predictor(make.surge(60.0, 20.0, "|u|u", 2.0), recording, "euler")
+    assert np.mean(brakes.errors(box, "mae")[1] > 0.0) < 0.01
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_no_candidate_gives_nan(vessel, make, metric):
+    """Inertia that is zero, negative or not positive definite, and huge drag of both signs."""
+    model = vessel("milliampere")
+    recording = make.forced(np.full((200, 3), 300.0), PLANAR)
+    one = predictor(model, recording, "rk4")
+    rng = np.random.default_rng(2)
+    wild = one.free.values * rng.choice([-1e6, -1.0, 0.0, 1.0, 1e6], (300, len(one.free)))
+    objectives = Objectives(one, metric, grouped=False)
+    values = objectives(wild)
+    assert np.all(np.isfinite(values))
+    _, limited, realistic = one.errors(wild, metric)
+    worse = (limited > 0.0) | ~realistic
+    assert np.sum(~realistic) > 100
+    assert np.any(worse & realistic)
+    assert np.min(values[worse]) >= objectives.penalty
+    assert np.all(Objectives(one, metric, grouped=True)(wild).shape == np.array([300, 2]))
+
+
+def test_grouped_objectives_are_means_over_the_spread(make):
+    t = 0.1 * np.arange(300)[:, None]
+    tau = np.array([20.0, 20.0, 20.0, 2.0, 2.0, 2.0]) * np.sin(t * np.arange(1.0, 7.0))
+    diagonal = np.diag([60.0, 70.0, 80.0, 4.0, 5.0, 6.0])
+    model = Vessel("d", DOFS, terms(["u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot"]),
+                   diagonal)  # fmt: skip
+    one = predictor(model, make.driven(model, tau), "euler")
+    points = one.free.values * np.array([[1.1], [0.9]])
+    errors = one.errors(points, "mae")[0] / np.std(one.course.measured, axis=0)
+    expected = np.column_stack([errors[:, :6].mean(axis=1), errors[:, 6:].mean(axis=1)])
+    np.testing.assert_allclose(Objectives(one, "mae", grouped=True)(points), expected)
+
+
+@pytest.mark.slow
+def test_time_of_a_population(make, capsys):
+    """3,000 steps of linear surge, 10,000 candidates; printed, not asserted but for order."""
+    tau = np.where(np.arange(3000) % 400 < 200, 30.0, 0.0)
+    one = predictor(make.surge(60.0, 20.0), make.forced(tau, ("surge",)), "euler")
+    points = np.random.default_rng(0).uniform([10.0, 1.0], [120.0, 40.0], (10_000, 2))
+    tables = one.free.tables(points)
+    one.errors(points[:1], "mae")
+    taken = []
+    for _ in range(5):
+        begun = time.process_time()
+        one.errors(points, "mae")
+        taken.append(time.process_time() - begun)
+    with capsys.disabled():
+        print(f"\n{1e6 * min(taken) / len(tables):.2f} us a prediction of 3,000 steps")
+    assert min(taken) / len(tables) < 1e-3

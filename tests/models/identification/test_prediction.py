@@ -1,0 +1,203 @@
+"""Predictions against an integration in plain Python, exact solutions and the simulated ferry."""
+
+import numpy as np
+import pytest
+
+from models.basis import terms
+from models.errors import ConfigurationError, RecordingError
+from models.identification.free_parameters import free_parameters
+from models.identification.prediction import course_of, free_run, held_force
+from models.identification.structure import layout
+from models.kinematics import angle_rate, frame_of_angles
+from models.recording import Recording, attitude_of
+from models.thruster import SecondOrderLag
+from models.vessel import DOFS, PLANAR, Vessel
+
+FAR = 1e6
+EXAMPLES = ("surge", "ferry", "blown ferry", "beluga")
+
+
+def wandering(dofs, amplitude, wind=None, n=300):
+    """A recording of smooth forces on every axis; of its motion only the first state matters."""
+    rng = np.random.default_rng(5)
+    t = 0.1 * np.arange(n)
+    phases = rng.uniform(0.0, 2.0 * np.pi, (4, len(dofs)))
+    tau = sum(
+        amplitude * np.sin(2.0 * np.pi * t[:, None] / period + phase)
+        for period, phase in zip((2.0, 3.1, 7.0, 13.0), phases, strict=True)
+    )
+    eta, nu = 0.1 * rng.standard_normal((2, n, len(dofs)))
+    blown = None if wind is None else wind + 0.1 * np.sin(t)[:, None]
+    return Recording(dofs, t, eta, nu, np.zeros_like(nu), tau, attitude_of(dofs, eta), wind=blown)
+
+
+@pytest.fixture
+def example(vessel):
+    """example(name) -> a vessel and a recording that excites it."""
+
+    def chosen(name):
+        if name == "surge":
+            return vessel("surge_nonlinear"), wandering(("surge",), np.array([20.0]))
+        if name == "beluga":
+            amplitude = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0])
+            return vessel("beluga_diagonal"), wandering(DOFS, amplitude)
+        amplitude, ferry = np.array([150.0, 150.0, 200.0]), vessel("milliampere")
+        if name == "ferry":
+            return ferry, wandering(PLANAR, amplitude)
+        areas = np.diag([40.0, 60.0, 30.0])
+        air = Vessel("air", PLANAR, terms(["V_qu_q", "|v_q|v_q", "V_q"]), areas)
+        return ferry + air, wandering(PLANAR, amplitude, wind=np.array([4.0, -3.0]))
+
+    return chosen
+
+
+def pose_rate(eta, nu, dofs):
+    if dofs == PLANAR:
+        c, s = np.cos(eta[2]), np.sin(eta[2])
+        return np.array([c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2]])
+    if dofs != DOFS:
+        return nu
+    frame, turning = np.empty((3, 3)), np.empty(3)
+    frame_of_angles(eta[3:], frame)
+    angle_rate(eta[3:], *nu[3:], turning)
+    return np.concatenate([frame @ nu[:3], turning])
+
+
+def integrated(model, recording, integrator):
+    """The prediction by Vessel.forward, one sample after the other."""
+    force, n, h = held_force(recording, None, None), len(model.dofs), recording.period_s
+
+    def rate(state, tau, k):
+        eta, nu = state[:n], state[n:]
+        wind = None if recording.wind is None else recording.wind[k][None]
+        nu_dot = model.forward(tau[None], nu[None], attitude_of(model.dofs, eta[None]), wind)[0]
+        return np.concatenate([pose_rate(eta, nu, model.dofs), nu_dot])
+
+    states = [np.concatenate([recording.eta[0], recording.nu[0]])]
+    for k in range(len(recording) - 1):
+        y, (start, middle, end) = states[-1], force[k]
+        k1 = rate(y, start, k)
+        if integrator == "euler":
+            states.append(y + h * k1)
+            continue
+        k2 = rate(y + 0.5 * h * k1, middle, k)
+        k3 = rate(y + 0.5 * h * k2, middle, k)
+        k4 = rate(y + h * k3, end, k)
+        states.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+    return np.array(states)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_prediction_is_the_integrated_equation_of_motion(example, name, integrator):
+    model, recording = example(name)
+    predicted = free_run(model, course_of(recording, None, None, None, FAR), integrator)
+    expected = integrated(model, recording, integrator)
+    assert np.max(np.abs(expected[:, len(model.dofs) :])) > 0.1
+    np.testing.assert_allclose(predicted, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_linear_surge_has_the_exact_solution(make):
+    m, d, tau = 60.0, 20.0, np.full(400, 30.0)
+    recording = make.driven(make.surge(m, d), tau, "rk4")
+    t = recording.t
+    u = 30.0 / d * (1.0 - np.exp(-d / m * t))
+    x = 30.0 / d * (t - m / d * (1.0 - np.exp(-d / m * t)))
+    np.testing.assert_allclose(recording.nu[:, 0], u, atol=1e-7)
+    np.testing.assert_allclose(recording.eta[:, 0], x, atol=1e-6)
+
+
+def test_truth_predicts_the_simulated_lap_through_the_thrusters(calm):
+    """360 s ahead of the first sample, by steps of 0.1 s where the plant took 0.025 s."""
+    training = calm.problem.training
+    course = course_of(training, calm.thruster, None, None, 10.0)
+    predicted = free_run(calm.truth, course, "rk4")
+    np.testing.assert_allclose(predicted, course.measured, atol=2e-5)
+    late = free_run(calm.truth, course_of(training, None, "commanded", None, 10.0), "rk4")
+    assert np.max(np.abs(late - course.measured)) > 0.1
+
+
+def test_force_in_the_middle_of_a_sample_is_that_of_the_lag():
+    lag = SecondOrderLag(2.0, 0.8)
+    recording = wandering(("surge",), np.array([10.0])).with_thruster(lag)
+    fine = Recording(
+        ("surge",), 0.05 * np.arange(600), *(np.zeros((600, 1)) for _ in range(3)),
+        np.repeat(recording.tau, 2, axis=0), np.zeros((600, 3)),
+    ).with_thruster(lag)  # fmt: skip
+    force = held_force(recording, lag, None)[:-1]
+    np.testing.assert_allclose(force[:, 0], fine.tau_filtered[:-2:2], atol=1e-12)
+    np.testing.assert_allclose(force[:, 1], fine.tau_filtered[1:-2:2], atol=1e-11)
+    np.testing.assert_allclose(force[:, 2], fine.tau_filtered[2::2], atol=1e-12)
+
+
+def test_a_thruster_without_lag_acts_as_commanded(make, signal):
+    """The simulation records the force before the new command: last sample's command."""
+    recording = make.forced(signal("triple_ramp"), ("surge",))
+    before = np.vstack([np.zeros((1, 1)), recording.tau[:-1]])
+    direct = Recording(**{**vars(recording), "tau_actual": before})
+    np.testing.assert_array_equal(held_force(direct, None, None)[:, 1], recording.tau)
+    measured = Recording(**{**vars(recording), "tau_actual": 0.9 * recording.tau})
+    np.testing.assert_array_equal(held_force(measured, None, None)[:, 0], 0.9 * recording.tau)
+
+
+def test_predictions_begin_anew_at_the_horizon_and_where_samples_are_missing(make, signal):
+    truth = make.surge(60.0, 20.0)
+    recording = make.driven(truth, signal("many_sine"))
+    kept = recording.part(np.delete(np.arange(1000), slice(250, 300)))
+    course = course_of(kept, None, None, 100, 10.0)
+    assert np.flatnonzero(course.restart).tolist() == [0, 100, 200, *range(250, 950, 100)]
+    predicted = free_run(truth, course, "euler")
+    np.testing.assert_allclose(predicted, course.measured, atol=1e-12)
+
+
+def test_recorded_velocity_beyond_the_limit_is_refused(make, signal):
+    recording = make.driven(make.surge(60.0, 20.0), signal("triple_ramp"))
+    with pytest.raises(RecordingError, match="derivative_limit = 2"):
+        course_of(recording, None, None, None, 2.0)
+
+
+def test_terms_that_no_prediction_knows_are_refused(vessel):
+    table = Vessel("odd", ("surge",), terms(["u_dot", "cos(psi)"]), np.array([[1.0], [1.0]]))
+    with pytest.raises(ConfigurationError, match=r"cos\(psi\) cannot be predicted in surge"):
+        layout(table.terms, table.dofs, table.theta != 0.0, "rk4")
+
+
+def test_milliampere_has_its_own_coefficients_and_its_coriolis_force_follows(milliampere):
+    """5 of inertia, 16 of drag; without the tie C(nu) nu adds 8 entries."""
+    tied = free_parameters(milliampere, None, "tied", False)
+    loose = free_parameters(milliampere, None, "free", False)
+    assert (len(tied), len(loose)) == (21, int(np.count_nonzero(milliampere.theta)))
+    heavier = tied.values.copy()
+    heavier[tied.labels.index("surge.u_dot")] *= 2.0
+    twice = milliampere + tied.residual(heavier)
+    assert twice.coefficient("sway", "ur") == pytest.approx(2.0 * 2389.657)
+    np.testing.assert_allclose(tied.tables(tied.values[None])[0], milliampere.theta)
+    nu = np.random.default_rng(0).standard_normal((50, 3))
+    drag = free_parameters(milliampere, None, "tied", False).residual(heavier)
+    work = np.sum(nu * drag.inverse(np.zeros_like(nu), nu), axis=1)
+    np.testing.assert_allclose(work, 0.0, atol=1e-9)
+
+
+def test_parameters_can_be_named_and_new(milliampere):
+    free = free_parameters(milliampere, ["surge.u", "surge.u^2"], "tied", True)
+    assert free.labels == ("surge.u", "surge.u^2", "north", "east")
+    assert free.units == ("kg/s", "kg/m", "N", "N")
+    np.testing.assert_array_equal(free.values, [27.632, 0.0, 0.0, 0.0])
+    pushed = free.residual(free.values + np.array([0.0, 0.0, 200.0, 100.0]))
+    force = -pushed.inverse(np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0]
+    c, s = np.cos(0.3), np.sin(0.3)
+    np.testing.assert_allclose(force, [c * 200 + s * 100, c * 100 - s * 200, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        (["heave.w"], "expected a degree of freedom out of surge"),
+        (["surge.u", "surge.u"], "given twice"),
+        (["surge.vv_dotx"], "expected factors"),
+        ([], "no coefficient"),
+    ],
+)
+def test_wrong_parameters_are_refused(milliampere, labels, message):
+    with pytest.raises(ConfigurationError, match=message):
+        free_parameters(milliampere, labels, "tied", False)

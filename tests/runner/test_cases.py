@@ -1,0 +1,40 @@
+"""Disturbance cases that are put together on the command line."""
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from runner.complaints import CONF
+from runner.composition import order_of
+from runner.config import build_trial
+from runner.job import Order
+
+
+def ordered(*overrides: str) -> Order:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("trial", list(overrides), return_hydra_config=True)
+        OmegaConf.set_struct(config, False)
+        hydra = config.pop("hydra")
+        return order_of(config, hydra, list(overrides))
+
+
+@pytest.mark.parametrize(
+    ("choice", "name", "parts"),
+    [
+        ("calm", "calm", set()),
+        ("[wind,noise]", "wind+noise", {"wind", "noise"}),
+        ("[current, noise, process]", "current+noise+process", {"current", "noise", "process"}),
+        ("rough", "rough", {"noise", "wind", "current", "waves"}),
+        ("[rough,constant]", "rough+constant", {"noise", "wind", "current", "waves", "force"}),
+    ],
+)
+def test_cases_add_up(choice: str, name: str, parts: set[str]) -> None:
+    order = ordered(f"disturbance={choice}")
+    assert order.names["disturbance"] == name
+    made = build_trial(order.config, order.names).disturbance
+    assert {part for part in vars(made) if getattr(made, part) is not None} == parts
+
+
+def test_a_part_of_a_case_has_its_options() -> None:
+    order = ordered("disturbance=[wind,noise]", "disturbance.wind.beaufort=6", "seed=3")
+    assert build_trial(order.config, order.names).disturbance.wind.mean_speed == 12.6
