@@ -1,7 +1,8 @@
-# seatrial: `make demo`, `make test`, `make slow`, `make check`; each sets up .venv by itself.
+# seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`; each sets up
+# .venv by itself.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo readme test slow check clean help
+.PHONY: demo readme published test slow check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -27,6 +28,7 @@ help:
 	@echo 'make demo    a sweep of nine runs on the milliAmpere ferry, its table and its figures'
 	@echo 'make test    the test suite; make slow: the tests that take longer'
 	@echo 'make check   ruff and mypy --strict'
+	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
 	@echo 'make clean   remove .venv and the caches (results stay)'
 
 demo: $(VENV)/demo.stamp
@@ -41,6 +43,16 @@ demo: $(VENV)/demo.stamp
 readme: demo
 	$(BIN)/python docs/refresh.py
 	cp results/figures/bars-force_mse.svg docs/force_mse.svg
+
+# A run that fails or diverges (exit code 1) is kept and counted on the page.
+EXPERIMENTS := $(patsubst conf/experiment/%.yaml,%,$(wildcard conf/experiment/*.yaml))
+published: $(VENV)/demo.stamp
+	for experiment in $(EXPERIMENTS); do \
+	    $(BIN)/python -m runner experiment=$$experiment results_dir=results/published \
+	        hydra/launcher=joblib || [ $$? -eq 1 ] || exit 1; \
+	done
+	$(BIN)/python -m runner.compare published --database results/published/results.db \
+	    --page results/published/index.html --summary
 
 test: $(VENV)/test.stamp
 	$(BIN)/python -m pytest

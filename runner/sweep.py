@@ -9,15 +9,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from models.errors import ConfigurationError, SeatrialError
@@ -29,6 +27,7 @@ from runner.job import Order, Outcome, perform, prepare, shown
 from runner.launching import Launched, check, launch
 from runner.planned import Plan, Refusal, known, listed
 from runner.provenance import Provenance, collect
+from runner.variation import jobs_of
 
 log = logging.getLogger(__name__)
 
@@ -97,9 +96,15 @@ class SweepJob:
 class SeatrialSweeper(Sweeper):
     """The grid of Hydra's basic sweeper, with the logbook."""
 
-    def __init__(self, max_batch_size: int | None, params: DictConfig | None = None) -> None:
+    def __init__(
+        self,
+        max_batch_size: int | None,
+        params: DictConfig | None = None,
+        variants: ListConfig | None = None,
+    ) -> None:
         self.max_batch_size = max_batch_size
-        self.params = {str(key): value for key, value in (params or {}).items()}
+        self.params: Any = OmegaConf.to_container(params) if params else {}
+        self.variants: Any = OmegaConf.to_container(variants) if variants else []
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -112,19 +117,14 @@ class SeatrialSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
         self.session.started = True
-        overrides = self._parsed(arguments)
-        (jobs,) = BasicSweeper.split_arguments(overrides, None)
+        parser = OverridesParser.create(config_loader=self._context.config_loader)
+        jobs = jobs_of(parser, self.params, self.variants, arguments)
         composer = Composer(self._context.config_loader, self._config)
         plans = [_planned(composer, job) for job in jobs]
-        if any(one.key_or_group == "dry_run" and one.value() is True for one in overrides):
+        if any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(report.dry_run(listed(plans))))
         else:
             self._run(_accepted(plans), arguments, _factors(jobs))
-
-    def _parsed(self, arguments: list[str]) -> list[Override]:
-        loader = self._context.config_loader
-        given = [f"{key}={value}" for key, value in self.params.items()]
-        return OverridesParser.create(config_loader=loader).parse_overrides([*given, *arguments])
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         from runner.database import Logbook

@@ -21,7 +21,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """The exit code of one command line; None stands for the arguments of this process."""
     from typer.main import get_command
 
-    from . import asking, keeping  # noqa: F401 - they add their commands
+    from . import asking, keeping, publishing  # noqa: F401 - they add their commands
     from .app import app
 
     try:

@@ -220,7 +220,10 @@ def html_cell(cell: Cell, tag: str) -> str:
     text = _html_text(cell.text)
     scope = ' scope="row"' if tag == "th" else ""
     value = "" if cell.sort is None else f' data-value="{cell.sort!r}"'
-    return f"<{tag}{scope}{value}>{f'<strong>{text}</strong>' if cell.bold else text}</{tag}>"
+    prose = " class=text" if cell.prose else ""
+    return (
+        f"<{tag}{scope}{prose}{value}>{f'<strong>{text}</strong>' if cell.bold else text}</{tag}>"
+    )
 
 
 def _html_text(text: str) -> str:

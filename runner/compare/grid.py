@@ -12,11 +12,12 @@ _SUPERSCRIPTS = {"^2": "²", "^3": "³", "^-1": "⁻¹", "^-2": "⁻²"}
 
 @dataclass(frozen=True)
 class Cell:
-    """Text of a cell; `sort` is what a sortable table orders it by."""
+    """Text of a cell; `sort` is what a sortable table orders it by; prose may be wrapped."""
 
     text: str
     bold: bool = False
     sort: float | None = None
+    prose: bool = False
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,8 @@ def repeat_command(
         kept = [one for one in kept if not one.startswith(PLACES)]
         kept += _location(database)
     kept = [one for one in kept if not one.startswith("rerun=")]
+    if any(one.startswith("experiment=") for one in kept):
+        kept.append("hydra.mode=RUN")  # an experiment may hold a sweep
     return [*program, *kept, *(["rerun=true"] if rerun else [])]
 
 

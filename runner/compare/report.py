@@ -1,12 +1,9 @@
 """One self-contained page about a set of runs: tables, figures, failures, provenance."""
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +11,6 @@ from markupsafe import Markup
 
 from models.errors import ConfigurationError, LogbookError
 from runner.database.records import RunDetail, SweepSummary
-from runner.database.tables import Reuse
 from runner.database.tables import Run as RunTable
 
 from .conditions import Condition
@@ -23,6 +19,7 @@ from .grid import Grid, grid_of, one_line
 from .listing import RUN_COLUMNS, plain
 from .names import CHOICES
 from .observations import Run, ordered
+from .page import Picture, picture, render_page, write_page
 from .pivot import DOF_ORDER
 from .results import Results
 from .selection import TableRequest
@@ -58,10 +55,7 @@ FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
 )
 PER_DOF = ("bars", "orders")  # one narrow figure each, for narrow screens
 PER_COLUMN = ("coefficients",)  # one figure a level of the columns, or it is crowded
-WIDE = 7.0  # from this width on a figure has the row to itself [inch]
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
-CSS_PX_PER_POINT = 4.0 / 3.0
-LEGIBLE = 0.72  # of its natural size a figure may shrink to before it scrolls
 
 
 @dataclass(frozen=True)
@@ -84,48 +78,22 @@ class Section:
     shown: bool
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure as inline SVG; `width` is the narrowest it is legible at [CSS px]."""
-
-    caption: str
-    svg: Markup
-    width: int
-    wide: bool
-
-
 def write_report(results: Results, request: ReportRequest, file: Path) -> None:
     """Writes the page; LogbookError where the file cannot be written."""
-    page = render_report(results, request)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_name(f".{file.name}.tmp")
-        temporary.write_text(page, encoding="utf-8")
-        temporary.replace(file)
-    except OSError as error:
-        raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
+    write_page(render_report(results, request), file)
 
 
 def render_report(results: Results, request: ReportRequest) -> str:
     """The page as text; raises ConfigurationError where no runs match."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     where = _where(results, request)
     condition = results.where(where)
     runs = results.runs(condition)
     sweeps = _sweeps(results, runs)
     pictures, trouble = _pictures(results, request, where, runs)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).with_name("templates")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html").render(
+    return render_page(
+        "report.html",
         title=request.title or _title(sweeps, request),
         database=str(results.reader.address),
-        written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         where=request.where,
         statuses=Counter(run.status for run in runs),
         runs=len(runs),
@@ -145,15 +113,11 @@ def _where(results: Results, request: ReportRequest) -> str | None:
     """The condition with the sweep's runs in it: its own, and those it found done already."""
     if request.sweep is None:
         return request.where
-    import sqlalchemy as sa
-
     known = [sweep.id for sweep in results.reader.sweeps()]
     if request.sweep not in known:
         expected = f"1 to {max(known)}" if known else "none: there are none"
         raise ConfigurationError(f"--sweep: got {request.sweep}, expected one of {expected}")
-    own = sa.select(RunTable.id).where(RunTable.sweep_id == request.sweep)
-    reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == request.sweep)
-    ids = sorted({row[0] for query in (own, reused) for row in results.reader.select(query)})
+    ids = results.of_sweep(request.sweep)
     if not ids:
         raise ConfigurationError(f"--sweep: sweep {request.sweep} has no runs yet")
     within = f"id in ({', '.join(map(str, ids))})"
@@ -244,7 +208,7 @@ def _pictures(
                     continue
                 about = f"{caption}, {variant.dofs[0]}" if _is_dof(variant.dofs) else caption
                 for drawing in drawings:
-                    found.append(_picture(drawing.figure, about, len(found)))
+                    found.append(picture(drawing.figure, about, f"f{len(found)}-"))
     return found, trouble
 
 
@@ -263,25 +227,6 @@ def _several_vessels(runs: Sequence[Run]) -> bool:
 
 def _is_dof(dofs: Sequence[str]) -> bool:
     return len(dofs) == 1 and dofs[0] not in ("position", "heading", "all")
-
-
-def _picture(figure: Any, caption: str, number: int) -> Picture:
-    """A figure as an element of the page; its ids get a prefix, for they must differ in a page."""
-    out = StringIO()
-    figure.savefig(out, format="svg", metadata={"Date": None})
-    svg = out.getvalue()
-    svg = svg[svg.index("<svg") :]
-    prefix = f"f{number}-"
-    svg = re.sub(r'(?<=[ \n]id=")', prefix, svg)
-    svg = re.sub(r'(?<=href="#)', prefix, svg)
-    svg = re.sub(r"(?<=url\(#)", prefix, svg)
-    label = str(Markup.escape(caption))
-    svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
-    width = figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT
-    wide = figure.get_figwidth() > WIDE
-    return Picture(
-        caption, Markup(svg), round(LEGIBLE * width), wide
-    )  # drawn here, and nowhere else
 
 
 def _failures(results: Results, runs: Sequence[Run]) -> list[RunDetail]:

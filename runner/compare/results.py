@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 from models.errors import ConfigurationError
 from runner.database.reading import Reader
-from runner.database.tables import Coefficient, Diagnostic, Metric, Series
+from runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
 from runner.database.tables import Run as RunTable
 from runner.database.views import run_overview
 
@@ -146,6 +146,12 @@ class Results:
         """Configurations of the given runs, with dotted names."""
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
+
+    def of_sweep(self, sweep: int) -> list[int]:
+        """Numbers of a sweep's runs: its own, and those it found done already."""
+        own = sa.select(RUN.c.id).where(RUN.c.sweep_id == sweep)
+        reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
+        return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
     def provenance(self, condition: Condition | None) -> Sequence[sa.Row[Any]]:
         """Rows (git_commit, git_dirty, host, versions, command) of the runs, newest first."""
