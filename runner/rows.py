@@ -37,9 +37,10 @@ def _square(unit: str) -> str:
     return f"({unit})^2" if len(unit) > 1 else f"{unit}^2"
 
 
-def _per_dof(
+def per_dof(
     stage: Stage, model: str, name: str, values: Array, dofs: Iterable[str], units: Iterable[str]
 ) -> list[Metric]:
+    """One metric a degree of freedom."""
     return [
         Metric(stage, model, dof, name, float(value), unit)
         for dof, value, unit in zip(dofs, values, units, strict=True)
@@ -66,15 +67,15 @@ def validation(
         for name, e in residuals.items():
             square = [_square(unit) for unit in units]
             mse = squares[name]
-            found += _per_dof("validation", name, f"force_mse{suffix}", mse, dofs, square)
+            found += per_dof("validation", name, f"force_mse{suffix}", mse, dofs, square)
             mae = measure.mean_absolute(e)
-            found += _per_dof("validation", name, f"force_mae{suffix}", mae, dofs, units)
+            found += per_dof("validation", name, f"force_mae{suffix}", mae, dofs, units)
         if truth is not None:
             variance = np.var(held_out.force(force), axis=0)
             flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
     if truth is not None:
         ones = [""] * len(dofs)
-        found += _per_dof("validation", "identified", "below_true_model", 1.0 * flags, dofs, ones)
+        found += per_dof("validation", "identified", "below_true_model", 1.0 * flags, dofs, ones)
         found += _coefficient_errors(nominal, "nominal", truth)
         found += _coefficient_errors(identified.model, "identified", truth)
     return found
@@ -108,11 +109,11 @@ def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     rates = measure.mean_square(log.nu_d - log.nu)
     accelerations = measure.mean_square(log.nu_dot_d - log.nu_dot)
     squares = [_square(unit) for unit in speeds]
-    found = _per_dof(stage, model, "nu_mse", rates, dofs, squares)
+    found = per_dof(stage, model, "nu_mse", rates, dofs, squares)
     squares = [_square(f"{unit}^2") for unit in speeds]
-    found += _per_dof(stage, model, "nu_dot_mse", accelerations, dofs, squares)
+    found += per_dof(stage, model, "nu_dot_mse", accelerations, dofs, squares)
     for name, tau in (("tau_mean_abs", log.tau), ("tau_fb_mean_abs", log.tau_fb)):
-        found += _per_dof(stage, model, name, measure.mean_absolute(tau), dofs, force_units)
+        found += per_dof(stage, model, name, measure.mean_absolute(tau), dofs, force_units)
     if _allocated(voyage):
         share = float(np.mean(~reached(log.tau, log.applied)))
         found.append(Metric(stage, model, "all", "unreached_share", share, ""))

@@ -25,7 +25,7 @@ from models.recording import Recording, check_cutoff
 from models.simulation import recording_of
 from models.statespace import StateSpace
 from models.vessel import Vessel
-from runner import control_rows, measured, rows
+from runner import control_rows, measured, prediction_rows, rows
 from runner.config import Trial
 from runner.database.records import Diagnostic, Results
 from runner.sailing import Streams, sail_mission, streams
@@ -96,13 +96,16 @@ def run(trial: Trial) -> Results:
     )
     identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
     validation = rows.validation(problem.validation, problem.nominal, identified, excited.truth)
+    predicted, reasons = prediction_rows.metrics(problem, identified, excited.truth)
+    for reason in reasons:
+        log.warning("prediction: %s", reason.label)
     results = Results(
-        metrics=validation,
+        metrics=[*validation, *predicted],
         coefficients=[
             *rows.coefficients(problem.nominal, identified, excited.truth),
             *rows.stage_coefficients(identified),
         ],
-        diagnostics=[*rows.diagnostics(identified), *excitation_report(problem)],
+        diagnostics=[*rows.diagnostics(identified), *reasons, *excitation_report(problem)],
         series=[
             rows.recording_series(excited.recording, excited.training, excited.weather),
             rows.residual_series(excited, problem.nominal, identified),

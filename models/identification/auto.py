@@ -22,8 +22,8 @@ import numpy as np
 
 from models.basis import Array
 from models.errors import ConfigurationError, IdentificationError
-from models.identification.instruments import simulated_motion
 from models.identification.problem import Finding, Identified, Identifier, Problem, check_force
+from models.identification.validation import prediction
 from models.recording import Recording
 from models.splits import blocked_k_fold
 from models.thruster import SecondOrderLag
@@ -91,15 +91,18 @@ class Auto:
                 model = quick.identify(
                     replace(problem, training=part, validation=part), np.random.default_rng(seed)
                 ).model
-                errors[i] = self._free_run(model, training.part(split.test), scale)
+                block = training.part(split.test)
+                errors[i] = self._free_run(model, block, problem.thruster, scale)
             except IdentificationError:
                 continue  # the block is lost
         return errors
 
-    def _free_run(self, model: Vessel, block: Recording, scale: Array) -> float:
-        simulated, first = simulated_motion(block, model, self.force, self.horizon_s)
-        difference = (simulated.nu - block.nu)[~first]
-        return float(np.mean(np.sqrt(np.mean(np.square(difference), axis=0)) / scale))
+    def _free_run(
+        self, model: Vessel, block: Recording, thruster: SecondOrderLag | None, scale: Array
+    ) -> float:
+        horizon = max(round(self.horizon_s / block.period_s), 2)
+        rmse, limited = prediction(model, block, thruster, self.force, horizon).ahead(None)
+        return LOST if limited else float(np.mean(rmse[len(scale) :] / scale))
 
 
 def without_bootstrap(candidate: Any) -> Any:

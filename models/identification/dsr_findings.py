@@ -13,11 +13,10 @@ from models.identification.physical_form import PhysicalForm
 from models.identification.problem import Finding
 from models.identification.sampled import Sampled
 from models.identification.subspace import Realisation
+from models.identification.validation import HIDES_BIAS, TEN
 from models.statespace import StateSpace
 from models.vessel import FORCE_UNIT
 
-AHEAD = 10  # steps of the longer prediction
-HIDES_BIAS = "hides bias: judge by fit_free_run"
 MATRICES = ("A", "B", "C", "D", "K", "F")
 
 
@@ -87,7 +86,7 @@ def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) ->
     for y, u in zip(*parts, strict=True):
         start = model.initial_state(y, u)
         predicted["one_step"].append(model.predict(y, u, 1, start))
-        predicted["ten_step"].append(model.predict(y, u, AHEAD, start))
+        predicted["ten_step"].append(model.predict(y, u, TEN, start))
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may run away
             free = model.initial_state(y, u, free_run=True)
             predicted["free_run"].append(model.simulate(u, free))

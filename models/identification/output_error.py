@@ -30,11 +30,14 @@ Errors = Literal["white", "stationary", "hac"]
 
 
 def check_determined(predictor: Predictor, found: Fit) -> float:
-    """Condition number of the scaled Jacobian.
+    """Condition number of the scaled Jacobian, every state over its spread.
 
-    Raises IdentificationError, naming the parameters, when the predictions do not determine them.
+    What is determined does not depend on the noise: a state that is known nearly without noise
+    must not make the others look unmoved. Raises IdentificationError, naming the parameters, when
+    the predictions do not determine them.
     """
-    jacobian = found.jacobian
+    rows = np.tile(found.sigma / predictor.spread, len(found.rest))
+    jacobian = found.jacobian * rows[:, None]
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 TABLES = (
     ("force_mse", "Force residual on the held-out part", True),
     ("force_mse_filtered", "Force residual, thruster lag taken into account", False),
+    ("velocity_rmse_free_run", "Velocity error of a free run over the held-out part", True),
+    ("velocity_rmse_one_step", "Velocity error one step ahead, which hides bias", False),
     ("coefficient_error", "Largest relative error of a coefficient", False),
     ("e_pos_mae", "Position error when deployed", True),
     ("e_psi_mae", "Heading error when deployed", True),

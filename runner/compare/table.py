@@ -21,6 +21,11 @@ FLAG_NOTE = (
     f"{MARK} below_true_model: a force error below the true plant's own fits lag or feedback,"
     " not the vessel; such a figure is never set in bold"
 )
+ONE_STEP = "_one_step"
+ONE_STEP_NOTE = (
+    "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
+    " free_run"
+)
 TEST_NOTE = (
     "× is the ratio of means to {}; p is that of the two-sided Wilcoxon signed-rank test over"
     " paired seeds (not corrected for several comparisons); won is the number of pairs it is"
@@ -148,6 +153,9 @@ class _Writer:
         notes = []
         if any(cell.flagged for cell in self.table.cells.values()):
             notes.append(FLAG_NOTE)
+        shown = [one.name for cell in self.table.cells.values() for one in cell.observed]
+        if any(name.endswith(ONE_STEP) for name in shown):
+            notes.append(ONE_STEP_NOTE)
         if self.tests and self.request.baseline is not None:
             notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
         unfinished = Counter(run.status for run in self.found.runs if run.status != "finished")

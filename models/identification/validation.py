@@ -1,0 +1,103 @@
+"""How well a model predicts a recording: one step, ten steps and a free run ahead.
+
+Every prediction begins at a measured state and is driven by the recorded force. One step ahead is
+nearly right for a biased model too, since the measured state corrects it at every sample; ten
+steps and a free run, from the first sample to the last, show the bias. All three are of the part
+that was held out, so no identifier is judged by what it was fitted to.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models.basis import Array
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.prediction import Course, course_of, predict
+from models.identification.structure import Flags, Layout, layout
+from models.recording import Recording
+from models.thruster import SecondOrderLag
+from models.vessel import Vessel
+
+TEN = 10
+AHEAD: dict[str, int | None] = {"one_step": 1, "ten_step": TEN, "free_run": None}
+HIDES_BIAS = "one step ahead hides bias: judge by free_run"
+RUNAWAY = 20.0  # a rate this many times the largest measured velocity has run away
+LEAST_LIMIT = 10.0  # of the rates, as in Hoyer (2021), section 6.4
+
+
+class Ahead(NamedTuple):
+    """Errors of the predictions of a given number of steps."""
+
+    rmse: Array  # (2 n_dof,) pose, then velocity
+    limited: float  # share of the rates that had to be limited: above 0 the model runs away
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A model that predicts a recording."""
+
+    plan: Layout
+    entries: Array
+    inverse: Array
+    course: Course
+
+    def states(self, restart: Flags | None = None) -> tuple[Array, float]:
+        """Pose and velocity (N, 2 n_dof), and the number of rates that had to be limited.
+
+        Predictions begin where `restart` (N,) is true, by default as the course says.
+        """
+        course = self.course if restart is None else self.course._replace(restart=restart)
+        states = np.empty_like(course.measured)
+        count = predict(self.plan.structure, self.entries, self.inverse, course, states)
+        return states, count
+
+    def ahead(self, steps: int | None) -> Ahead:
+        """Errors `steps` after every measured state, or (None) of the course as it is."""
+        begins, measured = self.course.restart, self.course.measured
+        if steps is None:
+            states, limited = self.states()
+            rest = (states - measured)[~begins]
+            return _ahead(rest, limited / (4.0 * measured.size))
+        index = np.arange(len(begins))
+        since = index - np.maximum.accumulate(np.where(begins, index, 0))
+        rests, limited = [], 0.0
+        for first in range(steps + 1):  # the samples that are `steps` after such a restart
+            states, count = self.states(begins | ((since - first) % (steps + 1) == 0))
+            reached = (since >= first + steps) & ((since - first) % (steps + 1) == steps)
+            rests.append((states - measured)[reached])
+            limited += count
+        return _ahead(np.vstack(rests), limited / (4.0 * measured.size * (steps + 1)))
+
+
+def _ahead(rest: Array, limited: float) -> Ahead:
+    if not len(rest):
+        return Ahead(np.full(rest.shape[1], np.nan), limited)
+    return Ahead(np.sqrt(np.mean(np.square(rest), axis=0)), limited)
+
+
+def prediction(
+    model: Vessel,
+    recording: Recording,
+    thruster: SecondOrderLag | None,
+    force: str | None = None,
+    horizon: int | None = None,
+) -> Prediction:
+    """A model ready to predict a recording by RK4, anew every `horizon` samples.
+
+    Raises IdentificationError where it cannot predict: its inertia is not positive definite, or
+    a term needs what is not predicted, such as the heading in surge alone.
+    """
+    limit = max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
+    course = course_of(recording, thruster, force, horizon, limit)
+    try:
+        plan = layout(model.terms, model.dofs, model.theta != 0.0, "rk4")
+    except ConfigurationError as error:
+        raise IdentificationError(str(error)) from error
+    inverse, realistic = plan.inverse_inertia(model.theta[None])
+    if not realistic[0]:
+        raise IdentificationError("its inertia is not positive definite")
+    entries = plan.entries(model.theta[None])[:, 0]
+    return Prediction(
+        plan, np.ascontiguousarray(entries), np.ascontiguousarray(inverse[..., 0]), course
+    )

@@ -1,0 +1,79 @@
+"""Predictions of the held-out part: exact for the truth; one step hides what a free run shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.basis import terms
+from models.errors import IdentificationError
+from models.identification.validation import AHEAD, prediction
+from models.vessel import Vessel
+
+
+def errors(model, recording, thruster=None):
+    ready = prediction(model, recording, thruster)
+    return {name: ready.ahead(steps) for name, steps in AHEAD.items()}
+
+
+@pytest.mark.parametrize("disturbance", ["calm", "constant"])
+def test_the_truth_predicts_the_ferry(lap, disturbance):
+    """By steps of 0.1 s where the plant took 0.025 s; in six minutes ahead that error grows."""
+    one = lap(disturbance, 0)
+    held_out = one.problem.validation
+    true = errors(one.truth, held_out, one.thruster)
+    believed = errors(one.problem.nominal, held_out, one.thruster)
+    for name in AHEAD:
+        assert true[name].limited == 0.0
+        assert np.all(true[name].rmse < 0.05 * believed[name].rmse), name
+    assert np.max(true["ten_step"].rmse) < 1e-3
+
+
+def test_ten_steps_are_ten_steps(make, signal):
+    """By hand, from every measured state: Euler there, RK4 here, so with small steps of force."""
+    truth, believed = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
+    recording = make.driven(truth, signal("many_sine"), integrator="rk4")
+    decay = np.exp(-30.0 / 100.0 * 0.1)  # the exact solution of a linear model over a sample
+    reached, rest = 10, []
+    for k in range(len(recording) - reached):
+        u = recording.nu[k, 0]
+        for i in range(k, k + reached):
+            u = decay * u + (1.0 - decay) * recording.tau[i, 0] / 30.0
+        rest.append(u - recording.nu[k + reached, 0])
+    expected = np.sqrt(np.mean(np.square(rest)))
+    assert errors(believed, recording)["ten_step"].rmse[1] == pytest.approx(expected, rel=1e-6)
+    assert errors(truth, recording)["ten_step"].rmse[1] < 1e-12
+
+
+def test_predictions_do_not_cross_a_gap(make, signal):
+    truth = make.surge(60.0, 20.0)
+    recording = make.driven(truth, signal("many_sine"), integrator="rk4")
+    parted = recording.part(np.delete(np.arange(1000), slice(300, 500)))
+    for found in errors(truth, parted).values():
+        assert np.max(found.rmse) < 1e-12
+
+
+def test_one_step_hides_a_bias_that_a_free_run_shows(make, signal):
+    """Under measurement noise the right model and one a fifth too heavy look alike one step on."""
+    truth, wrong = make.surge(60.0, 20.0), make.surge(72.0, 24.0)
+    recording = make.driven(truth, signal("many_sine"), integrator="rk4", noise=0.02)
+    right, biased = errors(truth, recording), errors(wrong, recording)
+    assert biased["one_step"].rmse[1] == pytest.approx(right["one_step"].rmse[1], rel=0.05)
+    assert biased["free_run"].rmse[1] > 2.0 * right["free_run"].rmse[1]
+
+
+def test_a_model_that_runs_away_has_figures_and_says_so(make, signal):
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"))
+    found = errors(make.surge(60.0, 20.0, "|u|u", -40.0), recording)["free_run"]
+    assert np.all(np.isfinite(found.rmse))
+    assert found.limited > 0.5
+
+
+def test_what_cannot_predict_says_why(make, signal):
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"))
+    turned = Vessel("t", ("surge",), terms(["u_dot", "cos(psi)"]), np.ones((2, 1)))
+    with pytest.raises(IdentificationError, match=r"cos\(psi\) cannot be predicted in surge"):
+        prediction(turned, recording, None)
+    heavy = make.surge(60.0, 20.0)
+    with pytest.raises(IdentificationError, match="inertia is not positive definite"):
+        prediction(replace(heavy, theta=-heavy.theta), recording, None)
