@@ -1,7 +1,5 @@
 """NSGA-II on arrays against pymoo's own class, and its parts by hand."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -129,15 +127,3 @@ def test_mutation_changes_one_variable_on_average():
     units = np.full((3000, 3), 0.5)
     changed = mutated(units, OPERATORS, rng) != units
     assert np.mean(changed.sum(axis=1)) == pytest.approx(1.0, abs=0.06)
-
-
-@pytest.mark.slow
-def test_time_beside_pymoos_own_class(capsys):
-    taken = []
-    for search in (ours, theirs):
-        begun = time.process_time()
-        search(0, 1000, 60)
-        taken.append(time.process_time() - begun)
-    with capsys.disabled():
-        print(f"\n60 generations of 1,000: {taken[0]:.2f} s, pymoo's class {taken[1]:.2f} s")
-    assert taken[0] < taken[1]

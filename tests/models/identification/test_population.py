@@ -1,6 +1,4 @@
-"""Many candidates in one call against one at a time; unrealistic ones; the time it takes."""
-
-import time
+"""Many candidates in one call against one at a time; and unrealistic ones."""
 
 import numpy as np
 import pytest
@@ -126,21 +124,3 @@ def test_grouped_objectives_are_means_over_the_spread(make):
     errors = one.errors(points, "mae")[0] / np.std(one.course.measured, axis=0)
     expected = np.column_stack([errors[:, :6].mean(axis=1), errors[:, 6:].mean(axis=1)])
     np.testing.assert_allclose(Objectives(one, "mae", grouped=True)(points), expected)
-
-
-@pytest.mark.slow
-def test_time_of_a_population(make, capsys):
-    """3,000 steps of linear surge, 10,000 candidates; printed, not asserted but for order."""
-    tau = np.where(np.arange(3000) % 400 < 200, 30.0, 0.0)
-    one = predictor(make.surge(60.0, 20.0), make.forced(tau, ("surge",)), "euler")
-    points = np.random.default_rng(0).uniform([10.0, 1.0], [120.0, 40.0], (10_000, 2))
-    tables = one.free.tables(points)
-    one.errors(points[:1], "mae")
-    taken = []
-    for _ in range(5):
-        begun = time.process_time()
-        one.errors(points, "mae")
-        taken.append(time.process_time() - begun)
-    with capsys.disabled():
-        print(f"\n{1e6 * min(taken) / len(tables):.2f} us a prediction of 3,000 steps")
-    assert min(taken) / len(tables) < 1e-3
