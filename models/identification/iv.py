@@ -29,7 +29,13 @@ from models.identification.design import CONSTANT, NED_COLUMNS, ResidualOptions,
 from models.identification.instruments import simulated_motion
 from models.identification.lag import thruster_of
 from models.identification.problem import Finding, Identified, Problem
-from models.identification.uncertainty import ErrorKind, hac_variance, stationary_variance
+from models.identification.uncertainty import (
+    ErrorKind,
+    block_bootstrap,
+    check_bootstrap,
+    hac_variance,
+    stationary_variance,
+)
 from models.thruster import SecondOrderLag
 from models.vessel import PLANAR, Vessel
 
@@ -136,6 +142,8 @@ class InstrumentalVariables(ResidualOptions):
     vessel moves in surge, sway and yaw), `wind_measurement` the terms `wind_terms` of the measured
     wind. The first instruments are from the nominal model, and `iterations` times again from the
     model that was found. `restart_s` begins the simulation anew from the measured state.
+    `bootstrap` is the number of block-bootstrap replicates for standard errors; null takes
+    `errors`. The instruments are the same in all of them.
     """
 
     instruments: Literal["none", "simulated"]
@@ -145,9 +153,12 @@ class InstrumentalVariables(ResidualOptions):
     wind_measurement: bool
     wind_terms: tuple[str, ...]
     errors: ErrorKind
+    bootstrap: int | None
+    block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_bootstrap(self.bootstrap, self.block_s)
         if self.iterations < 0:
             raise ConfigurationError(f"iterations must not be negative, got {self.iterations}")
         if self.restart_s is not None and not self.restart_s > 0.0:
@@ -195,8 +206,16 @@ class InstrumentalVariables(ResidualOptions):
         found = self.estimate(problem)
         residual = found.residual(problem.nominal.dofs)
         _refuse_nonsense(problem.nominal + residual)
-        errors = found.table(_errors(found.solution, self.errors), np.nan)
+        errors = found.table(self._errors(found, rng), np.nan)
         return Identified(problem.nominal + residual, residual, errors, found.findings)
+
+    def _errors(self, found: Estimate, rng: np.random.Generator) -> Array:
+        """Standard errors of what was kept, shape (n_kept, n_dof)."""
+        if self.bootstrap is None:
+            return _standard_errors(found.solution, self.errors)
+        length = round(self.block_s / found.samples.period_s)
+        gains, rest = found.solution.gains, found.solution.rest
+        return block_bootstrap(lambda drawn: gains.T @ drawn, rest, length, self.bootstrap, rng)
 
     def estimate(self, problem: Problem) -> Estimate:
         """The estimate without standard errors."""
@@ -312,7 +331,7 @@ def _fit_findings(found: Estimate, dofs: tuple[str, ...]) -> tuple[Finding, ...]
     return (*condition, *dropped)
 
 
-def _errors(solution: Solution, kind: ErrorKind) -> Array:
+def _standard_errors(solution: Solution, kind: ErrorKind) -> Array:
     """Standard errors (n_terms, n_dof) for residuals that are autocorrelated."""
     n, n_terms = solution.gains.shape
     rest = solution.rest * np.sqrt(n / max(n - n_terms, 1))

@@ -13,6 +13,7 @@ import numpy as np
 
 from models.errors import ConfigurationError
 from models.identification.decision import Decision, choose
+from models.identification.fit_errors import Errors, Uncertainty
 from models.identification.free_parameters import NED
 from models.identification.genetic import Operators
 from models.identification.objectives import Objectives
@@ -21,7 +22,6 @@ from models.identification.output_error import (
     check_horizons,
     fit_findings,
     fit_through,
-    standard_errors,
 )
 from models.identification.predictor import PredictionOptions, Predictor
 from models.identification.problem import Finding, Identified, Problem
@@ -43,6 +43,7 @@ class Nsga2(PredictionOptions):
     `objective_floor` times the spread of the measured states. `mutation_probability` of each
     parameter is by default 1/m. `decision` chooses the point, with `weights` of the objectives for
     pseudo_weights; `polish: least_squares` goes on from it, through `polish_horizons` (samples).
+    `errors`, `bootstrap` and `block_s` are about the standard errors of a polished point.
     """
 
     objective: Literal["mae", "mse", "smape", "mean_error"]
@@ -63,6 +64,9 @@ class Nsga2(PredictionOptions):
     weights: tuple[float, ...] | None
     polish: Literal["least_squares"] | None
     polish_horizons: tuple[int, ...]
+    errors: Errors
+    bootstrap: int | None
+    block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,6 +85,8 @@ class Nsga2(PredictionOptions):
             if value is not None and not 0.0 <= value <= 1.0:
                 raise ConfigurationError(f"{name} must lie in [0, 1], got {value}")
         check_horizons(self.polish_horizons)
+        if self.uncertainty.bootstrap is not None and self.polish is None:
+            raise ConfigurationError("bootstrap needs polish=least_squares: a front has no errors")
         if not self.objective_floor >= 0.0:
             raise ConfigurationError(
                 f"objective_floor must not be negative, got {self.objective_floor}"
@@ -131,12 +137,18 @@ class Nsga2(PredictionOptions):
                 self, problem, point, box, self.polish_horizons, None, "estimated"
             )
             condition = check_determined(predictor, polished)
-            errors = standard_errors(predictor.free, polished, "stationary")
-            findings.append(Finding("condition_number", "all", condition))
+            step_s, free = predictor.course.step_s, predictor.free
+            errors, covariance = self.uncertainty.of(free, polished, step_s, rng)
+            findings += [Finding("condition_number", "all", condition), *covariance]
             findings += fit_findings(predictor, polished)
             point = polished.point
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How the standard errors of a polished point are found."""
+        return Uncertainty(self.errors, self.bootstrap, self.block_s)
 
     def _space(self, predictor: Predictor) -> Space:
         """Bounds of the search; those of the constant force are the largest force recorded."""

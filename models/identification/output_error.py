@@ -10,23 +10,19 @@ each beginning where the last one ended.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from models.basis import Array
 from models.errors import ConfigurationError, IdentificationError
-from models.identification.free_parameters import FreeParameters
+from models.identification.fit_errors import Errors, Uncertainty
 from models.identification.misfit import Fit, InitialState, fit
 from models.identification.predictor import PredictionOptions, Predictor
 from models.identification.problem import Finding, Identified, Problem
-from models.identification.uncertainty import hac_variance, stationary_variance
 from models.thruster import SecondOrderLag
 from models.vessel import Vessel
 
 SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell from zero
-
-Errors = Literal["white", "stationary", "hac"]
 
 
 def check_determined(predictor: Predictor, found: Fit) -> float:
@@ -57,31 +53,6 @@ def check_determined(predictor: Predictor, found: Fit) -> float:
     return float(s[0] / s[-1])
 
 
-def standard_errors(free: FreeParameters, found: Fit, errors: Errors) -> Array:
-    """Standard errors of the residual table's entries, NaN where nothing is free.
-
-    theta_hat - theta = sum_k G_k e_k with G = (J'J)^-1 J'; `white` takes the noise of each state
-    as white, `stationary` and `hac` take its autocorrelation from what the fit leaves.
-    """
-    gain = np.linalg.pinv(found.jacobian)
-    moved = np.any(free.directions != 0.0, axis=1)
-    gain = (free.directions[moved] @ gain).reshape(-1, *found.rest.shape)  # (entries, N, states)
-    states = found.rest.shape[1]
-    variance = np.zeros(len(gain))
-    excess = found.rest.size / max(found.rest.size - len(found.point) - found.start.size, 1)
-    for j in range(states):
-        rest = found.rest[:, j]
-        if errors == "stationary":
-            variance += stationary_variance(np.asarray(gain[:, :, j].T), rest)
-        elif errors == "white":
-            variance += np.sum(gain[:, :, j] ** 2, axis=1) * np.mean(rest**2)
-    if errors == "hac":
-        variance = hac_variance(np.einsum("eks,ks->ke", gain, found.rest))
-    table = np.full(len(moved), np.nan)
-    table[moved] = np.sqrt(np.maximum(variance, 0.0) * excess)
-    return table.reshape(free.shape)
-
-
 @dataclass(frozen=True)
 class OutputError(PredictionOptions):
     """Least squares on the free-run prediction, from the nominal parameters.
@@ -89,17 +60,21 @@ class OutputError(PredictionOptions):
     `horizons` (samples) are gone through before `horizon`. `sigma` are the standard deviations
     of the measured poses and velocities (null: from what the fit leaves). `initial_state:
     estimated` makes the states that the last horizon begins with unknowns too. `errors` are
-    standard errors for noise that is `white`, or autocorrelated (`stationary`, `hac`).
+    standard errors for noise that is `white`, or autocorrelated (`stationary`, `hac`), or, where it
+    is given, from so many replicates of a block `bootstrap`.
     """
 
     horizons: tuple[int, ...]
     sigma: tuple[float, ...] | None
     initial_state: InitialState
     errors: Errors
+    bootstrap: int | None
+    block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_horizons(self.horizons)
+        Uncertainty(self.errors, self.bootstrap, self.block_s)
         if self.sigma is not None and not min(self.sigma, default=0.0) > 0.0:
             raise ConfigurationError(f"sigma must be positive or null, got {list(self.sigma)}")
 
@@ -114,12 +89,16 @@ class OutputError(PredictionOptions):
             )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the best parameters, with standard errors; `rng` is not used."""
+        """The residual table of the best parameters, with standard errors and their covariance.
+
+        `rng` serves the bootstrap alone.
+        """
         predictor, found = self.fitted(problem)
         condition = check_determined(predictor, found)
         residual = predictor.free.residual(found.point)
-        errors = standard_errors(predictor.free, found, self.errors)
-        findings = [Finding("condition_number", "all", condition)]
+        uncertainty = Uncertainty(self.errors, self.bootstrap, self.block_s)
+        errors, covariance = uncertainty.of(predictor.free, found, predictor.course.step_s, rng)
+        findings = [Finding("condition_number", "all", condition), *covariance]
         findings += fit_findings(predictor, found)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 

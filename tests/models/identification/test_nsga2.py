@@ -308,6 +308,8 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"objective_floor": -1.0}, "objective_floor must not be negative"),
         ({"weights": [1.0, 0.0]}, "weights must be positive"),
         ({"weights": [1.0]}, "expected 2"),
+        ({"bootstrap": 5}, "bootstrap must be at least 20"),
+        ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=least_squares"),
         ({"bound_factor": None}, "bounds.surge.u_dot is missing"),
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),

@@ -6,9 +6,10 @@ from scipy.optimize import approx_fprime
 
 from models.basis import VELOCITIES, terms
 from models.errors import ConfigurationError, IdentificationError
+from models.identification.fit_errors import Uncertainty
 from models.identification.free_parameters import free_parameters
 from models.identification.misfit import Misfit
-from models.identification.output_error import fit_through, standard_errors
+from models.identification.output_error import fit_through
 from models.identification.prediction import course_of, free_run
 from models.vessel import DOFS, PLANAR, Vessel
 
@@ -265,9 +266,35 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
     )  # fmt: skip
     unit = (predictor.predict(np.ones(1)) - predictor.predict(np.zeros(1))) / 0.02
     expected = 1.0 / np.sqrt(np.sum(unit**2))
-    reported = standard_errors(predictor.free, found, "white")
+    reported, covariance = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
     assert reported[-1, 0] == pytest.approx(expected, rel=0.05)
     assert np.all(np.isnan(reported[:-1]))
+    assert [(one.i, one.j, one.label) for one in covariance] == [(1, 1, "surge.1 surge.1")]
+    assert covariance[0].value == pytest.approx(reported[-1, 0] ** 2)
+    assert covariance[0].unit == "N N"
+
+
+def test_covariance_is_that_of_the_estimates(identifier, make, signal):
+    """Correlations over 40 noisy recordings; the bootstrap's errors are those of the formula."""
+    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
+    option = identifier("least_squares", **EULER)
+    problems = [
+        make.problem(truth, truth, signal("triple_ramp"), noise=0.05, seed=s) for s in range(40)
+    ]
+    found = [option.identify(one, None) for one in problems]
+    observed = np.cov([one.model.theta[truth.theta != 0.0] for one in found], rowvar=False)
+    rows = [one for one in found[0].findings if one.name == "covariance"]
+    reported = np.zeros((3, 3))
+    for one in rows:
+        reported[one.i - 1, one.j - 1] = reported[one.j - 1, one.i - 1] = one.value
+    deviation = np.sqrt(np.diag(reported))
+    np.testing.assert_allclose(deviation, found[0].std_error[truth.theta != 0.0])
+    correlation = reported / np.outer(deviation, deviation)
+    spread = np.sqrt(np.diag(observed))
+    np.testing.assert_allclose(correlation, observed / np.outer(spread, spread), atol=0.25)
+    drawn = identifier("least_squares", bootstrap=200, **EULER)
+    again = drawn.identify(problems[0], np.random.default_rng(0)).std_error[truth.theta != 0.0]
+    assert np.all((again / deviation > 0.7) & (again / deviation < 1.4))
 
 
 def test_what_does_not_move_is_not_determined(identifier, make, vessel):
@@ -306,6 +333,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
         ({"parameters": ["yaw.r"]}, "expected a degree of freedom out of surge"),
         ({"ned_force": True}, "ned_force needs a vessel in surge, sway, yaw"),
         ({"force": "measured"}, "force: got 'measured'"),
+        ({"bootstrap": 5}, "bootstrap must be at least 20"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):
