@@ -130,9 +130,11 @@ class Disturbance:
     waves: Waves | None = None
     process: ProcessNoise | None = None
 
-    def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError for a part that a vessel of these dofs cannot meet."""
-        for part in (self.wind, self.waves, self.process):
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
+        """Raise ConfigurationError for a part that a vessel of these dofs cannot meet so long."""
+        if self.wind is not None:
+            self.wind.check(dofs, duration_s)
+        for part in (self.waves, self.process):
             if part is not None:
                 part.check(dofs)
 

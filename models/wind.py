@@ -123,8 +123,12 @@ class Wind:
                 f"file: got {self.file}, expected a path with variation=file and null otherwise"
             )
 
-    def check(self, dofs: Sequence[str]) -> None:
-        """Wind meets what stands above the water, of known areas, and moves in the plane."""
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
+        """Wind meets what stands above the water, of known areas, and moves in the plane.
+
+        A file has to cover the duration. Raises ConfigurationError, or RecordingError for a file
+        that cannot be read.
+        """
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
                 f"disturbance.wind needs a vessel in {', '.join(PLANAR)}, "
@@ -134,11 +138,13 @@ class Wind:
             raise ConfigurationError(
                 "disturbance.wind.windage: got none, expected the vessel's areas or derivatives"
             )
+        if self.variation == "file":
+            self._recorded(np.array([0.0, duration_s]))
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """Its share of the force that a motion needs."""
-        self.check(dofs)
-        assert self.windage is not None
+        if self.windage is None:
+            raise ConfigurationError("disturbance.wind.windage: got none, expected areas")
         return self.windage.table(dofs)
 
     @property

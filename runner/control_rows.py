@@ -156,6 +156,8 @@ def warnings(sailed: Sailed, model: str) -> list[str]:
         for remark in sailed.remarks
         if remark.name == "spectral_radius" and remark.value >= 1.0
     ]
+    lost = [one.value for one in rows.unreached(sailed.voyage, "deployment", model)]
+    found += [f"{model} model: {rows.UNREACHED.format(share)}" for share in lost if share]
     for i in np.flatnonzero(sailed.infeasible):
         assert sailed.limits is not None
         dof, unit = sailed.voyage.dofs[i], FORCE_UNIT[sailed.voyage.dofs[i]]

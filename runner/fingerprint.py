@@ -19,19 +19,22 @@ def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: st
     The order of keys does not matter, nor whether a whole number is written 1 or 1.0.
     """
     compared = {key: value for key, value in config.items() if key not in NOT_COMPARED}
-    compared["excitation"] = _by_content(compared.get("excitation"))
+    compared["excitation"] = _by_content(compared.get("excitation"), "path")
+    disturbance = compared.get("disturbance")
+    if isinstance(disturbance, Mapping) and "wind" in disturbance:
+        compared["disturbance"] = {**disturbance, "wind": _by_content(disturbance["wind"], "file")}
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
     content = {"config": compared, "names": chosen, "sources": sources}
     return hashlib.sha256(canonical(content).encode()).hexdigest()
 
 
-def _by_content(excitation: Any) -> Any:
+def _by_content(node: Any, key: str) -> Any:
     """A measured file stands for what is in it, not for where it lies."""
-    path = excitation.get("path") if isinstance(excitation, Mapping) else None
+    path = node.get(key) if isinstance(node, Mapping) else None
     if not isinstance(path, str) or not Path(path).is_file():
-        return excitation
+        return node
     stat = Path(path).stat()
-    return {**excitation, "path": _file_digest(path, stat.st_mtime_ns, stat.st_size)}
+    return {**node, key: _file_digest(path, stat.st_mtime_ns, stat.st_size)}
 
 
 @lru_cache(maxsize=16)

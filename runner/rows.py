@@ -26,9 +26,11 @@ from models.vessel import (
 from runner.database.records import Coefficient, Diagnostic, Metric, Series, Stage
 
 if TYPE_CHECKING:
+    from runner.control_rows import Sailed
     from runner.trial import Excited
 
 Mask = NDArray[np.bool_]
+UNREACHED = "unreached_share: the thrusters cannot give {:.1%} of the forces, and give less"
 SPEED_UNIT = {"N": "m/s", "Nm": "rad/s"}
 POSE_UNIT = {"N": "m", "Nm": "rad"}
 
@@ -100,6 +102,15 @@ def _allocated(voyage: Voyage) -> bool:
     return not np.array_equal(voyage.log.applied, voyage.log.tau)
 
 
+def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
+    """Share of the commands that the thrusters could not give, where they share the force."""
+    log = voyage.log
+    if not _allocated(voyage):
+        return []
+    share = float(np.mean(~reached(log.tau, log.applied)))
+    return [Metric(stage, model, "all", "unreached_share", share, "")]
+
+
 def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     """Tracking, force and energy of a sailed mission, against the true pose."""
     log, dofs = voyage.log, voyage.dofs
@@ -114,9 +125,7 @@ def deployment(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     found += per_dof(stage, model, "nu_dot_mse", accelerations, dofs, squares)
     for name, tau in (("tau_mean_abs", log.tau), ("tau_fb_mean_abs", log.tau_fb)):
         found += per_dof(stage, model, name, measure.mean_absolute(tau), dofs, force_units)
-    if _allocated(voyage):
-        share = float(np.mean(~reached(log.tau, log.applied)))
-        found.append(Metric(stage, model, "all", "unreached_share", share, ""))
+    found += unreached(voyage, stage, model)
     error = measure.position_error(log.eta_d, log.eta)
     power = measure.position_power(log.tau, log.nu)
     found += [
@@ -235,6 +244,7 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     force = {dof: FORCE_UNIT[dof] for dof in dofs}
     units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
     units |= {f"{what}_{way}": "m/s" for what in ("wind", "current") for way in ("north", "east")}
+    units |= {"noise_wind_ahead": "m/s", "noise_wind_abeam": "m/s"}
     units |= {name: POSE_UNIT[force[dof]] for name, dof in zip(poses_of(dofs), dofs, strict=True)}
     for dof, speed, acceleration in zip(
         dofs, velocities_of(dofs), accelerations_of(dofs), strict=True
@@ -244,8 +254,11 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
 
     def unit(column: str) -> str:
         return (
-            units.get(column.removesuffix("_d").removeprefix("wave_").removeprefix("process_"))
-            or units.get(column)
+            units.get(column)
+            or units.get(column.removesuffix("_d"))
+            or units.get(column.removeprefix("wave_"))
+            or units.get(column.removeprefix("noise_"))
+            or units.get(column.removeprefix("process_"))
             or force.get(column.rpartition("_")[2], "")
         )
 
@@ -264,8 +277,21 @@ def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
     return {k: v for names, part in parts if len(part) for k, v in _columns(names, part).items()}
 
 
-def recording_series(recording: Recording, training: Mask, weather: Weather | None) -> Series:
-    """The whole recording, as measured, and the weather that was sailed in."""
+def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
+    """The realised measurement noise and the force in NED, where there is some."""
+    waves = weather.wave_motion if len(weather.wave_motion) else 0.0
+    parts = (
+        ([f"noise_{name}" for name in poses_of(dofs)], weather.pose_noise - waves),
+        ([f"noise_{name}" for name in velocities_of(dofs)], weather.velocity_noise),
+        ([f"noise_{name}" for name in accelerations_of(dofs)], weather.acceleration_noise),
+        (["noise_wind_ahead", "noise_wind_abeam"], weather.wind_noise),
+        ([f"force_ned_{dof}" for dof in dofs], weather.force_ned),
+    )
+    return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
+
+
+def recording_series(recording: Recording, training: Mask, sailed: "Sailed | None") -> Series:
+    """The whole recording, as measured, and of a simulation the weather that was sailed in."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}
     columns |= _columns(poses_of(dofs), recording.eta)
@@ -274,9 +300,20 @@ def recording_series(recording: Recording, training: Mask, weather: Weather | No
     columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
     if recording.tau_actual is not None:
         columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
-    if weather is not None:
-        columns |= _weather(weather, dofs)
+    if sailed is not None:
+        columns |= _weather(sailed.voyage.weather, dofs)
+        columns |= _noise(sailed.voyage.weather, dofs)
+        columns |= asked(sailed.voyage)
+        if sailed.wind is not None:
+            columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
     return Series("recording", columns, _units(dofs, columns))
+
+
+def asked(voyage: Voyage) -> dict[str, Array]:
+    """The commands before the thrusters' allocation, where it changes them."""
+    if not _allocated(voyage):
+        return {}
+    return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
 
 
 def residual_series(excited: "Excited", nominal: Vessel, identified: Identified) -> Series:

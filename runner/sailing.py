@@ -121,8 +121,9 @@ def sailed(
 ) -> Sailed:
     """A voyage with what its controller says of itself, as far as it does."""
     controller, period = trial.controller, trial.sample_time_s
+    wind = wind_force(trial.disturbance.aerodynamics(voyage.dofs), voyage)
     if controller is None:  # an open loop
-        return Sailed(voyage, period, None, 0, 0, (), needed)
+        return Sailed(voyage, period, None, 0, 0, (), needed, wind=wind)
     ahead, every, remarks = (
         getattr(controller, name, None) for name in ("preview_rows", "command_rows", "remarks")
     )
@@ -137,7 +138,7 @@ def sailed(
         remarks=() if remarks is None else remarks(model, period),
         needed=needed,
         adapter=adapter,
-        wind=wind_force(trial.disturbance.aerodynamics(voyage.dofs), voyage),
+        wind=wind,
     )
 
 

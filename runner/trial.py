@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
 from models.excitation.mission import (
     Replay,
@@ -27,7 +26,8 @@ from models.statespace import StateSpace
 from models.vessel import Vessel
 from runner import control_rows, measured, prediction_rows, rows
 from runner.config import Trial
-from runner.database.records import Diagnostic, Results
+from runner.control_rows import Sailed
+from runner.database.records import Diagnostic, Metric, Results
 from runner.sailing import Streams, sail_mission, streams
 
 log = logging.getLogger(__name__)
@@ -53,7 +53,7 @@ class Excited:
     training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
     testing: NDArray[np.bool_]
     truth: Vessel | None  # the plant's table with the disturbance's share
-    weather: Weather | None  # what the recording was sailed in
+    sailed: Sailed | None = None  # the voyage that was recorded, where it was a simulation
 
 
 def check(trial: Trial) -> None:
@@ -72,7 +72,7 @@ def check(trial: Trial) -> None:
     if from_file:  # a damaged file is a wrong option, not a failed trial
         period = trial.excitation.read(dofs).period_s
     else:
-        trial.disturbance.check(dofs)
+        trial.disturbance.check(dofs, longest_s(trial))
         check_limits(trial.excitation, trial.vessel.limits_by_dof, trial.sample_time_s)
     check_cutoff(getattr(trial.identifier, "lowpass_hz", None), period)
     if trial.evaluation is not None and not from_file:
@@ -82,6 +82,13 @@ def check(trial: Trial) -> None:
     refuse = getattr(trial.identifier, "check", None)
     if refuse is not None:
         refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
+
+
+def longest_s(trial: Trial) -> float:
+    """Time [s] of the last instant that is sailed, in the excitation or the evaluation."""
+    missions = (trial.excitation, trial.evaluation)
+    lengths = [one.duration_s for one in missions if hasattr(one, "duration_s")]
+    return max(lengths) - trial.sample_time_s if lengths else 0.0
 
 
 def run(trial: Trial) -> Results:
@@ -100,14 +107,18 @@ def run(trial: Trial) -> Results:
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
     results = Results(
-        metrics=[*validation, *predicted],
+        metrics=[*validation, *predicted, *unreached(excited)],
         coefficients=[
             *rows.coefficients(problem.nominal, identified, excited.truth),
             *rows.stage_coefficients(identified),
         ],
-        diagnostics=[*rows.diagnostics(identified), *reasons, *excitation_report(problem)],
+        diagnostics=[
+            *rows.diagnostics(identified),
+            *reasons,
+            *excitation_report(problem, excited.recording),
+        ],
         series=[
-            rows.recording_series(excited.recording, excited.training, excited.weather),
+            rows.recording_series(excited.recording, excited.training, excited.sailed),
             rows.residual_series(excited, problem.nominal, identified),
         ],
         note=skipped(trial),
@@ -129,12 +140,22 @@ def with_quality(results: Results, file: RecordedFile, recording: Recording) -> 
     )
 
 
-def excitation_report(problem: Problem) -> list[Diagnostic]:
+def excitation_report(problem: Problem, whole: Recording) -> list[Diagnostic]:
     """Whether the training data tell the nominal model's terms apart; a warning where not."""
-    reports = persistence(problem.training, problem.nominal)
+    reports = persistence(problem.training, problem.nominal, whole)
     for warning in filter(None, (one.warning() for one in reports)):
         log.warning("excitation: %s", warning)
     return rows.excitation_report(reports)
+
+
+def unreached(excited: Excited) -> list[Metric]:
+    """How often the thrusters could not give what the excitation asked for; a warning where so."""
+    if excited.sailed is None:
+        return []
+    found = rows.unreached(excited.sailed.voyage, "identification", "plant")
+    for share in (one.value for one in found if one.value):
+        log.warning("excitation: %s", rows.UNREACHED.format(share))
+    return found
 
 
 def skipped(trial: Trial) -> str | None:
@@ -153,16 +174,15 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
     """Sail the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
     if isinstance(trial.excitation, RecordedFile):
-        recording, truth, weather = trial.excitation.read(vessel.dofs), None, None
+        recording, truth, voyage = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
-        voyage = sail_mission(trial, seeds, model, trial.excitation).voyage
-        weather = voyage.weather
-        recording = recording_of(voyage, weather)
+        voyage = sail_mission(trial, seeds, model, trial.excitation)
+        recording = recording_of(voyage.voyage, voyage.voyage.weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
     recording = recording.with_thruster(vessel.thruster)
-    return Excited(recording, split.train, split.test, truth, weather)
+    return Excited(recording, split.train, split.test, truth, voyage)
 
 
 def controlled(trial: Trial, identified: Identified) -> Vessel | StateSpace:

@@ -5,7 +5,9 @@ from pathlib import Path
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from runner.composition import order_of
 from runner.config import GROUPS, Trial, build_trial
+from runner.job import Order
 
 CONF = Path(__file__).parents[1] / "conf"
 
@@ -20,3 +22,18 @@ def composed(*overrides: str) -> Trial:
         resolved = OmegaConf.to_container(config, resolve=True)
     assert isinstance(resolved, dict)
     return build_trial(resolved, {group: choices[group] for group in GROUPS})
+
+
+def ordered(*overrides: str) -> Order:
+    """The order that `python -m runner OVERRIDES` makes; disturbance cases may be added up."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("trial", list(overrides), return_hydra_config=True)
+        OmegaConf.set_struct(config, False)
+        hydra = config.pop("hydra")
+        return order_of(config, hydra, list(overrides))
+
+
+def asked_for(*overrides: str) -> Trial:
+    """The trial of that order."""
+    order = ordered(*overrides)
+    return build_trial(order.config, order.names)

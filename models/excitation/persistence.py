@@ -3,7 +3,8 @@
 For each degree of freedom the regressors are the terms that the model has there, each scaled to
 unit size. Small singular values mean that a combination of them hardly shows in the data: that
 combination cannot be identified, whatever the method. Beside it stand the spectral lines of the
-force, of which a linear regression needs half as many as it has unknowns (Ljung (1999), 13.2).
+force, of which a linear regression needs half as many as it has unknowns (Ljung (1999), 13.2);
+they are those of the whole experiment, as more of them are resolved the longer it is.
 """
 
 from dataclasses import dataclass
@@ -47,16 +48,26 @@ class Persistence:
         if self.unexcited:
             parts.append(f"{', '.join(self.unexcited)} not excited")
         parts += [f"{' and '.join(group)} not told apart" for group in self.inseparable]
-        return f"{self.dof}: {'; '.join(parts)}" if parts else None
+        if not parts:
+            return None
+        few = f", {self.lines} spectral lines" if 2 * self.lines < self.unknowns else ""
+        seen = f"{self.rank} of {self.unknowns} terms told apart{few}"
+        return f"{self.dof}: {seen}: {'; '.join(parts)}"
 
 
-def persistence(recording: Recording, model: Vessel) -> tuple[Persistence, ...]:
-    """The report over a recording, one entry a degree of freedom, for the terms of a model."""
+def persistence(
+    recording: Recording, model: Vessel, whole: Recording | None = None
+) -> tuple[Persistence, ...]:
+    """The report over a recording, one entry a degree of freedom, for the terms of a model.
+
+    `whole` is the experiment that the recording is a part of, where it is one.
+    """
     x = recording.variables()
-    return tuple(_of_dof(recording, model, column, x) for column in range(len(model.dofs)))
+    tau = (whole or recording).tau
+    return tuple(_of_dof(tau[:, i], model, i, x) for i in range(len(model.dofs)))
 
 
-def _of_dof(recording: Recording, model: Vessel, column: int, x: basis.Array) -> Persistence:
+def _of_dof(force: basis.Array, model: Vessel, column: int, x: basis.Array) -> Persistence:
     used = [one for one, row in zip(model.terms, model.theta, strict=True) if row[column] != 0.0]
     phi = basis.evaluate(used, x)
     size = np.linalg.norm(phi, axis=0)
@@ -73,7 +84,7 @@ def _of_dof(recording: Recording, model: Vessel, column: int, x: basis.Array) ->
         inseparable=tuple(dict.fromkeys(groups)),
         condition=float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else np.inf,
         rank=rank,
-        lines=spectral_lines(recording.tau[:, column]),
+        lines=spectral_lines(force),
     )
 
 
@@ -84,7 +95,14 @@ def _members(way: basis.Array, names: list[str]) -> tuple[str, ...]:
 
 
 def spectral_lines(force: basis.Array) -> int:
-    """Number of frequencies in a force (N,), the mean and neighbours of a line left out."""
+    """Number of frequencies in a force (N,), the mean and neighbours of a line left out.
+
+    They are those between its first and its last sample that is not zero.
+    """
+    at = np.flatnonzero(force)
+    if not len(at):
+        return 0
+    force = force[at[0] : at[-1] + 1]
     amplitude = np.abs(np.fft.rfft((force - np.mean(force)) * np.hanning(len(force))))
     if not np.max(amplitude, initial=0.0) > 1e-12 * np.max(np.abs(force), initial=0.0):
         return 0

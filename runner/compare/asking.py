@@ -31,6 +31,8 @@ PlotKind = Literal[
     "pareto",
     "surface",
     "spectrum",
+    "wind",
+    "excitation",
 ]
 
 
@@ -185,7 +187,9 @@ def plot(
 
     bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
     one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
-    identifier found.
+    identifier found; wind: its speed, direction and force in one run; excitation: forces, their
+    spectrum and the limits of one run. What is of one run takes the newest that meets --where,
+    with --facet one for each level (--facet seed).
     """
     from .plots import draw
     from .plots.request import PlotRequest

@@ -54,6 +54,8 @@ FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
     ("track", {}, "Track of the newest deployed run"),
     ("errors", {}, "Tracking error of the newest deployed run"),
     ("residual", {}, "Force residual of the newest run"),
+    ("excitation", {}, "Forces of the newest run and their spectrum"),
+    ("wind", {}, "Wind of the newest run that met some"),
 )
 PER_DOF = ("bars", "orders")  # one narrow figure each, for narrow screens
 PER_COLUMN = ("coefficients",)  # one figure a level of the columns, or it is crowded

@@ -128,13 +128,13 @@ class Results:
                 found[row.run_id].append(row)
         return found
 
-    def series_kinds(self, condition: Condition | None = None) -> dict[int, set[str]]:
-        """The kinds of series that each run has."""
+    def series_columns(self, condition: Condition | None = None) -> dict[int, dict[str, list[str]]]:
+        """The series that each run has, by kind, with the names of their columns."""
         s = Series.__table__.c
-        found: dict[int, set[str]] = {}
-        query = sa.select(s.run_id, s.kind).where(s.run_id.in_(self._ids(condition)))
-        for run_id, kind in map(tuple, self.reader.select(query)):
-            found.setdefault(run_id, set()).add(kind)
+        found: dict[int, dict[str, list[str]]] = {}
+        query = sa.select(s.run_id, s.kind, s.columns).where(s.run_id.in_(self._ids(condition)))
+        for run_id, kind, columns in map(tuple, self.reader.select(query)):
+            found.setdefault(run_id, {})[kind] = list(columns)
         return found
 
     def metric_names(self) -> list[str]:

@@ -1,21 +1,9 @@
 """Disturbance cases that are put together on the command line."""
 
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from runner.complaints import CONF
-from runner.composition import order_of
 from runner.config import build_trial
-from runner.job import Order
-
-
-def ordered(*overrides: str) -> Order:
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("trial", list(overrides), return_hydra_config=True)
-        OmegaConf.set_struct(config, False)
-        hydra = config.pop("hydra")
-        return order_of(config, hydra, list(overrides))
+from tests.trials import asked_for, ordered
 
 
 @pytest.mark.parametrize(
@@ -36,5 +24,5 @@ def test_cases_add_up(choice: str, name: str, parts: set[str]) -> None:
 
 
 def test_a_part_of_a_case_has_its_options() -> None:
-    order = ordered("disturbance=[wind,noise]", "disturbance.wind.beaufort=6", "seed=3")
-    assert build_trial(order.config, order.names).disturbance.wind.mean_speed == 12.6
+    options = ("disturbance=[wind,noise]", "disturbance.wind.beaufort=6", "seed=3")
+    assert asked_for(*options).disturbance.wind.mean_speed == 12.6

@@ -103,3 +103,14 @@ def test_sources_are_names_and_bytes(tmp_path: Path) -> None:
     (tmp_path / "c.py").write_bytes(b"x = ")
     (tmp_path / "control" / "b.py").write_bytes(b"2\n")
     assert len({first, second, third, source_digest(tmp_path)}) == 4
+
+
+def test_a_wind_file_stands_for_what_is_in_it(tmp_path: Path) -> None:
+    def of(name: str) -> str:
+        wind = {"variation": "file", "file": str(tmp_path / name)}
+        return fingerprint({"disturbance": {"wind": wind, "noise": None}}, {}, "")
+
+    for name, speed in (("a", 5), ("b", 5), ("c", 6)):
+        (tmp_path / name).write_text(f"t,speed,direction\n0,{speed},0\n")
+    assert of("a") == of("b") != of("c")
+    assert fingerprint({"disturbance": {"wind": None}}, {}, "") != of("a")

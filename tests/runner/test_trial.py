@@ -1,11 +1,16 @@
 """What a trial refuses before any work, and what it keeps when a deployment runs away."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError
+from models.errors import ConfigurationError, SeatrialError
+from models.kinematics import in_body
+from models.vessel import PLANAR
 from runner import trial as trials
-from tests.trials import composed
+from runner.database.records import Results
+from tests.trials import asked_for, composed
 
 
 @pytest.mark.parametrize(
@@ -56,6 +61,122 @@ def test_the_same_seed_repeats_every_figure() -> None:
     first = figures(*overrides)
     np.testing.assert_array_equal(first, figures(*overrides))  # NaN equals NaN
     assert not np.array_equal(first, figures(*overrides[:2], "seed=8"), equal_nan=True)
+
+
+@pytest.fixture(scope="module")
+def rough() -> Results:
+    """An open loop in every disturbance there is, with thrusters that are too weak for it."""
+    weak = [f"{{kind: azimuth, position_m: [{x}, 0, 0], ahead_n: 60.0}}" for x in (1.8, -1.8)]
+    return trials.run(
+        asked_for(
+            "disturbance=[rough,process,constant]", "excitation=prbs", "identifier=none",
+            "excitation.length_s=60", "vessel.thrusters.method=pseudo_inverse",
+            f"vessel.thrusters.thrusters=[{','.join(weak)}]",
+        )
+    )  # fmt: skip
+
+
+def test_the_realised_disturbances_are_stored(rough: Results) -> None:
+    (series,) = [one for one in rough.series if one.kind == "recording"]
+    columns, units = series.columns, series.units
+    varying = {
+        "wind_north": "m/s", "wind_east": "m/s", "wind_surge": "N", "wind_yaw": "Nm",
+        "current_north": "m/s", "current_east": "m/s", "wave_x": "m", "wave_psi": "rad",
+        "process_u_dot": "m/s^2", "process_r_dot": "rad/s^2", "noise_x": "m", "noise_psi": "rad",
+        "noise_u": "m/s", "noise_r": "rad/s", "noise_u_dot": "m/s^2", "noise_wind_ahead": "m/s",
+    }  # fmt: skip
+    for name, unit in varying.items():
+        assert units[name] == unit
+        assert np.std(columns[name]) > 0.0, name
+    np.testing.assert_array_equal(columns["force_ned_surge"], 200.0)
+    assert units["force_ned_surge"] == "N"
+
+
+def test_what_is_stored_explains_the_motion(rough: Results) -> None:
+    """The plant's table with the stored weather gives the force that acted, to rounding."""
+    trial = composed("disturbance=rough", "excitation=prbs")
+    c = next(one.columns for one in rough.series if one.kind == "recording")
+    pick = {k: np.column_stack([c[n] for n in v]) for k, v in {
+        "nu": "uvr", "pose": ("x", "y", "psi"), "nu_dot": ("u_dot", "v_dot", "r_dot"),
+    }.items()}  # fmt: skip
+    noise = {k: np.column_stack([c[f"noise_{n}"] for n in v]) for k, v in {
+        "nu": "uvr", "nu_dot": ("u_dot", "v_dot", "r_dot"),
+    }.items()}  # fmt: skip
+    psi = c["psi"] - c["noise_psi"] - c["wave_psi"]
+    nu, nu_dot = pick["nu"] - noise["nu"], pick["nu_dot"] - noise["nu_dot"]
+    nu_dot -= np.column_stack([c[f"process_{n}"] for n in ("u_dot", "v_dot", "r_dot")])
+    stream = in_body(np.column_stack([c["current_north"], c["current_east"]]), psi)
+    through, rate = nu.copy(), nu_dot.copy()
+    through[:, :2] -= stream
+    rate[:, 0] -= nu[:, 2] * stream[:, 1]  # a stream turns in body axes
+    rate[:, 1] += nu[:, 2] * stream[:, 0]
+    plant = trial.plant_scale * trial.vessel.nominal()
+    needed = plant.inverse(rate, through)
+    wind = np.column_stack([c[f"wind_{dof}"] for dof in PLANAR])
+    push = in_body(np.column_stack([c["force_ned_surge"], c["force_ned_sway"]]), psi)
+    acting = np.column_stack([c[f"tau_actual_{dof}"] for dof in PLANAR]) + wind
+    acting[:, :2] += push
+    np.testing.assert_allclose(needed, acting, atol=1e-8)
+
+
+def test_forces_that_the_thrusters_cannot_give_are_flagged(
+    rough: Results, caplog: pytest.LogCaptureFixture
+) -> None:
+    (flag,) = [one for one in rough.metrics if one.name == "unreached_share"]
+    assert (flag.stage, flag.model, flag.dof) == ("identification", "plant", "all")
+    assert flag.value is not None
+    columns = next(one.columns for one in rough.series if one.kind == "recording")
+    given, asked = (
+        np.column_stack([columns[f"{name}_{dof}"] for dof in PLANAR])
+        for name in ("tau", "tau_asked")
+    )
+    less = np.max(np.abs(asked - given), axis=1) > 1e-6
+    assert flag.value == np.mean(less) > 0.3
+    scale = np.sum(given * asked, axis=1) / np.sum(asked**2, axis=1)
+    np.testing.assert_allclose(given, scale[:, None] * asked, atol=1e-7)  # direction kept
+    weak = "[{kind: azimuth, position_m: [1.8, 0, 0], ahead_n: 60.0}, " \
+        "{kind: azimuth, position_m: [-1.8, 0, 0], ahead_n: 60.0}]"
+    with caplog.at_level("WARNING"):
+        trials.run(
+            composed(
+                "excitation=prbs", "excitation.length_s=20", "identifier=none",
+                "vessel.thrusters.method=qp", f"vessel.thrusters.thrusters={weak}",
+            )
+        )  # fmt: skip
+    assert "the thrusters cannot give" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "there is no such file"),
+        ("t,speed,direction\n0,5,0\n100,5,0\n", r"expected increasing times .* 0 to 719\.9 s"),
+        ("t,speed\n0,5\n", "no column 'direction'"),
+    ],
+)
+def test_a_wind_file_that_does_not_do_is_refused_before_any_work(
+    tmp_path: Path, text: str | None, message: str
+) -> None:
+    path = tmp_path / "wind.csv"
+    if text is not None:
+        path.write_text(text)
+    options = ("disturbance=wind", "disturbance.wind.variation=file", "identifier=none")
+    trial = composed(*options, f"disturbance.wind.file={path}")
+    with pytest.raises(SeatrialError, match=message):
+        trials.check(trial)
+
+
+def test_a_recorded_wind_is_sailed_in(tmp_path: Path) -> None:
+    path = tmp_path / "wind.csv"
+    path.write_text("t,speed,direction\n0,5,0\n100,8,90\n")
+    trial = composed(
+        "disturbance=wind", "disturbance.wind.variation=file", f"disturbance.wind.file={path}",
+        "excitation=prbs", "excitation.length_s=100", "identifier=none", "evaluation=none",
+    )  # fmt: skip
+    trials.check(trial)
+    columns = next(s.columns for s in trials.run(trial).series if s.kind == "recording")
+    assert columns["wind_north"][0] == pytest.approx(5.0)
+    assert columns["wind_east"][-1] == pytest.approx(8.0, rel=2e-3)
 
 
 def test_competitors_meet_the_same_weather() -> None:

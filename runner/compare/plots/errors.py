@@ -6,9 +6,10 @@ from matplotlib.axes import Axes
 from runner.database.records import Series
 
 from ..grid import number_text
+from ..observations import Run
 from ..results import Results
 from ..statistics import Sample
-from .deployment import degrees, voyages
+from .deployment import Voyages, degrees, voyages
 from .request import PlotRequest, subtitle
 from .style import MODEL_COLOURS, Drawing, footnote, headed, panels
 
@@ -16,8 +17,11 @@ ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run: position and, where the vessel has one, heading."""
-    run, found = voyages(results, request, "errors")
+    """One figure of one run (with --facet, of one a level): position and, if any, heading."""
+    return [_drawing(run, found) for run, found in voyages(results, request, "errors")]
+
+
+def _drawing(run: Run, found: Voyages) -> Drawing:
     shown = [one for one in ERRORS if any(one[0] in v.columns for v in found.values())]
     made, axes = panels(len(shown), 1, 8.0, 2.5, share_x=True)
     for one, (name, label, unit) in zip(axes, shown, strict=True):
@@ -30,7 +34,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     axes[-1].set_xlabel("Time [s]")
     headed(made, axes, f"Tracking error, {subtitle(run)}")
     footnote(made, ["mean absolute error at the right"])
-    return [Drawing(f"errors-run-{run.id}", made)]
+    return Drawing(f"errors-run-{run.id}", made)
 
 
 def _line(axes: Axes, series: Series, name: str, model: str, unit: str, height: float) -> None:

@@ -78,23 +78,35 @@ def with_run(condition: Condition | None, run: int) -> Condition:
     return one if condition is None else Joined("and", (condition, one))
 
 
-def one_run(results: Results, request: PlotRequest, kinds: Sequence[str]) -> tuple[Run, list[str]]:
-    """The run of a figure over time, and which of the series `kinds` it has.
+def each_run(
+    results: Results, request: PlotRequest, kinds: Sequence[str], column: str | None = None
+) -> list[tuple[Run, list[str]]]:
+    """The runs of figures over time, one a figure, and which of the series `kinds` each has.
 
-    It is the run asked for, else the newest finished one that meets --where and has such a series.
+    It is the run asked for, else the newest finished one that meets --where and has such a series
+    (with the given column); with --facet the newest of each level.
     """
     condition = results.where(request.where)
     if request.run is not None:
         condition = with_run(condition, request.run)
-    runs = results.runs(condition, superseded=request.run is not None)
-    stored = results.series_kinds(condition)
+    facet = request.facet
+    if facet is not None:
+        results.names.check(facet, "--rows/--columns/--facet")
+    factors = [] if facet is None else [facet]
+    runs = results.runs(condition, factors, superseded=request.run is not None)
+    stored = results.series_columns(condition)
+    found: dict[str, tuple[Run, list[str]]] = {}
     for run in reversed(runs):
-        have = [kind for kind in kinds if kind in stored.get(run.id, ())]
+        have = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
+        have = {kind: names for kind, names in have.items() if column is None or column in names}
         if have and (request.run is not None or run.status == FINISHED):
-            return run, have
-    which = f"run {request.run}" if request.run is not None else "no finished run"
-    verb = "has no" if request.run is not None else "that matches has a"
-    raise ConfigurationError(f"plot: {which} {verb} series {' or '.join(kinds)}")
+            found.setdefault(run.levels[facet] if facet is not None else "", (run, list(have)))
+    if not found:
+        which = f"run {request.run}" if request.run is not None else "no finished run"
+        verb = "has no" if request.run is not None else "that matches has a"
+        about = f" with {column}" if column else ""
+        raise ConfigurationError(f"plot: {which} {verb} series {' or '.join(kinds)}{about}")
+    return [found[level] for level in ordered(found)]
 
 
 def subtitle(run: Run) -> str:

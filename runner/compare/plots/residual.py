@@ -7,18 +7,22 @@ from models.errors import ConfigurationError
 from runner.database.records import Series
 
 from ..grid import number_text, unit_text, with_unit
+from ..observations import Run
 from ..pivot import DOF_ORDER
 from ..results import Results
 from ..statistics import Sample
-from .request import PlotRequest, one_run, subtitle
+from .request import PlotRequest, each_run, subtitle
 from .style import MODEL_COLOURS, SHADE, Drawing, footnote, headed, panels
 
 MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run, one panel a degree of freedom."""
-    run, _ = one_run(results, request, ["residual"])
+    """One figure of one run (with --facet, of one a level), one panel a degree of freedom."""
+    return [_drawing(results, request, run) for run, _ in each_run(results, request, ["residual"])]
+
+
+def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     series = results.reader.series(run.id, "residual")
     dofs = [dof for dof in DOF_ORDER if f"residual_nominal_{dof}" in series.columns]
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
@@ -33,7 +37,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     notes = ["shaded: training part"] if shaded else []
     held_out = "the part that is not shaded" if shaded else "the whole"
     footnote(made, [*notes, f"root mean square at the right: over {held_out}"])
-    return [Drawing(f"residual-run-{run.id}", made)]
+    return Drawing(f"residual-run-{run.id}", made)
 
 
 def _training(series: Series) -> Sample:

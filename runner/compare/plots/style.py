@@ -20,8 +20,12 @@ from ..grid import with_unit
 # Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-MODEL_COLOURS = {"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"}
+MODEL_COLOURS = {
+    **{"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"},
+    "recording": "#0072B2",  # stands alone, where there is no deployment
+}
 REFERENCE = "#000000"
+WIND = "#56B4E9"
 MUTED = "#595959"
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, with room to spare

@@ -1,4 +1,4 @@
-"""The sailed track in NED: north up, east right, equal axes, with reference and headings."""
+"""The sailed track in NED: north up, east right, equal axes, with reference, headings and wind."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -6,22 +6,33 @@ from matplotlib.patches import Polygon
 
 from runner.database.records import Series
 
-from ..grid import with_unit
+from ..grid import number_text, with_unit
+from ..observations import Run
 from ..results import Results
 from ..statistics import Sample
-from .deployment import voyages
+from .deployment import Voyages, voyages
 from .request import PlotRequest, subtitle
-from .style import MODEL_COLOURS, REFERENCE, Drawing, footnote, headed, panels
+from .style import MODEL_COLOURS, REFERENCE, WIND, Drawing, footnote, headed, panels
+from .wind import EAST, NORTH
 
 MARKS = 24  # hulls along a track
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
+ARROWS = 16  # arrows of the wind along a track, at most
+ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
 HULL_SHARE = 0.045  # its length, of the larger side of the picture
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run, nominal and identified model side by side on the same scale."""
-    run, found = voyages(results, request, "track")
+    """One figure of one run (with --facet, of one a level): the models side by side, same scale.
+
+    Of a run without a deployment it is the track of the recording.
+    """
+    found = voyages(results, request, "track", instead="recording")
+    return [_drawing(run, one) for run, one in found]
+
+
+def _drawing(run: Run, found: Voyages) -> Drawing:
     north, east = _limits(list(found.values()))
     side = 4.6
     height = side * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
@@ -31,8 +42,13 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
         one.set_xlim(*east)
         one.set_ylim(*north)
     headed(made, axes, f"Track, {subtitle(run)}")
-    footnote(made, ["hull outlines, not to scale: position and heading at equal distances sailed"])
-    return [Drawing(f"track-run-{run.id}", made)]
+    notes = ["hull outlines, not to scale: position and heading at equal distances sailed"]
+    if any(NORTH in series.columns for series in found.values()):
+        notes.append(
+            "arrows: where the wind blows to when the hull is at the tip, their length its speed"
+        )
+    footnote(made, notes)
+    return Drawing(f"track-run-{run.id}", made)
 
 
 def _limits(voyages: list[Series]) -> tuple[Sample, Sample]:
@@ -44,7 +60,8 @@ def _limits(voyages: list[Series]) -> tuple[Sample, Sample]:
             [v.columns[name] for v in voyages for name in names if name in v.columns]
         )
         found.append(np.array([np.nanmin(values), np.nanmax(values)]))
-    margin = 0.06 * max(float(np.ptp(limits)) for limits in found) + 1e-9
+    share = 0.06 if all(NORTH not in v.columns for v in voyages) else 0.06 + ARROW_SHARE
+    margin = share * max(float(np.ptp(limits)) for limits in found) + 1e-9
     north, east = (limits + np.array([-margin, margin]) for limits in found)
     return north, east
 
@@ -54,14 +71,45 @@ def _panel(axes: Axes, model: str, series: Series, extent: float) -> None:
     if "x_d" in columns:
         axes.plot(columns["y_d"], columns["x_d"], "--", color=REFERENCE, label="reference")
     axes.plot(columns["y"][0], columns["x"][0], "o", color=REFERENCE, markersize=6, label="start")
-    axes.plot(columns["y"], columns["x"], color=colour, label=f"{model} model")
+    label = "sailed" if model == "recording" else f"{model} model"
+    axes.plot(columns["y"], columns["x"], color=colour, label=label)
     if "psi" in columns:
         for at in _evenly(columns["x"], columns["y"]):
             north, east, psi = (float(columns[name][at]) for name in ("x", "y", "psi"))
             axes.add_patch(_hull(north, east, psi, HULL_SHARE * extent, colour))
+    if NORTH in columns:
+        _arrows(axes, series, extent)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel(with_unit("East", series.units["y"]))
     axes.set_ylabel(with_unit("North", series.units["x"]))
+
+
+def _arrows(axes: Axes, series: Series, extent: float) -> None:
+    """Wind over equal parts of the time, each arrow with its tip at the vessel in the middle."""
+    columns = series.columns
+    parts = np.array_split(np.arange(len(columns["t"])), ARROWS)
+    at = np.array([part[len(part) // 2] for part in parts if len(part)])
+    wind = np.array([[np.mean(columns[w][p]) for w in (EAST, NORTH)] for p in parts if len(p)])
+    places = np.column_stack([columns["y"][at], columns["x"][at]])
+    apart = _apart(places, 0.5 * ARROW_SHARE * extent)
+    strongest = float(np.max(np.hypot(*wind.T)))
+    if strongest <= 0.0:
+        return
+    axes.quiver(
+        *places[apart].T, *wind[apart].T, color=WIND, pivot="tip", angles="xy", units="inches",
+        scale_units="xy", scale=strongest / (ARROW_SHARE * extent + 1e-9), width=0.025, zorder=3,
+    )  # fmt: skip
+    told = f"wind, up to {number_text(strongest, 3)} m/s"
+    axes.plot([], [], color=WIND, marker=">", linewidth=2.0, label=told)
+
+
+def _apart(places: Sample, distance: float) -> list[int]:
+    """Rows of places (n, 2) that lie a distance from all taken before: a vessel that waits."""
+    taken: list[int] = []
+    for i, place in enumerate(places):
+        if all(np.hypot(*(place - places[j])) >= distance for j in taken):
+            taken.append(i)
+    return taken
 
 
 def _evenly(north: Sample, east: Sample) -> list[int]:

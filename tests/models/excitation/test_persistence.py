@@ -57,7 +57,8 @@ def test_what_does_not_move_is_not_excited() -> None:
     assert reports[0].unexcited == ("vr",)
     assert reports[1].unexcited == ("v_dot", "ur", "v")
     assert reports[1].rank == 0
-    assert reports[2].warning() == "yaw: r_dot, uv, r not excited"
+    said = "yaw: 0 of 3 terms told apart, 0 spectral lines: r_dot, uv, r not excited"
+    assert reports[2].warning() == said
 
 
 def test_spectral_lines_are_counted() -> None:
@@ -67,3 +68,17 @@ def test_spectral_lines_are_counted() -> None:
     assert spectral_lines(3.0 + sum(lines)) == 3
     assert spectral_lines(np.full(100, 7.0)) == 0
     assert spectral_lines(np.zeros(100)) == 0
+    burst = np.concatenate([np.zeros(3000), 3.0 + sum(lines), np.zeros(5000)])
+    assert spectral_lines(burst) == 3  # rest before and after it adds none
+
+
+def test_lines_are_those_of_the_whole_experiment() -> None:
+    """23 lines on every third multiple of 1 / 720 s, which half of it does not resolve."""
+    t = 0.1 * np.arange(7200)
+    force = sum(np.sin(2 * np.pi * (4 + 3 * k) * t / 720.0 + k * k) for k in range(23))[:, None]
+    nu = (np.sin(0.1 * t) + 0.5 * np.sin(0.73 * t))[:, None]
+    whole = recording(nu, tau=force)
+    half = whole.part(t < 360.0)
+    (found,) = persistence(half, surge(), whole)
+    assert found.lines == 23
+    assert persistence(half, surge())[0].lines < 23

@@ -13,6 +13,8 @@ import numpy as np
 from runner.database import Logbook
 from runner.database.records import Coefficient, Diagnostic, Metric, Results, RunStart, Series
 
+VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
+
 
 def logbook_at(folder: Path) -> Logbook:
     return Logbook.open(f"sqlite:///{folder}/results.db", results_dir=folder)
@@ -127,15 +129,43 @@ def fill_sailed(logbook: Logbook) -> None:
         for identifier in ("ls", "plsr"):
             finish(
                 logbook,
-                start(identifier, "constant", seed),
+                start(identifier, "constant", seed, config={"vessel": VESSEL}),
                 [force_mse(400.0 + seed, dof) for dof in ("surge", "sway", "yaw")],
                 _coefficients(seed),
-                _orders(seed) if identifier == "plsr" else [],
-                [_residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
+                [*(_orders(seed) if identifier == "plsr" else []), *_excitation()],
+                [_recording(), _residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
             )
     finish(logbook, start("nsga2", "calm"), diagnostics=_pareto())
     finish(logbook, start("surface", "calm"), diagnostics=_surface())
     finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
+
+
+def _excitation() -> list[Diagnostic]:
+    """Of surge one pair of terms cannot be told apart."""
+    numbers = {"regressor_rank": (2.0, 2.0), "regressor_unknowns": (3.0, 2.0)}
+    numbers["spectral_lines"] = (1.0, 1.0)
+    found = [
+        Diagnostic(name, dof, None, None, None, value, "")
+        for name, values in numbers.items()
+        for dof, value in zip(("surge", "yaw"), values, strict=True)
+    ]
+    return [*found, Diagnostic("inseparable_terms", "surge", 0, None, "u |u|u", 2.0, "")]
+
+
+def _recording() -> Series:
+    """A sine of 90 N over 20 s against a limit of 100 N, and a wind of 10 m/s that blows to 350."""
+    t = np.arange(0.0, 200.0, 0.5)
+    columns = {"t": t, "train": (t < 50.0).astype(float)}
+    columns |= {"x": t, "y": np.zeros_like(t), "psi": np.zeros_like(t)}
+    columns |= {"tau_surge": 90.0 * np.sin(2.0 * np.pi * t / 20.0), "tau_sway": np.zeros_like(t)}
+    columns |= {"tau_yaw": 5.0 * np.sin(2.0 * np.pi * t / 10.0)}
+    columns |= {"tau_actual_surge": 0.5 * columns["tau_surge"]}
+    angle = np.radians(np.full_like(t, 350.0) + 20.0 * np.sin(t))
+    columns |= {"wind_north": 10.0 * np.cos(angle), "wind_east": 10.0 * np.sin(angle)}
+    columns |= {"wind_surge": np.full_like(t, 30.0), "wind_yaw": np.full_like(t, -4.0)}
+    units = {name: "Nm" if "yaw" in name else "N" for name in columns}
+    units |= {"t": "s", "train": "", "x": "m", "y": "m", "psi": "rad"}
+    return Series("recording", columns, units | {"wind_north": "m/s", "wind_east": "m/s"})
 
 
 def _coefficients(seed: int) -> list[Coefficient]:
@@ -182,8 +212,11 @@ def _voyage(model: str, error: float) -> Series:
         "y_d": 30.0 - 30.0 * np.cos(psi),
         "e_pos": np.full_like(t, error),
         "e_psi": 0.1 * error * np.cos(psi),
+        "wind_north": np.where(t < 100.0, 0.0, -8.0),
+        "wind_east": np.where(t < 100.0, 4.0, 0.0),
     }
     units = dict.fromkeys(columns, "m") | {"t": "s", "psi": "rad", "e_psi": "rad"}
+    units |= {"wind_north": "m/s", "wind_east": "m/s"}
     return Series(f"deployment_{model}", columns, units)
 
 

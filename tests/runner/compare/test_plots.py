@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.quiver import Quiver
 
 from models.errors import ConfigurationError, LogbookError
 from runner.compare.plots import KINDS, draw
@@ -16,6 +17,9 @@ from runner.compare.plots.request import PlotRequest
 from runner.compare.plots.style import Drawing, drawn
 from runner.compare.results import Results, open_results
 from tests.runner.compare import stored
+
+# what several panels share stands at one of them
+PARTLY_LABELLED = ("coefficients", "residual", "errors", "surface", "wind", "excitation")
 
 
 @pytest.fixture
@@ -58,7 +62,7 @@ def test_all_axes_are_labelled_and_texts_do_not_overlap(voyages: Results, kind: 
         boxes = []
         for axes in figure.axes:
             labels = [axes.xaxis.label, axes.yaxis.label]
-            if kind not in ("coefficients", "residual", "errors", "surface"):
+            if kind not in PARTLY_LABELLED:
                 assert all(label.get_text() for label in labels)
             boxes += [label.get_window_extent() for label in labels if label.get_text()]
         boxes += [legend.get_window_extent() for legend in figure.legends]
@@ -130,6 +134,74 @@ def test_track_is_north_up_with_equal_axes(voyages: Results) -> None:
     bow, stern = hull[0], 0.5 * (hull[2] + hull[3])
     psi = np.arctan2(bow[0] - stern[0], bow[1] - stern[1])
     assert psi == pytest.approx(2.0 * np.pi * 199.5 / 200.0 - 2.0 * np.pi, abs=1e-6)
+
+
+def test_wind_arrows_point_where_it_blows_to_with_their_tips_at_the_vessel(
+    voyages: Results,
+) -> None:
+    axes, _ = axes_of("track", voyages, run=1)
+    (arrows,) = [one for one in axes.collections if isinstance(one, Quiver)]
+    assert arrows.pivot == "tip"
+    eastward, southward = arrows.U > 0.0, arrows.V < 0.0
+    assert np.all(eastward ^ southward)
+    np.testing.assert_allclose(arrows.U[eastward], 4.0)
+    np.testing.assert_allclose(arrows.V[southward], -8.0)
+    radius = np.hypot(arrows.Y / 20.5, (arrows.X - 30.0) / 30.5)
+    np.testing.assert_allclose(radius, 1.0, atol=0.01)  # on the track
+    assert "wind, up to 8.00 m/s" in [line.get_label() for line in axes.lines]
+
+
+def test_an_excitation_without_a_deployment_has_a_track_too(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.finish(logbook, stored.start("none"), series=[stored._recording()])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        (axes,) = axes_of("track", opened)
+    track = next(line for line in axes.lines if line.get_label() == "sailed")
+    assert track.get_ydata()[-1] == 199.5  # due north
+    assert np.ptp(track.get_xdata()) == 0.0
+
+
+def test_wind_has_speed_direction_and_force(voyages: Results) -> None:
+    speed, direction, surge, yaw = axes_of("wind", voyages, run=1)
+    np.testing.assert_allclose(speed.lines[0].get_ydata(), 10.0)
+    blown = direction.lines[0].get_ydata()
+    assert np.mean(blown) == pytest.approx(350.0, abs=1.0)
+    assert np.max(blown) > 360.0  # no jump to 0
+    assert surge.get_ylabel() == "Surge [N]"
+    assert [line.get_label() for line in surge.lines[1:]] == ["force, recording"]
+    np.testing.assert_array_equal(yaw.lines[1].get_ydata(), -4.0)
+    assert yaw.texts[0].get_text() == "-4.00 ± 0 Nm"
+    (_, _, only) = axes_of("wind", voyages, run=1, dofs=("yaw",))
+    assert only.get_ylabel() == "Yaw [Nm]"
+
+
+def test_a_run_without_wind_is_refused(results: Results) -> None:
+    with pytest.raises(ConfigurationError, match="no finished run that matches has a series"):
+        drawings("wind", results)
+
+
+def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Results) -> None:
+    (drawing,) = drawings("excitation", voyages, run=1)
+    surge, spectrum, yaw, _ = drawing.figure.axes
+    assert surge.get_title(loc="left") == "peak 90.0 N, 90% of the limit"
+    limits = [line.get_ydata()[0] for line in surge.lines if line.get_label() == "limit"]
+    assert limits == [-100.0, 100.0]
+    assert not [line for line in yaw.lines if line.get_label() == "limit"]  # far away
+    frequency, size = spectrum.lines[0].get_data()
+    assert frequency[np.argmax(size)] == pytest.approx(1.0 / 20.0)
+    assert np.max(size) == pytest.approx(90.0)
+    assert spectrum.get_title(loc="left") == "spectral lines: 1; 2 of 3 terms told apart"
+    note = drawing.figure._supxlabel.get_text()
+    assert "surge, not told apart: u ~ |u|u" in note
+    assert "no force in sway" in note
+
+
+def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Results) -> None:
+    for kind in ("track", "errors", "residual", "wind", "excitation"):
+        names = [one.name for one in drawings(kind, voyages, facet="seed")]
+        assert names == [f"{kind}-run-2", f"{kind}-run-4"]
+        (one,) = drawings(kind, voyages, facet="identifier", where="seed=0 and identifier=ls")
+        assert one.name == f"{kind}-run-1"
 
 
 def test_errors_are_in_metres_and_degrees(voyages: Results) -> None:

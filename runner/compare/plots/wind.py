@@ -1,0 +1,85 @@
+"""The wind that a run met: its speed, where it blew to, and the force that it had."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from runner.database.records import Series
+
+from ..grid import number_text, unit_text, with_unit
+from ..observations import Run
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import Sample
+from .request import PlotRequest, each_run, subtitle
+from .style import MODEL_COLOURS, WIND, Drawing, footnote, headed, panels
+
+KINDS = ("recording", "deployment_nominal", "deployment_identified")
+NORTH, EAST = "wind_north", "wind_east"
+CALM_M_S = 1e-6  # below it wind has no direction
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure of one run, with --facet of one a level."""
+    made = []
+    for run, kinds in each_run(results, request, KINDS, NORTH):
+        found = {kind: results.reader.series(run.id, kind) for kind in kinds}
+        made.append(_drawing(run, found, request))
+    return made
+
+
+def _drawing(run: Run, found: dict[str, Series], request: PlotRequest) -> Drawing:
+    """Wind of the recording, else of a deployment; forces of both where the vessel was sailed."""
+    first = next(iter(found.values()))
+    dofs = [dof for dof in DOF_ORDER if any(f"wind_{dof}" in s.columns for s in found.values())]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    made, axes = panels(2 + len(dofs), 1, 8.0, 2.1, share_x=True)
+    north, east = first.columns[NORTH], first.columns[EAST]
+    speed = np.hypot(north, east)
+    _line(axes[0], first.columns["t"], speed, WIND, "m/s", None, 0.9)
+    axes[0].set_ylim(bottom=0.0)
+    axes[0].set_ylabel("Wind speed [m/s]")
+    _line(axes[1], first.columns["t"], blown_to(north, east), WIND, "deg", None, 0.9)
+    axes[1].set_ylabel("Blows to [deg]")
+    for one, dof in zip(axes[2:], dofs, strict=True):
+        _forces(one, found, dof)
+    for one in axes:
+        one.margins(x=0)
+    axes[-1].set_xlabel(with_unit("Time", first.units["t"]))
+    headed(made, axes, f"Wind, {subtitle(run)}")
+    footnote(made, ["direction from north over east; means and deviations at the right"])
+    return Drawing(f"wind-run-{run.id}", made)
+
+
+def blown_to(north: Sample, east: Sample) -> Sample:
+    """Direction that the air moves to [deg], without jumps, its mean in [0, 360)."""
+    angle = np.degrees(np.unwrap(np.arctan2(east, north)))
+    angle -= 360.0 * np.floor(np.mean(angle) / 360.0)
+    return np.where(np.hypot(north, east) > CALM_M_S, angle, np.nan)
+
+
+def _forces(axes: Axes, found: dict[str, Series], dof: str) -> None:
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    heights = iter((0.94, 0.5, 0.06))
+    for kind, series in found.items():
+        column = f"wind_{dof}"
+        if column in series.columns:
+            model = kind.removeprefix("deployment_")
+            colour = WIND if model == kind else MODEL_COLOURS[model]
+            label = f"force, {model}" if model == kind else f"force, sailed with {model} model"
+            unit = unit_text(series.units[column])
+            values = series.columns[column], colour, unit, label, next(heights)
+            _line(axes, series.columns["t"], *values)
+            axes.set_ylabel(with_unit(dof.capitalize(), series.units[column]))
+
+
+def _line(
+    axes: Axes, t: Sample, values: Sample, colour: str, unit: str, label: str | None, height: float
+) -> None:
+    axes.plot(t, values, color=colour, linewidth=1.0, label=label)
+    known = values[np.isfinite(values)]
+    if len(known):
+        mean, deviation = (number_text(float(one), 3) for one in (np.mean(known), np.std(known)))
+        axes.text(
+            1.005, height, f"{mean} ± {deviation} {unit}", transform=axes.transAxes, color=colour,
+            fontsize=8.5, va="center",
+        )  # fmt: skip
