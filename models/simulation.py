@@ -341,7 +341,10 @@ def sail(
 
 
 def _loop(
-    steps: Sequence[Callable[..., None]], plant: Plant, watch: Watch | None, n: int,
+    steps: Sequence[Callable[..., None]],
+    plant: Plant,
+    watch: Watch | None,
+    n: int,
     period_s: float,
 ) -> tuple[Callable[..., int], list[int]]:
     """The compiled loop, or the same in Python for a step that is; and where it is interrupted.

@@ -33,6 +33,8 @@ PlotKind = Literal[
     "spectrum",
     "wind",
     "excitation",
+    "response",
+    "controllers",
 ]
 
 
@@ -188,13 +190,15 @@ def plot(
     bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
     one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
     identifier found; wind: its speed, direction and force in one run; excitation: forces, their
-    spectrum and the limits of one run. What is of one run takes the newest that meets --where,
-    with --facet one for each level (--facet seed).
+    spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
+    controllers: those of several runs over one another. What is of one run takes the newest that
+    meets --where, with --facet one for each level (--facet seed).
     """
     from .plots import draw
     from .plots.request import PlotRequest
     from .results import open_results
 
+    rows = rows or ("controller" if kind == "controllers" else None)
     rows, columns = axes_of(rows, columns)
     request = PlotRequest(
         run=run,

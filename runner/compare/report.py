@@ -53,11 +53,13 @@ FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
     ("coefficients", {}, "Identified against true coefficients"),
     ("track", {}, "Track of the newest deployed run"),
     ("errors", {}, "Tracking error of the newest deployed run"),
+    ("response", {}, "Response of the newest deployed run"),
+    ("controllers", {"rows": "controller"}, "Controllers on one mission"),
     ("residual", {}, "Force residual of the newest run"),
     ("excitation", {}, "Forces of the newest run and their spectrum"),
     ("wind", {}, "Wind of the newest run that met some"),
 )
-PER_DOF = ("bars", "orders")  # one narrow figure each, for narrow screens
+PER_DOF = ("bars", "orders", "response", "controllers")  # a narrow figure each, for narrow screens
 PER_COLUMN = ("coefficients",)  # one figure a level of the columns, or it is crowded
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
@@ -199,9 +201,8 @@ def _pictures(
     with drawn():
         for kind, options, caption in FIGURES:
             module = import_module(f"{__package__}.plots.{kind}")
-            wanted = PlotRequest(
-                rows=request.rows, columns=request.columns, where=where, facet=facet, **options
-            )
+            shared = {"rows": request.rows, "columns": request.columns, "facet": facet}
+            wanted = PlotRequest(**(shared | {"where": where} | dict(options)))
             for variant in _variants(kind, wanted):
                 try:
                     drawings = module.drawings(results, variant)

@@ -48,12 +48,18 @@ class Facet:
         return re.sub(r"[^\w.\-]+", "_", whole, flags=re.ASCII).strip("._") or "figure"
 
 
-def facets(results: Results, request: PlotRequest) -> list[Facet]:
-    """The runs of each figure; raises ConfigurationError where none match."""
+def facets(
+    results: Results, request: PlotRequest, rows: Sequence[str] | None = None
+) -> list[Facet]:
+    """The runs of each figure; raises ConfigurationError where none match.
+
+    `rows` are the factors of a kind that takes several.
+    """
     condition = results.where(request.where)
     if request.run is not None:
         condition = with_run(condition, request.run)
-    factors = [request.rows, request.columns, *([request.facet] if request.facet else [])]
+    factors = [*(rows or [request.rows]), request.columns]
+    factors += [request.facet] if request.facet else []
     for factor in factors:
         results.names.check(factor, "--rows/--columns/--facet")
     runs = results.runs(condition, factors)

@@ -215,7 +215,11 @@ def _voyage(model: str, error: float) -> Series:
         "wind_north": np.where(t < 100.0, 0.0, -8.0),
         "wind_east": np.where(t < 100.0, 4.0, 0.0),
     }
+    columns |= {f"{name}_setpoint": columns[f"{name}_d"] for name in ("x", "y")}
+    columns |= {"tau_surge": 50.0 * np.cos(psi), "tau_sway": np.full_like(t, 1e3 * error)}
+    columns |= {"wind_surge": np.full_like(t, -30.0), "wind_sway": np.full_like(t, 40.0)}
     units = dict.fromkeys(columns, "m") | {"t": "s", "psi": "rad", "e_psi": "rad"}
+    units |= {name: "N" for name in columns if name.startswith(("tau_", "wind_"))}
     units |= {"wind_north": "m/s", "wind_east": "m/s"}
     return Series(f"deployment_{model}", columns, units)
 

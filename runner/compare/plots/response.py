@@ -1,0 +1,118 @@
+"""Answer to set-points over time, three panels an axis: pose, force, and the wind's force.
+
+Bargouth (2022), sections 4.3 to 4.7, shows every simulation so: set-point and output, input, wind.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from models.errors import ConfigurationError
+from runner.database.records import Series
+
+from ..grid import with_unit
+from ..observations import Run
+from ..pivot import DOF_ORDER
+from ..results import Results
+from ..statistics import Sample
+from .deployment import PREFIX, degrees
+from .request import PlotRequest, each_run
+from .style import MODEL_COLOURS, MUTED, PALETTE, REFERENCE, Drawing, footnote, headed, panels
+
+POSES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
+NAMES = {
+    "surge": "North",
+    "sway": "East",
+    "heave": "Down",
+    "roll": "Roll",
+    "pitch": "Pitch",
+    "yaw": "Heading",
+}
+MODELS = ("nominal", "identified", "adaptive")
+COLOURS = MODEL_COLOURS | {"adaptive": PALETTE[3]}
+NOTE = (
+    "positions in north and east, forces in the vessel's axes; dashed: set-point; "
+    "dotted: reference, where it is not the set-point"
+)
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """One figure of one run (with --facet, of one a level): panels by axis, every model sailed."""
+    found = each_run(results, request, [PREFIX + model for model in MODELS])
+    return [_drawing(results, request, run, kinds) for run, kinds in found]
+
+
+def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[str]) -> Drawing:
+    names = [kind.removeprefix(PREFIX) for kind in kinds]
+    if run.levels["identifier"] == "none":  # the identified model is the nominal one
+        names = [name for name in names if name != "identified"] or names
+    voyages = {name: results.reader.series(run.id, PREFIX + name) for name in names}
+    lines = {f"{name} model": voyage for name, voyage in voyages.items()}
+    made = overlaid(lines, request, [COLOURS[name] for name in names], f"run {run.id}")
+    headed(made, made.axes, f"Response, {told(run)}")
+    footnote(made, [NOTE])
+    return Drawing(f"response-run-{run.id}", made)
+
+
+def told(run: Run) -> str:
+    """`run 17: supply_vessel, wind, lqi, setpoints, seed 3`."""
+    names = ("vessel", "disturbance", "identifier", "controller", "evaluation")
+    levels = [run.levels[name] for name in names if run.levels[name] != "none"]
+    return f"run {run.id}: {', '.join(levels)}, seed {run.levels['seed']}"
+
+
+def overlaid(
+    lines: Mapping[str, Series], request: PlotRequest, colours: Sequence[str], what: str
+) -> Figure:
+    """Missions over one another by label, an axis a column: pose, force and, where it is, wind."""
+    first = next(iter(lines.values()))
+    dofs = [dof for dof in DOF_ORDER if all(f"tau_{dof}" in s.columns for s in lines.values())]
+    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    if not dofs:
+        raise ConfigurationError(f"plot: {what} has no response of these degrees of freedom")
+    windy = any(f"wind_{dof}" in first.columns for dof in dofs)
+    rows = 3 if windy else 2
+    made, axes = panels(rows, len(dofs), max(4.3, 7.0 / len(dofs)), 2.1, share_x=True)
+    for column, dof in enumerate(dofs):
+        pose, force, *wind = axes[column :: len(dofs)]
+        _reference(pose, first, dof)
+        for (label, series), colour in zip(lines.items(), colours, strict=True):
+            values = {pose: _pose(series, POSES[dof]), force: series.columns[f"tau_{dof}"]}
+            for one, drawn in values.items():
+                one.plot(series.columns["t"], drawn, color=colour, linewidth=1.1, label=label)
+        force.set_ylabel(with_unit(f"Force, {dof}", first.units[f"tau_{dof}"]))
+        for one in wind:
+            _wind(one, first, dof)
+        axes[(rows - 1) * len(dofs) + column].set_xlabel(with_unit("Time", first.units["t"]))
+    for one in axes:
+        one.margins(x=0)
+    made.align_ylabels(axes)
+    return made
+
+
+def _pose(series: Series, name: str) -> Sample:
+    """A pose over time, angles in degrees."""
+    values = np.asarray(series.columns[name], dtype=np.float64)
+    return degrees(values) if series.units[name] == "rad" else values
+
+
+def _reference(axes: Axes, series: Series, dof: str) -> None:
+    """Set-point, and the reference that is made of it where they differ."""
+    name, t = POSES[dof], series.columns["t"]
+    wanted = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
+    setpoint, reference = _pose(series, wanted), _pose(series, f"{name}_d")
+    axes.plot(t, setpoint, "--", color=REFERENCE, linewidth=1.0, label="set-point")
+    if not np.array_equal(setpoint, reference):
+        axes.plot(t, reference, ":", color=MUTED, linewidth=1.0, label="reference")
+    unit = "deg" if series.units[name] == "rad" else series.units[name]
+    axes.set_ylabel(with_unit(NAMES[dof], unit))
+
+
+def _wind(axes: Axes, series: Series, dof: str) -> None:
+    """The force of the wind; it hardly depends on who sails, so the first is shown."""
+    values = series.columns.get(f"wind_{dof}")
+    if values is not None:
+        axes.plot(series.columns["t"], values, color=MUTED, linewidth=1.0, label="wind")
+    axes.set_ylabel(with_unit(f"Wind, {dof}", series.units[f"tau_{dof}"]))
