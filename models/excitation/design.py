@@ -1,6 +1,6 @@
 """Candidate manoeuvres, sailed by a believed model in calm water, and the mix that follows."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ from models.excitation.information import (
     optimal,
     scaled,
 )
-from models.excitation.sequence import Gains, Manoeuvre, Part, Schedule
+from models.excitation.sequence import Gains, Manoeuvre, Part, Role, Schedule
 from models.simulation import Plant, Voyage, sail
 from models.vessel import Vessel
 
@@ -65,22 +65,18 @@ class Design:
     period_s: float
     reference_filter: ReferenceFilter
 
-    def schedule(self, *names: str) -> Schedule:
-        """Candidates one after the other, each with its stop."""
-        parts = [
-            part
-            for name in names
-            for part in (
-                Part(name, "manoeuvre", self.count, "training"),
-                Part(name, "stop", self.stop),
-            )
-        ]
+    def sub_experiment(self, name: str, role: Role) -> list[Part]:
+        """A candidate with its stop."""
+        return [Part(name, "manoeuvre", self.count, role), Part(name, "stop", self.stop)]
+
+    def schedule(self, parts: Sequence[Part]) -> Schedule:
+        """Parts one after the other."""
         dofs = self.plant.vessel.dofs
         return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
 
     def sailed(self, name: str) -> Voyage:
         """A candidate from rest at the origin, and its stop, in calm water."""
-        plan = self.schedule(name)
+        plan = self.schedule(self.sub_experiment(name, "training"))
         n, n_dof = len(plan), len(plan.dofs)
         still = np.zeros((n, n_dof))
         start = np.zeros(n_dof)

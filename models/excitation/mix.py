@@ -18,8 +18,10 @@ from models.basis import Array
 from models.errors import ConfigurationError
 from models.excitation.design import Believed, Design
 from models.excitation.guidance import ReferenceFilter, Timetable
-from models.excitation.sequence import Gains, Part, Schedule, check_open
+from models.excitation.route import Route, parts_of
+from models.excitation.sequence import Gains, Role, Schedule, check_open
 from models.parameters import VesselParameters
+from models.planning.planner import Plan
 from models.splits import Split
 from models.vessel import PLANAR
 
@@ -30,7 +32,8 @@ class Mix:
 
     `design`: optimal, by the believed model of `vessel`, or random, drawn with `draw_seed` from a
     pool of `repeats` of every candidate. `stop_s` (x `time_scale`) of velocity feedback bring the
-    vessel to rest after each. `held_out` are sailed last, for testing.
+    vessel to rest after each. `held_out` are sailed last, for testing. In the area of `route` the
+    order and what lies between follow from a plan.
     """
 
     candidates: dict[str, Any]
@@ -46,6 +49,7 @@ class Mix:
     believed: Believed
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
+    route: Route
     reference_filter: ReferenceFilter
     period_s: float
 
@@ -113,18 +117,29 @@ class Mix:
         return {name: int(n) for name, n in zip(self.candidates, counts, strict=True)}
 
     @cached_property
-    def schedule(self) -> Schedule:
+    def plan(self) -> Plan | None:
+        """The path of the manoeuvres through the area; None where there is none."""
+        return self.route.plan(self.information, self._to_be_sailed)
+
+    @property
+    def _to_be_sailed(self) -> list[str]:
         """The mix in the order of the candidates, then what is held out."""
-        mixed = [name for name, n in self.counts.items() for _ in range(n)]
-        plan = self.information.schedule(*mixed, *self.held_out)
-        first_held_out = 2 * len(mixed)
-        parts = [
-            Part(p.name, p.kind, p.count, "testing" if p.role == "training" else p.role)
-            if i >= first_held_out
-            else p
-            for i, p in enumerate(plan.parts)
-        ]
-        return Schedule(tuple(parts), plan.manoeuvres, plan.dofs, plan.period_s)
+        return [*(name for name, n in self.counts.items() for _ in range(n)), *self.held_out]
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """The mix and then what is held out; along a plan, of each candidate the last."""
+        if self.plan is not None:
+            return self.information.schedule(parts_of(self.plan, self.information, self.held_out))
+        names, trained = self._to_be_sailed, sum(self.counts.values())
+        roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]
+        each = map(self.information.sub_experiment, names, roles)
+        return self.information.schedule([part for parts in each for part in parts])
+
+    @property
+    def start(self) -> Array:
+        """The pose that it begins at [m, m, rad], shape (3,)."""
+        return np.zeros(3) if self.plan is None else self.plan.start
 
     @property
     def duration_s(self) -> float:
@@ -132,8 +147,10 @@ class Mix:
         return len(self.schedule) * self.period_s
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Nothing is asked for."""
-        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+        """Nothing is asked for, or along a plan its poses."""
+        if self.plan is None:
+            return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+        return Timetable(np.ascontiguousarray(self.plan.poses[: len(t)])), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force of the manoeuvres [N, Nm] at the times t [s], shape (N, n_dof)."""
@@ -159,6 +176,8 @@ class Mix:
             )
         for name, candidate in self.candidates.items():
             check_open(name, candidate, dofs, self.period_s)
+        if self.feedback.kp[2:] == () or self.feedback.kd[2:] == ():
+            raise ConfigurationError("excitation.feedback: expected three numbers each")
         _ = self.schedule
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:

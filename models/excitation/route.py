@@ -1,0 +1,103 @@
+"""A feasible trajectory of the mix: the candidates as motion primitives of a planner.
+
+A candidate's primitive is its track in the believed model's calm water, with its stop, closed by a
+passage to the lattice. What was planned is sailed so: the manoeuvres in an open loop, as they are
+designed; stops and passages under feedback, the passages along the planned poses. A vessel that is
+not the believed one strays while it manoeuvres and returns on the passage.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.basis import Array
+from models.errors import ConfigurationError
+from models.excitation.design import Design
+from models.excitation.sequence import Part
+from models.planning.planner import Plan, Task, plan
+from models.planning.primitives import Pace, Primitive
+from models.planning.waters import Corners, Waters
+
+Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
+
+
+@dataclass(frozen=True)
+class Route:
+    """The waters that a mix is to be sailed in; without an `area` there is no plan.
+
+    Polygons are lists of (north, east) [m]. `goal` null is the start. `clearance_m` is kept from
+    the vessel's reference point; passages are sailed at `speed_m_s` and `turn_rate_rad_s` between
+    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`.
+    """
+
+    area: Corners | None
+    obstacles: tuple[Corners, ...]
+    start: Pose
+    goal: Pose | None
+    clearance_m: float
+    cell_m: float | None
+    speed_m_s: float
+    turn_rate_rad_s: float
+    hold_s: float
+
+    def __post_init__(self) -> None:
+        for name in ("speed_m_s", "turn_rate_rad_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        if self.cell_m is not None and not self.cell_m > 0.0:
+            raise ConfigurationError(f"cell_m must be positive or null, got {self.cell_m}")
+        if self.hold_s < 0.0:
+            raise ConfigurationError(f"hold_s must not be negative, got {self.hold_s}")
+        if self.area is not None:
+            _ = self._waters(self.area)
+        elif self.obstacles:
+            raise ConfigurationError("obstacles: got some without an area")
+
+    def _waters(self, area: Corners) -> Waters:
+        return Waters(area, self.obstacles, self.clearance_m)
+
+    def plan(self, design: Design, names: Sequence[str]) -> Plan | None:
+        """The path that sails the named candidates; None without an area.
+
+        Raises ConfigurationError with what stands in the way.
+        """
+        if self.area is None:
+            return None
+        pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.period_s)
+        tracks = {name: voyage.log.eta for name, voyage in design.voyages.items()}
+        task = Task(
+            waters=self._waters(self.area),
+            primitives=[Primitive(name, track, True) for name, track in tracks.items()],
+            counts=Counter(names),
+            start=_pose(self.start),
+            goal=_pose(self.start if self.goal is None else self.goal),
+            cell_m=4.0 * self.speed_m_s if self.cell_m is None else self.cell_m,
+            pace=pace,
+            hold=round(self.hold_s / design.period_s),
+        )
+        try:
+            return plan(task)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"excitation.route: {error}") from error
+
+
+def _pose(pose: Pose) -> Array:
+    return np.array([pose[0], pose[1], np.radians(pose[2])])
+
+
+def parts_of(found: Plan, design: Design, held_out: Sequence[str]) -> list[Part]:
+    """What is sailed along a plan; of each candidate the last ones are held out for testing."""
+    left = Counter(leg.name for leg in found.legs if leg.informative)
+    kept, own = Counter(held_out), design.count + design.stop
+    parts: list[Part] = []
+    for leg in found.legs:
+        poses = leg.poses
+        if leg.informative:
+            testing = left[leg.name] <= kept[leg.name]
+            left[leg.name] -= 1
+            parts += design.sub_experiment(leg.name, "testing" if testing else "training")
+            poses = poses[own:]
+        parts.append(Part(leg.name, "passage", len(poses), poses=poses))
+    return parts

@@ -1,0 +1,1 @@
+"""Paths of manoeuvres through restricted waters."""

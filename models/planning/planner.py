@@ -1,0 +1,236 @@
+"""A path that sails given manoeuvres so many times each, from pose to pose, clear of obstacles.
+
+    min sum_k J(m_k),  x_0 = x_s,  x_M = x_f,  x_k+1 = f(x_k, m_k),  c(m_k, x_k) in X_free
+
+Ljungberg (slides), "Obtaining an experiment trajectory". J is time. The ratios of the mix are
+kept by counters of the manoeuvres still to come in the state of the search.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from models.basis import Array
+from models.errors import ConfigurationError
+from models.planning.lattice import Lattice, Placed, placed
+from models.planning.primitives import HEADINGS, Pace, Primitive
+from models.planning.search import (
+    UNREACHED,
+    Bounds,
+    Integers,
+    Moves,
+    heuristic,
+    relaxed,
+    shortest,
+)
+from models.planning.waters import Waters, clear
+
+MOST_STATES = 30_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be sailed: informative primitives, how often each, from where to where.
+
+    `start` and `goal` are (north, east, heading) [m, m, rad]. The vessel rests for `hold` control
+    instants after a manoeuvre.
+    """
+
+    waters: Waters
+    primitives: Sequence[Primitive]
+    counts: Mapping[str, int]
+    start: Array
+    goal: Array
+    cell_m: float
+    pace: Pace
+    hold: int = 0
+
+    def __post_init__(self) -> None:
+        known = {one.name for one in self.primitives}
+        unknown = [name for name in self.counts if name not in known]
+        if unknown:
+            raise ConfigurationError(f"counts: got {unknown[0]}, which is no primitive")
+
+    @property
+    def used(self) -> list[Primitive]:
+        """The primitives that are to be sailed at all."""
+        return [one for one in self.primitives if self.counts.get(one.name, 0) > 0]
+
+
+class Leg(NamedTuple):
+    """A primitive of a plan, with its poses (N, 3) at the control instants after its start."""
+
+    name: str
+    informative: bool
+    poses: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The path that was found."""
+
+    legs: tuple[Leg, ...]
+    start: Array
+    cost: int  # control instants, without the passage from the lattice to the goal
+    bound: int  # what the heuristic said of the start
+
+    @property
+    def poses(self) -> Array:
+        """All poses from the start to the goal, (N + 1, 3) [m, m, rad]."""
+        return np.vstack([self.start[None, :], *(leg.poses for leg in self.legs)])
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A task on its lattice."""
+
+    task: Task
+    lattice: Lattice
+    board: Placed
+    moves: Moves
+    sizes: Integers
+    start: int
+    goal: int
+
+    def bounds(self) -> Bounds:
+        """The heuristic's tables."""
+        n, board = len(self.task.used), self.board
+        size = np.hypot(board.di, board.dj)
+        sizes = self.sizes[:n]
+        digits = np.array(np.unravel_index(np.arange(int(np.prod(sizes))), sizes)).reshape(n, -1)
+        least, reach = np.min(board.cost[:n], axis=1), np.max(size[:n], axis=1)
+        free = np.arange(len(board.names)) < n
+        row, column = divmod(self.goal % (self.lattice.shape[0] * self.lattice.shape[1]),
+                             self.lattice.shape[1])  # fmt: skip
+        return Bounds(
+            manoeuvres=(least @ digits).astype(np.int64),
+            reach=(reach @ digits).astype(np.float64),
+            pace=float(np.max(size[n:] / board.cost[n:])),
+            relaxed=relaxed(self.moves, free, self.goal, True),
+            goal=np.array([row, column], dtype=np.int64),
+        )
+
+
+def plan(task: Task) -> Plan:
+    """The quickest path; ConfigurationError with what stands in the way where there is none."""
+    setting = set_up(task)
+    bounds = setting.bounds()
+    states = len(bounds.manoeuvres) * bounds.relaxed.size
+    if states > MOST_STATES:
+        raise ConfigurationError(
+            f"the search has {states:.2g} states ({bounds.relaxed[0].size} cells, {HEADINGS} "
+            f"headings, {len(bounds.manoeuvres)} counts), expected at most {MOST_STATES:.2g}: "
+            "a larger cell_m or fewer sub-experiments"
+        )
+    steps, cost = shortest(setting.moves, setting.sizes, bounds, setting.start, setting.goal)
+    if cost < 0:
+        raise ConfigurationError(_why_none(setting))
+    legs = _legs(setting, steps)
+    at = (int(k) for k in np.unravel_index(setting.start, (HEADINGS, *setting.lattice.shape)))
+    bound = int(heuristic(bounds, len(bounds.manoeuvres) - 1, *at))
+    return Plan(tuple(legs), task.start, cost, bound)
+
+
+def set_up(task: Task) -> Setting:
+    """The lattice of a task, its primitives, start and goal."""
+    for name, pose in (("start", task.start), ("goal", task.goal)):
+        obstacle = task.waters.in_the_way(pose[:2])
+        if obstacle is not None:
+            raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
+    cut = task.waters.separated_by(task.start[:2], task.goal[:2])
+    if cut is not None:
+        raise ConfigurationError(
+            f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: {cut} and the clearance_m of "
+            f"{task.waters.clearance_m:g} cut it off from the start"
+        )
+    lattice = Lattice.over(task.waters, task.start, task.cell_m)
+    board = placed(lattice, task.waters, task.used, task.pace, task.hold)
+    n = len(task.used)
+    for name, valid in zip(board.names[:n], board.valid, strict=False):
+        if not np.any(valid):
+            raise ConfigurationError(_fits_nowhere(name, board, board.names.index(name)))
+    sizes = np.array([task.counts[one.name] + 1 for one in task.used], dtype=np.int64)
+    stride = np.array([int(np.prod(sizes[q + 1 :])) for q in range(n)], dtype=np.int64)
+    basics = np.zeros(len(board.names) - n, dtype=np.int64)
+    moves = Moves(
+        board.di, board.dj, board.to, board.cost, np.concatenate([stride, basics]), board.valid
+    )
+    start, goal = lattice.place(task.start.copy()), _arrival(task, lattice)
+    return Setting(task, lattice, board, moves, np.concatenate([sizes, basics + 1]), start, goal)
+
+
+def _arrival(task: Task, lattice: Lattice) -> int:
+    """The place nearest to the goal from which a straight passage to it is clear."""
+    free = task.waters.free()
+    at = lattice.place(task.goal.copy())
+    h, i, j = (int(k) for k in np.unravel_index(at, (HEADINGS, *lattice.shape)))
+    around = [
+        (np.hypot(*(lattice.pose(place) - task.goal)[:2]), place)
+        for k in range(max(i - 1, 0), min(i + 2, lattice.shape[0]))
+        for m in range(max(j - 1, 0), min(j + 2, lattice.shape[1]))
+        for place in ((h * lattice.shape[0] + k) * lattice.shape[1] + m,)
+    ]
+    for _, place in sorted(around):
+        pose = lattice.pose(place)[:2]
+        if clear(free, np.vstack([np.zeros(2), task.goal[:2] - pose]), pose[None, :])[0]:
+            return place
+    raise ConfigurationError(
+        f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: no pose of the lattice beside it is "
+        f"clear, expected a cell_m smaller than {task.cell_m:g}"
+    )
+
+
+def _fits_nowhere(name: str, board: Placed, p: int) -> str:
+    extent = np.ptp(board.paths[p][0][:, :2], axis=0)
+    return (
+        f"{name} takes {extent[0]:.3g} m along and {extent[1]:.3g} m across its first heading and "
+        "fits nowhere in the area beside the obstacles"
+    )
+
+
+def _why_none(setting: Setting) -> str:
+    """What stands in the way of a task whose start and goal are connected."""
+    n, names = len(setting.task.used), setting.board.names
+    everything = np.zeros(len(names), dtype=np.bool_)
+    reached = relaxed(setting.moves, everything, setting.start, False) < UNREACHED
+    back = relaxed(setting.moves, everything, setting.goal, True) < UNREACHED
+    if not reached.ravel()[setting.goal]:
+        return (
+            "the goal cannot be reached: no sequence of manoeuvres, arcs and turns gets through "
+            f"between start and goal with a cell_m of {setting.task.cell_m:g}; a smaller one or "
+            "a smaller clearance_m may"
+        )
+    for p in range(n):
+        if not np.any(setting.board.valid[p] & reached):
+            return f"{names[p]} fits only where the vessel cannot get to from the start"
+    stuck = [names[p] for p in range(n) if not np.any(setting.board.valid[p] & reached & back)]
+    what = stuck[0] if stuck else "some manoeuvre"
+    return f"no order of the manoeuvres ends at the goal: there is no way back from {what}"
+
+
+def _legs(setting: Setting, steps: Integers) -> list[Leg]:
+    """The primitives of a path in NED, headings unwrapped, and the passage to the goal."""
+    task, board, lattice = setting.task, setting.board, setting.lattice
+    place, pose, legs = setting.start, task.start.copy(), []
+    for p in steps:
+        h, i, j = (int(k) for k in np.unravel_index(place, (HEADINGS, *lattice.shape)))
+        path = board.paths[p][h]
+        c, s = np.cos(task.start[2]), np.sin(task.start[2])
+        poses = np.column_stack(
+            [
+                lattice.pose(place)[0] + c * path[:, 0] - s * path[:, 1],
+                lattice.pose(place)[1] + s * path[:, 0] + c * path[:, 1],
+                pose[2] + path[:, 2] - h * 2.0 * np.pi / HEADINGS,
+            ]
+        )
+        legs.append(Leg(board.names[p], p < len(task.used), poses))
+        pose = poses[-1]
+        row, column = i + int(board.di[p, h]), j + int(board.dj[p, h])
+        place = (int(board.to[p, h]) * lattice.shape[0] + row) * lattice.shape[1] + column
+    end = task.goal.copy()
+    end[2] = pose[2] + np.arctan2(np.sin(end[2] - pose[2]), np.cos(end[2] - pose[2]))
+    if np.max(np.abs(end - pose)) > 1e-9:
+        legs.append(Leg("arrival", False, task.pace.line(pose, end)))
+    return legs

@@ -1,0 +1,148 @@
+"""Where a vessel may go: an area, polygons in it that are in the way, and a clearance from both.
+
+Positions are (north, east) [m]. The clearance is that of the vessel's reference point: half its
+length and a margin. Corners that a clearance rounds are drawn outside their arcs, so nothing that
+is called clear is closer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.basis import Array
+from models.errors import ConfigurationError
+
+Corners = tuple[tuple[float, ...], ...]
+QUARTER = 16  # sides of the polygon in a quarter of a circle
+OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # its radius, so that it holds the circle
+
+
+@dataclass(frozen=True)
+class Waters:
+    """An area and the obstacles in it, each a polygon of (north, east) [m]."""
+
+    area: Corners
+    obstacles: tuple[Corners, ...]
+    clearance_m: float
+
+    def __post_init__(self) -> None:
+        if not self.clearance_m >= 0.0:
+            raise ConfigurationError(f"clearance_m must not be negative, got {self.clearance_m}")
+        for name, corners in self.named.items():
+            if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
+                raise ConfigurationError(
+                    f"{name}: expected at least three corners, each (north, east)"
+                )
+            if not _polygon(corners).is_valid:
+                raise ConfigurationError(f"{name}: the polygon crosses or touches itself")
+
+    @property
+    def named(self) -> dict[str, Corners]:
+        """Every polygon by the name of its option."""
+        return {"area": self.area} | {
+            f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)
+        }
+
+    def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> Any:
+        """The points that keep the clearance and a margin [m], a shapely geometry.
+
+        `without` some of the obstacles.
+        """
+        import shapely  # slow to import
+
+        distance = (self.clearance_m + margin_m) * OUTSIDE
+        area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
+        kept = [one for i, one in enumerate(self.obstacles) if i not in without]
+        taken = [shapely.buffer(_polygon(one), distance, quad_segs=QUARTER) for one in kept]
+        left = shapely.difference(area, shapely.union_all(taken)) if taken else area
+        shapely.prepare(left)
+        return left
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Least and largest north and east of the area [m]: (north, north, east, east)."""
+        points = np.array(self.area)
+        (n0, e0), (n1, e1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        return n0, n1, e0, e1
+
+    def in_the_way(self, point: Sequence[float]) -> str | None:
+        """What keeps a vessel from being at a point (north, east), in words; None if nothing."""
+        import shapely
+
+        at = shapely.Point(point[0], point[1])
+        if not _polygon(self.area).contains(at):
+            return "it lies outside area"
+        for i, corners in enumerate(self.obstacles):
+            if _polygon(corners).intersects(at):
+                return f"it lies inside obstacles[{i}]"
+        if self.free().covers(at):
+            return None
+        gaps = {f"obstacles[{i}]": _polygon(c).distance(at) for i, c in enumerate(self.obstacles)}
+        gaps["the edge of area"] = _polygon(self.area).exterior.distance(at)
+        nearest = min(gaps, key=lambda name: gaps[name])
+        return (
+            f"it is {gaps[nearest]:.3g} m from {nearest}, expected at least the clearance_m of "
+            f"{self.clearance_m:g}"
+        )
+
+    def separated_by(self, start: Sequence[float], goal: Sequence[float]) -> str | None:
+        """The obstacles without which two free points are connected, in words; None if they are.
+
+        The smallest set is named, of two at most.
+        """
+        numbers = range(len(self.obstacles))
+        if self._connected(start, goal, ()):
+            return None
+        for size in (1, 2):
+            for some in combinations(numbers, size):
+                if self._connected(start, goal, some):
+                    return " and ".join(f"obstacles[{i}]" for i in some)
+        if self._connected(start, goal, tuple(numbers)):
+            return "the obstacles"
+        return "the edge of area"
+
+    def _connected(
+        self, start: Sequence[float], goal: Sequence[float], without: Sequence[int]
+    ) -> bool:
+        import shapely
+
+        points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
+        free = self.free(without=without)
+        return any(all(part.covers(at) for at in points) for part in shapely.get_parts(free))
+
+
+def _polygon(corners: Corners) -> Any:
+    import shapely
+
+    return shapely.Polygon(corners)
+
+
+def simplified(path: Array, tolerance_m: float) -> Array:
+    """The corners of a path (N, 2) [m] from which it strays by at most the tolerance, (n, 2)."""
+    import shapely
+
+    if not np.any(path != path[0]):
+        return path[:1]
+    return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(tolerance_m)))
+
+
+def inside(free: Any, points: Array) -> NDArray[np.bool_]:
+    """Which of the points (..., 2) lie in a free geometry."""
+    import shapely
+
+    return np.asarray(shapely.intersects_xy(free, points[..., 0], points[..., 1]))
+
+
+def clear(free: Any, path: Array, origins: Array) -> NDArray[np.bool_]:
+    """From which of the origins (M, 2) a path (n, 2) stays within a free geometry, (M,)."""
+    import shapely
+
+    if len(path) == 1:
+        return inside(free, origins + path[0])
+    lines = shapely.linestrings(origins[:, None, :] + path)
+    return np.asarray(shapely.covers(free, lines))
