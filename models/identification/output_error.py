@@ -28,8 +28,9 @@ SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell 
 def check_determined(predictor: Predictor, found: Fit) -> float:
     """Condition number of the scaled Jacobian, every state over its spread.
 
-    What is determined does not depend on the noise: a state that is known nearly without noise
-    must not make the others look unmoved. Raises IdentificationError, naming the parameters, when
+    What is determined does not depend on the noise, nor on parameters to which a long free run is
+    exponentially sensitive: a parameter counts as idle where all of it moves the predictions by
+    less than SINGULAR of their spread. Raises IdentificationError, naming the parameters, when
     the predictions do not determine them.
     """
     rows = np.tile(found.sigma / predictor.spread, len(found.rest))
@@ -37,7 +38,7 @@ def check_determined(predictor: Predictor, found: Fit) -> float:
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
-    dead = norms * size <= SINGULAR * np.max(norms * size, initial=0.0)
+    dead = norms * size <= SINGULAR * np.sqrt(found.rest.size)
     if np.any(dead):
         raise IdentificationError(
             f"the training part does not determine {', '.join(labels[dead])}: "
