@@ -35,6 +35,7 @@ PlotKind = Literal[
     "excitation",
     "response",
     "controllers",
+    "quality",
 ]
 
 
@@ -191,8 +192,9 @@ def plot(
     one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
     identifier found; wind: its speed, direction and force in one run; excitation: forces, their
     spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
-    controllers: those of several runs over one another. What is of one run takes the newest that
-    meets --where, with --facet one for each level (--facet seed).
+    controllers: those of several runs over one another; quality: velocity against position of a
+    measured recording. What is of one run takes the newest that meets --where, with --facet one
+    for each level (--facet seed).
     """
     from .plots import draw
     from .plots.request import PlotRequest

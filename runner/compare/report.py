@@ -58,6 +58,7 @@ FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
     ("residual", {}, "Force residual of the newest run"),
     ("excitation", {}, "Forces of the newest run and their spectrum"),
     ("wind", {}, "Wind of the newest run that met some"),
+    ("quality", {}, "Velocity against position of the newest measured recording"),
 )
 PER_DOF = ("bars", "orders", "response", "controllers")  # a narrow figure each, for narrow screens
 PER_COLUMN = ("coefficients",)  # one figure a level of the columns, or it is crowded

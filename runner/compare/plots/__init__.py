@@ -11,7 +11,7 @@ from .request import PlotRequest
 KINDS = (
     *("bars", "orders", "residual", "track", "errors", "coefficients"),
     *("pareto", "surface", "spectrum", "wind", "excitation"),
-    *("response", "controllers"),
+    *("response", "controllers", "quality"),
 )
 
 

@@ -138,6 +138,7 @@ def fill_sailed(logbook: Logbook) -> None:
     finish(logbook, start("nsga2", "calm"), diagnostics=_pareto())
     finish(logbook, start("surface", "calm"), diagnostics=_surface())
     finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
+    finish(logbook, start("iv", "calm"), series=[_quality()])
 
 
 def _excitation() -> list[Diagnostic]:
@@ -198,6 +199,12 @@ def _residual() -> Series:
             columns[f"residual_{model}_{dof}"] = size * np.sin(t / 5.0)
             units[f"residual_{model}_{dof}"] = unit
     return Series("residual", columns, units)
+
+
+def _quality() -> Series:
+    t = np.arange(0.0, 100.0, 0.5)
+    columns = {"t": t, "x_error": 0.01 * t, "u_error": 0.02 * np.sin(t)}
+    return Series("quality", columns, {"t": "s", "x_error": "m", "u_error": "m/s"})
 
 
 def _voyage(model: str, error: float) -> Series:
