@@ -67,6 +67,10 @@ def launch(
     if not plans:
         return launched
     launcher = make()
+    if choice == "submitit_slurm":
+        from runner.slurm import watch_the_queue
+
+        watch_the_queue()
     size = size or (os.cpu_count() if choice == "submitit_local" else None) or len(plans)
     with _single_threaded_workers():
         for start in range(0, len(plans), size):

@@ -82,3 +82,17 @@ def children(pid: int) -> Iterator[tuple[int, str]]:
                 continue
             if parent == pid:
                 yield int(folder.name), command
+
+
+def belonging_to(variable: str) -> list[int]:
+    """Processes started with this environment variable, `NAME=value`, other than this one."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit() and int(folder.name) != os.getpid():
+            try:
+                variables = (folder / "environ").read_bytes()
+            except OSError:  # it has ended, or is somebody else's
+                continue
+            if variable.encode() in variables.split(b"\0"):
+                found.append(int(folder.name))
+    return found

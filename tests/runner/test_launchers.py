@@ -1,8 +1,14 @@
 """Launchers other than the basic one and joblib: real jobs, and what happens to a killed one."""
 
 import os
+import secrets
+import shutil
 import signal
 import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,16 +21,19 @@ from hydra.errors import MissingConfigException
 
 from runner.complaints import CONF, one_line
 from tests.runner.command import Command
-from tests.runner.programs import METRICS, ended, finished, rows, sweep, wait
+from tests.runner.programs import METRICS, belonging_to, ended, finished, rows, sweep, wait
 
 SUBMITIT = pytest.mark.skipif(
     find_spec("submitit") is None, reason="no submitit: pip install -e '.[slurm]'"
 )
-RAY = pytest.mark.skipif(find_spec("ray") is None, reason="no ray: pip install -e '.[ray]'")
+NO_RAY = pytest.mark.skipif(find_spec("ray") is None, reason="no ray here: make ray")
 LAUNCHERS = [
     pytest.param("submitit_local", marks=SUBMITIT),
-    pytest.param("ray", marks=RAY),
+    pytest.param("submitit_slurm", marks=SUBMITIT),
+    pytest.param("ray", marks=[pytest.mark.ray, NO_RAY]),
 ]
+# Ray's status page is not wanted, and one machine is enough.
+RAY_OPTIONS = ("+hydra.launcher.ray.init.include_dashboard=false",)
 RUNNING = "SELECT pid, id FROM run WHERE status = 'running'"
 ATTEMPTS = "SELECT seed, attempt, status FROM run ORDER BY 1, 2"
 
@@ -47,6 +56,54 @@ class Fragile(BasicLauncher):
         self.losses -= 1
         super().launch(job_overrides[:1], initial_job_idx)
         raise Lost("job 1 has not produced any output")
+
+
+@dataclass(frozen=True)
+class Launcher:
+    """How a sweep is told to use a launcher, and what its environment holds."""
+
+    name: str
+    options: tuple[str, ...]
+    variables: dict[str, str]
+
+    def sweep(self, *arguments: str, folder: Path) -> "subprocess.Popen[str]":
+        choice = f"hydra/launcher={self.name}"
+        return sweep(*arguments, choice, *self.options, folder=folder, **self.variables)
+
+
+@pytest.fixture(params=LAUNCHERS)
+def launcher(request: pytest.FixtureRequest) -> Iterator[Launcher]:
+    """A launcher with all it needs; nothing of it is running afterwards."""
+    name = request.param
+    if name == "submitit_slurm":
+        slurm = request.getfixturevalue("slurm")
+        yield Launcher(name, ("hydra.launcher.partition=short",), slurm.variables)
+    elif name == "ray":
+        with ray_variables() as variables:
+            yield Launcher(name, RAY_OPTIONS, variables)
+    else:
+        yield Launcher(name, (), {})
+
+
+@contextmanager
+def ray_variables() -> Iterator[dict[str, str]]:
+    """Ray with a folder and a token of its own, which tells nobody that it is used."""
+    folder = Path(tempfile.mkdtemp(prefix="seatrial-ray-", dir="/tmp"))  # short: sockets lie in it
+    token = folder / "token"
+    token.touch(mode=0o600)
+    token.write_text(secrets.token_hex(32))
+    try:
+        yield {
+            "RAY_TMPDIR": str(folder),
+            "RAY_AUTH_MODE": "token",
+            "RAY_AUTH_TOKEN_PATH": str(token),
+            "RAY_USAGE_STATS_ENABLED": "0",
+        }
+        wait(lambda: not belonging_to(f"RAY_TMPDIR={folder}"))
+    finally:
+        for pid in belonging_to(f"RAY_TMPDIR={folder}"):
+            os.kill(pid, signal.SIGKILL)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def make_fragile(monkeypatch: pytest.MonkeyPatch, launcher: Fragile) -> None:
@@ -131,30 +188,28 @@ def test_slurm_composes_and_says_where_there_is_none(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", LAUNCHERS)
-def test_two_jobs_compute_the_same_as_here(launcher: str, tmp_path: Path) -> None:
+def test_two_jobs_compute_the_same_as_here(launcher: Launcher, tmp_path: Path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()
     noisy = ("disturbance=noise", "seed=0,1")
     code, _, err = ended(sweep(*noisy, folder=here))
     assert code == 0, err
-    code, out, err = ended(sweep(*noisy, f"hydra/launcher={launcher}", folder=there))
+    code, out, err = ended(launcher.sweep(*noisy, folder=there))
     assert code == 0, err
     assert "2 runs: 2 finished" in out
     assert len(rows(there, METRICS)) > 0
     assert rows(here, METRICS) == rows(there, METRICS)
     own = "SELECT count(DISTINCT pid) FROM run"
-    assert rows(there, own) == [(2,)] or launcher == "ray"  # Ray may use a worker twice
+    assert rows(there, own) == [(2,)] or launcher.name == "ray"  # Ray may use a worker twice
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", LAUNCHERS)
 def test_a_killed_worker_loses_its_run_only_and_it_runs_again(
-    launcher: str, tmp_path: Path
+    launcher: Launcher, tmp_path: Path
 ) -> None:
     long = ("excitation.interval_s=600", "seed=range(0,4)")  # laps of a second or more
-    process = sweep(*long, f"hydra/launcher={launcher}", folder=tmp_path)
+    process = launcher.sweep(*long, folder=tmp_path)
     wait(lambda: rows(tmp_path, RUNNING) or process.poll() is not None)
     pid, run_id = rows(tmp_path, RUNNING)[0]
     assert isinstance(pid, int)
