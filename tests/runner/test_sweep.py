@@ -245,10 +245,10 @@ def test_the_name_of_an_experiment_is_the_sweeps(
 
 def test_after_a_sweep_the_database_file_alone_is_whole(seatrial: Command, tmp_path: Path) -> None:
     seatrial.pretend()
-    seatrial("-m", "seed=0,1")
+    assert seatrial("-m", "seed=0,1").code == 0
     with Logbook.read(DATABASE) as reader:  # keeps the sweep from being the last to close the file
         reader.runs()
-        seatrial("-m", "seed=2,3")
+        assert seatrial("-m", "seed=2,3").code == 0
         assert Path("results/results.db-wal").stat().st_size == 0
         copy = tmp_path / "copy.db"
         copy.write_bytes(Path("results/results.db").read_bytes())
