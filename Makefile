@@ -1,12 +1,14 @@
 # seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`; each sets up
-# .venv by itself.
+# .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo readme published test slow check clean help
+.PHONY: demo readme published test slow ray check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
 BIN := $(VENV)/bin
+# Ray's plugin and joblib ask for different versions of cloudpickle: two environments.
+RAY := .venv-ray
 
 # Relative on purpose: pip splits these variables at spaces. Both names, because pip 25.3 and
 # later look at the second one for isolated builds.
@@ -26,10 +28,11 @@ endif
 
 help:
 	@echo 'make demo    a sweep of nine runs on the milliAmpere ferry, its table and its figures'
-	@echo 'make test    the test suite; make slow: the tests that take longer'
+	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
+	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make check   ruff and mypy --strict'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
-	@echo 'make clean   remove .venv and the caches (results stay)'
+	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/python -m runner -m identifier=none,ls,plsr disturbance=calm,noise,constant
@@ -60,13 +63,17 @@ test: $(VENV)/test.stamp
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -m slow --timeout 1800 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(MAKE) ray
+
+ray: $(RAY)/ray.stamp
+	$(RAY)/bin/python -m pytest -m 'slow and ray' --timeout 1800 tests/runner/test_launchers.py
 
 check: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy --strict
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf $(VENV) $(RAY) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamps: installed again only when the packages asked for, or their versions, changed.
@@ -78,8 +85,14 @@ $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
 	@touch $@
 
+$(RAY)/ray.stamp: export PIP_CONSTRAINT := constraints-ray.txt
+$(RAY)/ray.stamp: export PIP_BUILD_CONSTRAINT := constraints-ray.txt
+$(RAY)/ray.stamp: pyproject.toml constraints-ray.txt | $(RAY)/bin/python
+	$(RAY)/bin/python -m pip install --quiet --editable '.[ray]' hypothesis pytest pytest-timeout
+	@touch $@
+
 # The newest supported Python that can make a virtual environment.
-$(BIN)/python:
+$(BIN)/python $(RAY)/bin/python: %/bin/python:
 	@found=; lacking=; \
 	for python in $(if $(PYTHON),'$(PYTHON)',python3.13 python3.12 python3.11 python3); do \
 	    version=$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null) || continue; \
@@ -88,8 +101,8 @@ $(BIN)/python:
 	    lacking=$${lacking:-$$version}; \
 	done; \
 	if [ -n "$$found" ]; then \
-	    echo "setting up $(VENV) with $$("$$found" --version)"; \
-	    "$$found" -m venv $(VENV); \
+	    echo "setting up $* with $$("$$found" --version)"; \
+	    "$$found" -m venv $*; \
 	elif [ -n "$$lacking" ]; then \
 	    echo "seatrial: Python $$lacking has no venv module: install Debian's package python$$lacking-venv" >&2; \
 	    exit 1; \

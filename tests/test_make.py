@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 MAKE = shutil.which("make")
+CONSTRAINTS = ("constraints.txt", "constraints-ray.txt")
 
 pytestmark = pytest.mark.skipif(MAKE is None, reason="make is not installed")
 
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.skipif(MAKE is None, reason="make is not installed")
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """A folder with the Makefile, and a PATH with nothing but what it calls."""
-    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+    for name in ("Makefile", "pyproject.toml", *CONSTRAINTS):
         shutil.copy(ROOT / name, tmp_path)
     tools = tmp_path / "tools"
     tools.mkdir()
@@ -35,10 +36,12 @@ def pretend_python(checkout: Path, name: str, version: str, venv: bool) -> None:
     script.write_text(
         "#!/bin/sh\n"
         f'echo "{name} $*" >> "{checkout}/asked"\n'
+        f'echo "$PIP_CONSTRAINT $PIP_BUILD_CONSTRAINT $*" >> "{checkout}/constrained"\n'
+        "for last; do :; done\n"
         'case "$*" in\n'
         f"*version_info*) echo {version} ;;\n"
         f"*ensurepip*) exit {0 if venv else 1} ;;\n"
-        f'*"-m venv"*) mkdir -p .venv/bin; : > .venv/bin/python ;;\n'
+        '*"-m venv"*) mkdir -p "$last/bin"; : > "$last/bin/python" ;;\n'
         f"--version) echo Python {version} ;;\n"
         "esac\n"
     )
@@ -115,8 +118,40 @@ def test_it_installs_again_only_for_a_change(checkout: Path) -> None:
     assert len(re.findall(r"pip install", asked(checkout))) == 2
 
 
-def test_constraints_are_names_and_versions_only() -> None:
-    lines = (ROOT / "constraints.txt").read_text().splitlines()
+def test_ray_has_an_environment_and_versions_of_its_own(checkout: Path) -> None:
+    pretend_python(checkout, "python3", "3.11", venv=True)
+    answer = make(checkout, ".venv-ray/bin/python")
+    assert answer.returncode == 0, answer.stderr
+    assert "setting up .venv-ray with Python 3.11" in answer.stdout
+    assert not (checkout / ".venv").exists()
+    shutil.copy(checkout / "tools" / "python3", checkout / ".venv-ray" / "bin" / "python")
+    for _ in range(2):
+        answer = make(checkout, "ray")
+        assert answer.returncode == 0, answer.stderr
+    said = (checkout / "constrained").read_text()
+    (install,) = re.findall(r"(.*) -m pip install .*--editable \.\[ray\]", said)
+    assert install == "constraints-ray.txt constraints-ray.txt"
+    assert len(re.findall(r"-m pytest -m slow and ray .*", said)) == 2
+
+
+def test_the_slow_tests_include_those_of_ray(checkout: Path) -> None:
+    for folder in (".venv", ".venv-ray"):
+        pretend_python(checkout, folder, "3.11", venv=True)
+        binaries = checkout / folder / "bin"
+        binaries.mkdir(parents=True)
+        shutil.copy(checkout / "tools" / folder, binaries / "python")
+    assert make(checkout, "slow").returncode == 0
+    assert ".venv -m pytest -m slow --timeout" in asked(checkout)
+    assert ".venv-ray -m pytest -m slow and ray" in asked(checkout)
+    answer = make(checkout, "clean")
+    assert answer.returncode == 0, answer.stderr
+    assert not (checkout / ".venv").exists()
+    assert not (checkout / ".venv-ray").exists()
+
+
+@pytest.mark.parametrize("file", CONSTRAINTS)
+def test_constraints_are_names_and_versions_only(file: str) -> None:
+    lines = (ROOT / file).read_text().splitlines()
     pins = [line for line in lines if not line.startswith("#")]
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", pin) for pin in pins)
     names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
