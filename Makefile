@@ -87,8 +87,9 @@ $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python
 
 $(RAY)/ray.stamp: export PIP_CONSTRAINT := constraints-ray.txt
 $(RAY)/ray.stamp: export PIP_BUILD_CONSTRAINT := constraints-ray.txt
+# No compiling: most of what Ray brings is never imported.
 $(RAY)/ray.stamp: pyproject.toml constraints-ray.txt | $(RAY)/bin/python
-	$(RAY)/bin/python -m pip install --quiet --editable '.[ray]' hypothesis pytest pytest-timeout
+	$(RAY)/bin/python -m pip install --quiet --no-compile --editable '.[ray]' hypothesis pytest pytest-timeout
 	@touch $@
 
 # The newest supported Python that can make a virtual environment.
