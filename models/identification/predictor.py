@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from models import basis
 from models.basis import Array
 from models.errors import ConfigurationError
 from models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
@@ -86,6 +87,12 @@ class Predictor:
         return errors, limited / (stages * self.course.measured.size), realistic
 
 
+def _canonical(label: str) -> str:
+    """`surge.uu` as the parameters are called, `surge.u^2`."""
+    dof, dot, name = label.partition(".")
+    return f"{dof}.{basis.term(name)}" if dot else label
+
+
 @dataclass(frozen=True)
 class PredictionOptions:
     """What the identifiers that compare predictions with a recording have in common.
@@ -94,11 +101,12 @@ class PredictionOptions:
     `coriolis: tied` lets C(nu) nu follow from the inertia, `free` gives each of its coefficients
     to the fit; `ned_force` adds a force (`north`, `east`) that is constant in NED (null: to a
     vessel in surge, sway and yaw), for a free run sums up what is not modelled. Bounds are
-    `dof.term: [lower, upper]`; the other parameters lie between their nominal value divided and
-    multiplied by `bound_factor` (null: anywhere). `force` is the force that drives the prediction
-    (null: the command through the known lag, else the acting force where recorded, else the
-    command). Predictions begin anew from the measured state every `horizon` samples (null: only
-    at the first). Rates beyond `derivative_limit` (m/s, rad/s and per second again) are limited.
+    `dof.term: [lower, upper]`, in any spelling of the term; the other parameters lie between their
+    nominal value divided and multiplied by `bound_factor` (null: anywhere). `force` is the force
+    that drives the prediction (null: the command through the known lag, else the acting force
+    where recorded, else the command). Predictions begin anew from the measured state every
+    `horizon` samples (null: only at the first). Rates beyond `derivative_limit` (m/s, rad/s and
+    per second again) are limited.
     """
 
     parameters: tuple[str, ...] | None
@@ -128,6 +136,8 @@ class PredictionOptions:
                 raise ConfigurationError(
                     f"bounds.{label}: expected a lower and a higher number, got {list(pair)}"
                 )
+        spelled = {_canonical(label): pair for label, pair in self.bounds.items()}
+        object.__setattr__(self, "bounds", spelled)
 
     def free(self, nominal: Vessel) -> FreeParameters:
         """The free parameters of a vessel."""
