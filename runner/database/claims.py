@@ -2,7 +2,8 @@
 
 On SQLite the writers queue, so what a claim sees is so. On PostgreSQL two claims may both see
 nothing; then the unique indexes (fingerprint where the status is running; fingerprint and
-attempt) let one insert through, and the other looks again.
+attempt) let one insert through, and the other looks again. So does one that takes a run for lost
+whose process has just finished it, and ended.
 """
 
 import os
@@ -30,8 +31,8 @@ def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: 
     """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for."""
     for _ in range(_TRIES):
         attempts = _attempts(connection, start.fingerprint)
-        begun = _done_already(connection, attempts, rerun)
-        if begun is None:
+        begun = _done_already(attempts, rerun)
+        if begun is None and _lost_are_given_up(connection, attempts):
             attempt = 1 + max((run.attempt for run in attempts), default=0)
             begun = _insert(connection, start, sweep_id, attempt)
         if begun is not None:
@@ -41,13 +42,15 @@ def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: 
     raise LogbookError(f"trial {start.fingerprint[:12]}: could not be claimed in {_TRIES} tries")
 
 
-def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> None:
-    """Mark a run as interrupted, if it still is under way and `where` holds."""
-    connection.execute(
+def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> bool:
+    """Mark a run as interrupted, if it still is under way and `where` holds; whether it was."""
+    marked = connection.execute(
         update(Run)
         .where(Run.id == run_id, Run.status == "running", *where)
         .values(status="interrupted", error=reason)
+        .returning(Run.id)
     )
+    return marked.scalar() is not None
 
 
 def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
@@ -59,25 +62,28 @@ def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
     ).all()
 
 
-def _done_already(
-    connection: Connection, attempts: Sequence[Row[Any]], rerun: bool
-) -> Begun | None:
-    """The answer where nothing is to be done; a run whose process is gone is given up here."""
+def _done_already(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
+    """The answer where nothing is to be done."""
     finished = [run.id for run in attempts if run.status == "finished"]
     if finished and not rerun:
         return Begun(finished[-1], "finished")
     for run in attempts:
-        if run.status == "running":
-            gone = is_gone(run.process)
-            if not (gone or run.stale):
-                return Begun(run.id, "busy")
-            process = f"process {run.pid} on {run.host}"
-            if gone:
-                give_up(connection, run.id, f"{process} is gone")
-            else:  # unless it has stirred just now
-                silent = f"{process} gave no sign of life for {STALE_AFTER_S:.0f} s"
-                give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
+        if run.status == "running" and not (run.stale or is_gone(run.process)):
+            return Begun(run.id, "busy")
     return None
+
+
+def _lost_are_given_up(connection: Connection, attempts: Sequence[Row[Any]]) -> bool:
+    """Give up the runs under way; False where one has ended, or stirred, since it was looked at."""
+    return all(_is_given_up(connection, run) for run in attempts if run.status == "running")
+
+
+def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
+    process = f"process {run.pid} on {run.host}"
+    if is_gone(run.process):
+        return give_up(connection, run.id, f"{process} is gone")
+    silent = f"{process} gave no sign of life for {STALE_AFTER_S:.0f} s"
+    return give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
 
 
 def _insert(

@@ -11,10 +11,11 @@ import pytest
 from sqlalchemy import update
 
 from models.errors import LogbookError
-from runner.database import Logbook, Results, engine, liveness
+from runner.database import Logbook, Results, claims, engine, liveness
 from runner.database.address import parse
 from runner.database.tables import Run
 from tests.runner.database.samples import make_start
+from tests.runner.postgres import Postgres
 
 
 def pretend(url: str, run_id: int, **values: object) -> None:
@@ -75,6 +76,28 @@ def test_a_process_that_is_gone_from_here_is_not_waited_for(logbook: Logbook, ur
     assert logbook.begin_run(make_start(1)).state == "new"
     child.communicate()
     assert "is gone" in str(logbook.run(run).summary.error)
+
+
+@pytest.mark.parametrize("sign", ["its process is gone", "its heartbeat is old"])
+def test_a_run_that_ends_while_it_is_taken_for_lost_is_not_done_again(
+    postgres: Postgres, results_dir: Path, monkeypatch: pytest.MonkeyPatch, sign: str
+) -> None:
+    """On SQLite this cannot be: nobody else writes during a claim."""
+    url = postgres.new_database()
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        run = logbook.begin_run(make_start(1)).run_id
+        gone = sign == "its process is gone"
+        if not gone:
+            pretend(url, run, heartbeat_at=ago(1000))
+
+        def ends_meanwhile(process: str | None) -> bool:
+            pretend(url, run, status="finished")
+            return gone
+
+        monkeypatch.setattr(claims, "is_gone", ends_meanwhile)
+        begun = logbook.begin_run(make_start(1))
+        assert (begun.state, begun.run_id) == ("finished", run)
+        assert len(logbook.runs()) == 1
 
 
 def test_who_is_gone() -> None:
