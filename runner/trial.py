@@ -69,8 +69,10 @@ def check(trial: Trial) -> None:
         )
     trial.excitation.check(dofs)
     period = trial.sample_time_s
+    recorded = None
     if from_file:  # a damaged file is a wrong option, not a failed trial
-        period = trial.excitation.read(dofs).period_s
+        recorded = trial.excitation.read(dofs)
+        period = recorded.period_s
     else:
         trial.disturbance.check(dofs, longest_s(trial))
         check_limits(trial.excitation, trial.vessel.limits_by_dof, trial.sample_time_s)
@@ -82,6 +84,7 @@ def check(trial: Trial) -> None:
     refuse = getattr(trial.identifier, "check", None)
     if refuse is not None:
         refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
+    _check_force(trial, recorded)
 
 
 def longest_s(trial: Trial) -> float:
@@ -89,6 +92,18 @@ def longest_s(trial: Trial) -> float:
     missions = (trial.excitation, trial.evaluation)
     lengths = [one.duration_s for one in missions if hasattr(one, "duration_s")]
     return max(lengths) - trial.sample_time_s if lengths else 0.0
+
+
+def _check_force(trial: Trial, recorded: Recording | None) -> None:
+    """The force that the identifier asks for has to be known of the vessel, or recorded."""
+    force = getattr(trial.identifier, "force", None)
+    estimated = getattr(trial.identifier, "thruster", "known") == "estimated"
+    if force == "filtered" and trial.vessel.thruster is None and not estimated:
+        raise ConfigurationError(
+            f"identifier.force: got filtered, but {trial.vessel.name} has no known thruster lag"
+        )
+    if force == "actual" and recorded is not None:
+        recorded.force(force)
 
 
 def run(trial: Trial) -> Results:

@@ -1,0 +1,100 @@
+"""Every identifier on every vessel and a measured recording: it works, or says why it cannot.
+
+The recordings are the Beluga's; for another vessel they are only columns of numbers. Small
+options: what is found is the business of the other tests.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.errors import ConfigurationError, IdentificationError
+from runner import trial as trials
+from tests.trials import composed
+
+ROOT = Path(__file__).parents[3]
+DATA = os.environ.get("SEATRIAL_DATA")
+IDENTIFIERS = sorted(path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml"))
+VESSELS = sorted(path.stem for path in (ROOT / "conf" / "vessel").glob("*.yaml"))
+SMALL = {
+    "dsr": ["L=3", "J=6", "bootstrap=20"],
+    "least_squares": ["horizons=[30]", "horizon=100"],
+    "nsga2": ["population=8", "generations=2", "polish=null"],
+    "plsr": ["bootstrap=null"],
+    "surface_plsr": ["bootstrap=null"],
+    "auto": ["candidates.plsr.bootstrap=null"],
+}
+# What a recording of a minute may not determine, and the words of the reason.
+REASONS = {
+    "auto": "no candidate predicts the blocks left out better than their mean",
+    "dsr": "windows of|physical form|inertia|pose and velocity|order",
+    "iv": "instruments",
+    "least_squares": "does not determine|does not tell",
+}
+
+pytestmark = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+
+
+def recorded(vessel: str, identifier: str, *more: str):
+    """The trial of a minute of surge-1 or random-1."""
+    name, start = ("surge-1", 410) if vessel.startswith("surge") else ("random-1", 100)
+    return composed(
+        f"vessel={vessel}", "excitation=recording", f"excitation.path={DATA}/beluga/{name}.csv",
+        f"excitation.start_s={start}", f"excitation.end_s={start + 60}",
+        f"identifier={identifier}", *(f"identifier.{one}" for one in SMALL.get(identifier, [])),
+        *more,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vessel", VESSELS)
+@pytest.mark.parametrize("identifier", IDENTIFIERS)
+def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
+    trial = recorded(vessel, identifier)
+    trials.check(trial)
+    try:
+        results = trials.run(trial)
+    except IdentificationError as error:
+        assert identifier in REASONS, error
+        assert any(words in str(error) for words in REASONS[identifier].split("|")), error
+        return
+    found = [row for row in results.coefficients if row.model == "identified"]
+    assert found
+    assert all(np.isfinite(row.value) for row in found)
+    free_run = [
+        row.value
+        for row in results.metrics
+        if (row.name, row.model) == ("velocity_rmse_free_run", "identified")
+    ]
+    reasons = [one.label for one in results.diagnostics if one.name == "no_prediction"]
+    assert len(free_run) == len(trial.vessel.dofs)
+    assert np.all(np.isfinite(free_run)) == (not reasons)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "options", "message"),
+    [
+        ("iv", ["orientation_terms=true"], "orientation_terms needs a vessel in surge, sway, yaw"),
+        ("ls", ["ned_force=true"], "ned_force needs a vessel in surge, sway, yaw"),
+        ("ls", ["force=actual"], "force: got actual, but it is not recorded"),
+        ("least_squares", ["force=filtered"], "force: got filtered, but surge_linear has no"),
+        ("plsr", ["force=filtered"], "force=filtered: surge_linear has no known thruster lag"),
+        ("ls", ["basis=[u_dot,v]"], "term v has v, but surge_linear moves in surge"),
+        ("least_squares", ["parameters=[sway.v]"], "expected a degree of freedom out of surge"),
+        ("nsga2", ["bound_factor=null"], "bounds.surge.u_dot is missing"),
+        ("dsr", ["order=7"], "but surge_linear has 2 states"),
+        ("ls", ["lowpass_hz=9"], "lowpass_hz must lie between 0 and 5"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_any_work(identifier, options, message) -> None:
+    trial = recorded("surge_linear", identifier, *(f"identifier.{one}" for one in options))
+    with pytest.raises(ConfigurationError, match=message):
+        trials.check(trial)
+
+
+def test_wind_is_not_in_a_recorded_file() -> None:
+    trial = recorded("milliampere", "iv", "identifier.wind_measurement=true")
+    with pytest.raises(ConfigurationError, match="the recorded file has no wind"):
+        trials.check(trial)
