@@ -16,7 +16,7 @@ from models.identification.decision import Decision, choose
 from models.identification.fit_errors import Errors, Uncertainty
 from models.identification.free_parameters import NED
 from models.identification.genetic import Operators
-from models.identification.objectives import Objectives
+from models.identification.objectives import Metric, Objectives, objective_findings
 from models.identification.output_error import (
     check_determined,
     check_horizons,
@@ -46,7 +46,7 @@ class Nsga2(PredictionOptions):
     `errors`, `bootstrap` and `block_s` are about the standard errors of a polished point.
     """
 
-    objective: Literal["mae", "mse", "smape", "mean_error"]
+    objective: Metric
     grouped: bool
     log_scale: tuple[str, ...]
     algorithm: Algorithm
@@ -142,6 +142,7 @@ class Nsga2(PredictionOptions):
             findings += [Finding("condition_number", "all", condition), *covariance]
             findings += fit_findings(predictor, polished)
             point = polished.point
+        findings += objective_findings(objectives, point)
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 

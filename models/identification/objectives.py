@@ -11,11 +11,15 @@ sum (`mae`); the thesis's figures came from the magnitude of the mean error (`me
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from models.basis import Array
 from models.identification.predictor import Predictor
+from models.identification.problem import Finding
+
+Metric = Literal["mae", "mse", "smape", "mean_error"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,3 +76,12 @@ class Objectives:
         share = errors / self.scale
         n = share.shape[1] // 2
         return np.column_stack([share[:, :n].mean(axis=1), share[:, n:].mean(axis=1)])
+
+
+def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
+    """The objectives of one design point (m,) over the training part."""
+    values = objectives(point[None])[0]
+    return [
+        Finding("objective", dof, float(value), unit, label=name)
+        for (dof, name, unit), value in zip(objectives.labels, values, strict=True)
+    ]

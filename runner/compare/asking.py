@@ -36,6 +36,8 @@ PlotKind = Literal[
     "response",
     "controllers",
     "quality",
+    "topology",
+    "times",
 ]
 
 

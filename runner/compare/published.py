@@ -45,7 +45,8 @@ class Printed:
     (`a known thruster lag`), or that its inputs were `calibrated` on the source's own figures, so
     that agreement is no evidence; empty is the same data, split and knowledge. A figure without
     `source` cannot be reproduced, `note` says why; one without `printed` is a row of ours that
-    nothing printed stands beside.
+    nothing printed stands beside. The `label` of a diagnostic is its label, its number i, or both
+    (`with JIT 100`).
     """
 
     experiment: str
@@ -136,7 +137,8 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
                 f"{place}: {name}: got {text[name]!r}, expected {', '.join(expected)}"
             )
     try:
-        printed = float(text.pop("printed")) if line["printed"].strip() else None
+        given = text.pop("printed")
+        printed = float(given) if given else None
         factor = float(text.pop("factor") or 1.0)
     except ValueError as error:
         raise ConfigurationError(f"{place}: {error}") from error
@@ -145,11 +147,11 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
 
 def judged(results: Results, printed: Sequence[Printed]) -> list[Judged]:
     """Every printed figure of one experiment with ours and its verdict."""
-    runs = _runs(results, printed[0].experiment) if printed else []
+    runs = runs_of(results, printed[0].experiment) if printed else []
     return [_judged(results, one, runs) for one in printed]
 
 
-def _runs(results: Results, experiment: str) -> list[int]:
+def runs_of(results: Results, experiment: str) -> list[int]:
     """Runs of the newest sweep of an experiment, those that it found finished included."""
     sweeps = [sweep.id for sweep in results.reader.sweeps() if sweep.name == experiment]
     return results.of_sweep(max(sweeps)) if sweeps else []
@@ -198,7 +200,8 @@ def _values(results: Results, one: Printed, runs: Sequence[Run]) -> tuple[list[f
             row.value
             for run in finished
             for row in rows[run.id]
-            if one.dof in ("", row.dof) and one.label in ("", row.label or "", str(row.i))
+            if one.dof in ("", row.dof)
+            and one.label in ("", row.label or "", str(row.i), f"{row.label} {row.i}")
         ]
         return [value for value in found if _known(value)], []
     observed = (

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from markupsafe import Markup
@@ -11,8 +12,9 @@ from matplotlib.figure import Figure
 
 from .formats import html_table
 from .page import Picture, picture, render_page, write_page
+from .plots.request import PlotRequest
 from .plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
-from .published import Judged, by_table
+from .published import Judged, by_table, runs_of
 from .published_tables import published_grid, summary_grid
 from .results import Results
 
@@ -20,6 +22,7 @@ EXPERIMENTS = Path(__file__).parents[2] / "conf" / "experiment"
 COLOURS = {"beaten": "#009E73", "reproduced": "#0072B2", "not reproduced": "#D55E00"}
 ROW_INCH = 0.24  # height of a line of the figure
 MOST_ROWS = 60
+FIGURES = {"hoyer_figure_7_20": ("topology",), "hoyer_figure_7_21": ("times",)}  # kinds of plots
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Chapter:
 def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: Path) -> None:
     """Write the page; LogbookError where the file cannot be written."""
     with drawn():
-        chapters = [_chapter(judged) for judged in tables]
+        chapters = [_chapter(results, judged) for judged in tables]
     page = render_page(
         "published.html",
         title="Published figures, and ours",
@@ -46,7 +49,7 @@ def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: 
     write_page(page, file)
 
 
-def _chapter(judged: Sequence[Judged]) -> Chapter:
+def _chapter(results: Results, judged: Sequence[Judged]) -> Chapter:
     name, tables = judged[0].printed.experiment, by_table(judged)
     drawn_ones = [(one, ratios(one)) for one in tables]
     pictures = [
@@ -54,7 +57,20 @@ def _chapter(judged: Sequence[Judged]) -> Chapter:
         for i, (one, drawing) in enumerate(drawn_ones)
         if drawing is not None
     ]
+    pictures += _figures(results, name)
     return Chapter(name, about(name), [html_table(published_grid(one)) for one in tables], pictures)
+
+
+def _figures(results: Results, experiment: str) -> list[Picture]:
+    """The figures of the source drawn again from the experiment's runs; none before they ran."""
+    ids = runs_of(results, experiment)
+    made = []
+    for kind in FIGURES.get(experiment, ()) if ids else ():
+        drawings = import_module(f"{__package__}.plots.{kind}").drawings
+        request = PlotRequest(where=f"id in ({', '.join(map(str, ids))})")
+        for i, drawing in enumerate(drawings(results, request)):
+            made.append(picture(drawing.figure, kind, f"{experiment}-{kind}-{i}-"))
+    return made
 
 
 def about(experiment: str) -> str:

@@ -11,7 +11,7 @@ from .request import PlotRequest
 KINDS = (
     *("bars", "orders", "residual", "track", "errors", "coefficients"),
     *("pareto", "surface", "spectrum", "wind", "excitation"),
-    *("response", "controllers", "quality"),
+    *("response", "controllers", "quality", "topology", "times"),
 )
 
 

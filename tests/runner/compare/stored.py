@@ -135,8 +135,11 @@ def fill_sailed(logbook: Logbook) -> None:
                 [*(_orders(seed) if identifier == "plsr" else []), *_excitation()],
                 [_recording(), _residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
             )
-    finish(logbook, start("nsga2", "calm"), diagnostics=_pareto())
-    finish(logbook, start("surface", "calm"), diagnostics=_surface())
+    truth = [coefficient("u_dot", 1200.0, None, 1200.0), coefficient("u", 10.0, None, 10.0)]
+    finish(
+        logbook, start("nsga2", "calm"), coefficients=truth, diagnostics=[*_pareto(), *_topology()]
+    )
+    finish(logbook, start("surface", "calm"), diagnostics=[*_surface(), *_times()])
     finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
     finish(logbook, start("iv", "calm"), series=[_quality()])
 
@@ -238,6 +241,32 @@ def _pareto() -> list[Diagnostic]:
             value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
             found.append(Diagnostic("pareto_objective", "all", point, j, name, value, unit))
     return found
+
+
+def _topology() -> list[Diagnostic]:
+    """A bowl whose lowest point of 5 x 4 is i = 3, j = 1."""
+    found = [
+        Diagnostic("topology_first", "surge", i, None, "surge.u_dot", 900.0 + 100.0 * i, "kg")
+        for i in range(5)
+    ]
+    found += [
+        Diagnostic("topology_second", "surge", j, None, "surge.u", 10.0 * j, "kg/s")
+        for j in range(4)
+    ]
+    return found + [
+        Diagnostic("topology", "all", i, j, None, 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, "")
+        for i in range(5)
+        for j in range(4)
+    ]
+
+
+def _times() -> list[Diagnostic]:
+    return [
+        Diagnostic(name, "all", n, None, way, first + each * n, "s")
+        for way, compilation, each in (("without JIT", 0.0, 0.1), ("with JIT", 5.0, 1e-4))
+        for name, first in (("prediction_time", compilation), ("prediction_time_compiled", 0.0))
+        for n in (1, 10, 100)
+    ]
 
 
 def _surface() -> list[Diagnostic]:
