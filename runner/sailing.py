@@ -47,6 +47,8 @@ def sail_mission(
 
     A deployment meets the change of the plant; an adaptive one identifies while it sails.
     """
+    if deployed and hasattr(trial.controller, "deployed"):
+        trial = replace(trial, controller=trial.controller.deployed())
     vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
     start = np.zeros(len(vessel.dofs))

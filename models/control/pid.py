@@ -5,7 +5,7 @@ T = 2 zeta / omega_n. The thruster lead adds T d(tau_FF)/dt to the feedforward, 
 difference: it arrives when it is needed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -118,7 +118,8 @@ class PidFeedforward:
     """PID on the body-frame error with the model's force as feedforward.
 
     Gains in SI, one a degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
-    `thruster_lead` makes up for the lag of `thruster`, where there is one.
+    `thruster_lead` makes up for the lag of `thruster`, where there is one. Without
+    `deployed_feedback` an evaluation is sailed on the feedforward alone.
     """
 
     kp: tuple[float, ...]
@@ -126,6 +127,7 @@ class PidFeedforward:
     kd: tuple[float, ...]
     feedback: bool = True
     feedforward: bool = True
+    deployed_feedback: bool = True
     thruster_lead: bool = False
     thruster: SecondOrderLag | None = None
 
@@ -138,6 +140,14 @@ class PidFeedforward:
                 )
         if not (self.feedback or self.feedforward):
             raise ConfigurationError("feedback and feedforward are both off: nothing would move")
+        if not (self.deployed_feedback or self.feedforward):
+            raise ConfigurationError(
+                "deployed_feedback and feedforward are both off: no evaluation would move"
+            )
+
+    def deployed(self) -> "PidFeedforward":
+        """What sails an evaluation: this controller, or its feedforward alone."""
+        return self if self.deployed_feedback else replace(self, feedback=False)
 
     def build(self, model: Vessel, period_s: float) -> tuple[PidTable, Array]:
         """Parameters and initial state of the compiled step, for a model and control period."""

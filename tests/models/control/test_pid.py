@@ -7,6 +7,7 @@ import pytest
 
 from models.control.pid import PidFeedforward
 from models.derivatives import from_derivatives
+from models.errors import ConfigurationError
 from models.simulation import CONTROLLERS, Log, Voyage
 from models.thruster import SecondOrderLag, acting_force
 from models.vessel import PLANAR, Vessel
@@ -92,3 +93,17 @@ def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> N
     step(first[0], first[1], eta, nu, *reference, before, np.empty(3))
     np.testing.assert_allclose(commands[1][:2], before[:2], rtol=1e-12)
     assert abs(commands[1][2] - before[2]) > 1.0  # no integral in yaw that could take it
+
+
+def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
+    one = composed("identifier=none", "controller.deployed_feedback=false")
+    shares = {
+        deployed: trial.sail_mission(
+            one, trial.streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
+        ).voyage.log.tau_fb
+        for deployed in (False, True)
+    }
+    assert np.all(np.mean(np.abs(shares[False]), axis=0) > 10.0)
+    assert not np.any(shares[True])
+    with pytest.raises(ConfigurationError, match="deployed_feedback and feedforward are both off"):
+        PidFeedforward(NONE, NONE, NONE, feedforward=False, deployed_feedback=False)
