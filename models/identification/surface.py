@@ -242,6 +242,8 @@ def surface_findings(
             value = float(choice.surface_mse[a, j] * square[k])
             i, n = int(a) + 1, int(j) + 1
             found.append(Finding(f"surface_mse{suffix}", dof, value, unit, i, n, label))
+        models = float(np.count_nonzero(~np.isnan(choice.surface_mse)))
+        found.append(Finding(f"surface_models{suffix}", dof, models, label=label))
         for a, mse in enumerate(choice.order_mse * square[k]):
             found.append(Finding(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label))
         found.append(Finding(f"selected_order{suffix}", dof, float(choice.order), label=label))
