@@ -9,7 +9,7 @@ newest sweep that meet the condition.
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from models.errors import ConfigurationError
 
-from .observations import FINISHED, Run
+from .observations import FINISHED, Observation, Run
 from .results import Results
 from .statistics import SAME, confidence_interval
 
@@ -40,13 +40,13 @@ class Printed:
 
     `way` is how ours was made, where one printed figure has several beside it. `compare` says what
     is good: the printed `value` itself, a `lower` or `higher` figure, or an estimate nearer to the
-    stored `truth`; `none` is shown without judging. Ours is multiplied by `factor` to have the
-    printed unit. `information` says what ours knows that the source did not
-    (`a known thruster lag`), or that its inputs were `calibrated` on the source's own figures, so
-    that agreement is no evidence; empty is the same data, split and knowledge. A figure without
-    `source` cannot be reproduced, `note` says why; one without `printed` is a row of ours that
-    nothing printed stands beside. The `label` of a diagnostic is its label, its number i, or both
-    (`with JIT 100`).
+    stored `truth`; `none` is shown without judging. A `model` such as `identified/nominal` is the
+    ratio of the two within each run. Ours is multiplied by `factor` to have the printed unit.
+    `information` says what ours knows that the source did not (`a known thruster lag`), or that its
+    inputs were `calibrated` on the source's own figures, so that agreement is no evidence; empty is
+    the same data, split and knowledge. A figure without `source` cannot be reproduced, `note` says
+    why; one without `printed` is a row of ours that nothing printed stands beside. The
+    `label` of a diagnostic is its label, its number i, or both (`with JIT 100`).
     """
 
     experiment: str
@@ -137,8 +137,8 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
                 f"{place}: {name}: got {text[name]!r}, expected {', '.join(expected)}"
             )
     try:
-        given = text.pop("printed")
-        printed = float(given) if given else None
+        number = text.pop("printed")
+        printed = float(number) if number else None
         factor = float(text.pop("factor") or 1.0)
     except ValueError as error:
         raise ConfigurationError(f"{place}: {error}") from error
@@ -162,7 +162,8 @@ def _judged(results: Results, one: Printed, ids: Sequence[int]) -> Judged:
         return Judged(one, math.nan, math.nan, math.nan, 0, 0, "not reproducible", one.note)
     runs = _chosen(results, one, ids)
     if not runs:
-        reason = f"python -m runner experiment={one.experiment}"
+        command = f"python -m runner experiment={one.experiment}"
+        reason = f"{command}; {one.note}" if one.note else command
         return Judged(one, math.nan, math.nan, math.nan, 0, 0, "no runs", reason)
     values, truths = _values(results, one, runs)
     sample = np.array([one.factor * value for value in values])
@@ -195,31 +196,67 @@ def _values(results: Results, one: Printed, runs: Sequence[Run]) -> tuple[list[f
     """The number of each finished run that has it, and the true values stored beside them."""
     finished = [run for run in runs if run.status == FINISHED]
     if one.source == "diagnostic":
-        rows = results.diagnostics(finished, [one.name])
-        found = [
-            row.value
-            for run in finished
-            for row in rows[run.id]
-            if one.dof in ("", row.dof)
-            and one.label in ("", row.label or "", str(row.i), f"{row.label} {row.i}")
-        ]
-        return [value for value in found if _known(value)], []
+        return _diagnostics(results, one, finished), []
     observed = (
         results.metrics(finished, [one.name])
         if one.source == "metric"
-        else results.coefficients(finished)
+        else _coefficients(results, one, finished)
     )
     wanted = [
         seen
         for seen in observed
         if seen.name == one.name
         and seen.dof == one.dof
-        and seen.model == one.model
         and one.stage in ("", seen.stage)
         and _known(seen.value)
     ]
+    if "/" in one.model:
+        return _ratios(wanted, one.model), []
+    wanted = [seen for seen in wanted if seen.model == one.model]
     truths = [seen.true_value for seen in wanted if seen.true_value is not None]
     return [seen.value for seen in wanted if seen.value is not None], truths
+
+
+def _diagnostics(results: Results, one: Printed, runs: Sequence[Run]) -> list[float]:
+    rows = results.diagnostics(runs, [one.name])
+    found = [
+        row.value
+        for run in runs
+        for row in rows[run.id]
+        if one.dof in ("", row.dof)
+        and one.label in ("", row.label or "", str(row.i), f"{row.label} {row.i}")
+    ]
+    return [value for value in found if _known(value)]
+
+
+def _coefficients(results: Results, one: Printed, runs: Sequence[Run]) -> list[Observation]:
+    """Those of one term; a table that is stored without it has a zero there."""
+    observed = results.coefficients(runs)
+    found = [seen for seen in observed if (seen.name, seen.dof) == (one.name, one.dof)]
+    having = {(seen.run.id, seen.model) for seen in found}
+    tables = {(seen.run.id, seen.model): seen for seen in observed}
+    zeros = [
+        replace(
+            seen, dof=one.dof, name=one.name, value=0.0, std_error=None,
+            true_value=None if seen.true_value is None else 0.0,
+        )
+        for table, seen in tables.items()
+        if table not in having
+    ]  # fmt: skip
+    return found + zeros
+
+
+def _ratios(seen: Sequence[Observation], models: str) -> list[float]:
+    """Of each run the value of one model over that of another, `identified/nominal`."""
+    above, below = (
+        {one.run.id: one.value for one in seen if one.model == model}
+        for model in models.split("/", 1)
+    )
+    return [
+        value / divisor
+        for id_, value in above.items()
+        if value is not None and (divisor := below.get(id_))
+    ]
 
 
 def _known(value: float | None) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from models.basis import terms
 from models.errors import ConfigurationError
 from runner.compare.published import COLUMNS, FOLDER, Printed, judged, read_folder, verdict_of
 from runner.compare.results import Results, open_results
@@ -63,6 +64,26 @@ def test_a_median_a_factor_and_a_coefficient(results: Results) -> None:
     (one,) = judged(results, [mass])
     assert one.value == pytest.approx(104.0)
     assert one.verdict == "reproduced"  # printed 100.0 is the truth itself: nothing beats it
+
+
+def test_a_coefficient_that_is_not_stored_is_zero(results: Results) -> None:
+    dropped = replace(ONE, source="coefficient", stage="", name="|u|u", printed=7.0)
+    (one,) = judged(results, [replace(dropped, compare="truth")])
+    assert (one.value, one.n, one.verdict) == (0.0, 3, "beaten")
+    assert judged(results, [replace(dropped, model="other")])[0].n == 0
+
+
+def test_two_models_of_one_run_as_a_ratio(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        sweep = logbook.begin_sweep("mine", "python -m runner experiment=mine", [], 1)
+        for seed, (nominal, identified) in enumerate([(8.0, 2.0), (4.0, 2.0), (0.0, 1.0)]):
+            begin = logbook.begin_run(stored.start("ls", seed=seed), sweep_id=sweep)
+            found = [stored.force_mse(nominal, model="nominal"), stored.force_mse(identified)]
+            logbook.finish_run(begin.run_id, stored.Results(found, [], [], []))
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        (one,) = judged(results, [replace(ONE, model="identified/nominal", printed=0.375)])
+    assert one.value == pytest.approx(0.375)  # not the ratio of the means
+    assert (one.n, one.lost) == (2, 1)  # over nothing it is not defined
 
 
 def test_what_cannot_be_answered_says_why(results: Results) -> None:
@@ -125,21 +146,24 @@ LINE = (
 def test_the_command_prints_and_writes_the_page(
     book: Path, tmp_path: Path, program: Program
 ) -> None:
-    folder = written(
-        tmp_path / "printed", LINE, LINE.replace(",,,lower,,,", ",,,lower,,calibrated,")
-    )
+    calibrated = LINE.replace(",,,lower,,,", ",,,lower,,calibrated,")
+    folder = written(tmp_path / "printed", LINE, calibrated, LINE.replace(",100,", ",,"))
     page = tmp_path / "page" / "index.html"
     options = ("--printed", folder, "--database", book / "results.db")
     code, out, _ = program("published", *options, "--page", page, "-f", "json")
     assert code == 0
-    first, second = json.loads(out)
+    first, second, third = json.loads(out)
     assert (first["printed"], first["ours"], first["verdict"]) == (100.0, 52.0, "beaten")
     assert second["information"] == "calibrated"
+    assert (third["printed"], third["ours"], third["verdict"]) == (None, 52.0, "ours")
     text = page.read_text()
     assert "Somebody (2020)" in text
     assert "<svg" in text
     code, out, _ = program("published", *options, "--summary", "-f", "csv")
-    assert out.splitlines() == ["source,table,experiment,beaten", "Somebody (2020),Table 1,mine,2"]
+    assert out.splitlines() == [
+        "source,table,experiment,beaten,ours",
+        "Somebody (2020),Table 1,mine,2,1",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -181,3 +205,14 @@ def test_every_figure_that_can_be_answered_has_its_experiment() -> None:
         assert (CONF / "experiment" / f"{name}.yaml").exists() == answerable, name
         for one in figures:
             assert one.source or one.note, f"{name}: {one.row}, {one.quantity} lacks a reason"
+
+
+def test_every_printed_coefficient_is_one_of_a_term() -> None:
+    """A term that is misspelt would not be found in the results, and be taken for zero."""
+    names = {
+        one.name
+        for figures in read_folder(FOLDER).values()
+        for one in figures
+        if one.source == "coefficient"
+    }
+    assert {one.name for one in terms(sorted(names))} == names
