@@ -9,7 +9,7 @@ from models.basis import Array
 from models.control.limits import largest_disturbance
 from models.disturbance import Disturbance
 from models.dynamics import Weather
-from models.excitation.mission import Mission, added_force, steering
+from models.excitation.mission import Mission, added_force, start_of, steering
 from models.kinematics import in_body
 from models.recording import attitude_of
 from models.simulation import Log, Outlook, Plant, Voyage, outlook, sail
@@ -43,7 +43,7 @@ def sail_mission(
     deployed: bool = False,
     adaptive: bool = False,
 ) -> Sailed:
-    """Sail a mission with the controller built on `model`, from rest at the origin.
+    """Sail a mission with the controller built on `model`, from rest where it begins.
 
     A deployment meets the change of the plant; an adaptive one identifies while it sails.
     """
@@ -51,7 +51,7 @@ def sail_mission(
         trial = replace(trial, controller=trial.controller.deployed())
     vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
-    start = np.zeros(len(vessel.dofs))
+    start = start_of(mission, vessel.dofs)
     weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     added = added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation))

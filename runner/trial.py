@@ -24,7 +24,7 @@ from models.recording import Recording, check_cutoff
 from models.simulation import recording_of
 from models.statespace import StateSpace
 from models.vessel import Vessel
-from runner import control_rows, measured, prediction_rows, rows
+from runner import control_rows, measured, mix_rows, prediction_rows, rows
 from runner.config import Trial
 from runner.control_rows import Sailed
 from runner.database.records import Diagnostic, Metric, Results
@@ -121,8 +121,9 @@ def run(trial: Trial) -> Results:
     predicted, reasons = prediction_rows.metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
+    mixed = mix_rows.results(trial, excited.recording, problem, identified)
     results = Results(
-        metrics=[*validation, *predicted, *unreached(excited)],
+        metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[
             *rows.coefficients(problem.nominal, identified, excited.truth),
             *rows.stage_coefficients(identified),
@@ -131,10 +132,12 @@ def run(trial: Trial) -> Results:
             *rows.diagnostics(identified),
             *reasons,
             *excitation_report(problem, excited.recording),
+            *mixed.diagnostics,
         ],
         series=[
             rows.recording_series(excited.recording, excited.training, excited.sailed),
             rows.residual_series(excited, problem.nominal, identified),
+            *mixed.series,
         ],
         note=skipped(trial),
     )

@@ -13,9 +13,10 @@ from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.excitation.information import (
+    Integers,
     Weights,
-    inseparable,
     information,
+    inseparable,
     largest_remainder,
     log_det,
     optimal,
@@ -116,7 +117,7 @@ class Design:
         """The optimal shares of the candidates."""
         return optimal(self.gammas, [one.name for one in self.terms])
 
-    def counts(self, total: int) -> Array:
+    def counts(self, total: int) -> Integers:
         """The optimal mix in whole sub-experiments, shape (Q,)."""
         counts = largest_remainder(self.weights.share, total)
         names = [one.name for one in self.terms]
@@ -128,6 +129,6 @@ class Design:
             )
         return counts
 
-    def log_det(self, counts: Array) -> float:
+    def log_det(self, counts: Array | Integers) -> float:
         """log det of the mean information of a mix; -inf where it is singular."""
-        return log_det(self.gammas, counts / np.sum(counts))
+        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from models.basis import Array
 from models.errors import ConfigurationError
 
+Integers = NDArray[np.int64]
+
 GAP = 1e-6  # at which the search for the optimum ends
 MOST_STEPS = 200_000
 SINGULAR = 1e-12  # of an eigenvalue, relative to the largest, of scaled information
@@ -109,7 +111,7 @@ def _threshold(left: float, n: int) -> float:
     return float(n * least * (1.0 - 1e-9))
 
 
-def largest_remainder(share: Array, total: int) -> NDArray[np.int64]:
+def largest_remainder(share: Array, total: int) -> Integers:
     """Whole counts of sum `total` by the largest remainder (Hamilton), shape (Q,).
 
     Of equal remainders the first are rounded up.

@@ -75,6 +75,11 @@ def added_force(
     return exciting.force(t, dofs, rng) if hasattr(mission, "force") else None
 
 
+def start_of(mission: Mission, dofs: Sequence[str]) -> Array:
+    """The pose that a mission begins at, shape (n_dof,): the origin, unless it says otherwise."""
+    return np.array(getattr(mission, "start", np.zeros(len(dofs))))
+
+
 def steering(
     mission: Mission, dofs: Sequence[str], period_s: float
 ) -> tuple[NamedTuple, Array] | None:

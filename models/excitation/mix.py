@@ -113,7 +113,7 @@ class Mix:
             pool = np.repeat(np.arange(len(self.candidates)), self.repeats)
             rng = np.random.default_rng(self.draw_seed)
             drawn = rng.choice(pool, self.sub_experiments, replace=False)
-            counts = np.bincount(drawn, minlength=len(self.candidates))
+            counts = np.bincount(drawn, minlength=len(self.candidates)).astype(np.int64)
         return {name: int(n) for name, n in zip(self.candidates, counts, strict=True)}
 
     @cached_property
@@ -130,11 +130,13 @@ class Mix:
     def schedule(self) -> Schedule:
         """The mix and then what is held out; along a plan, of each candidate the last."""
         if self.plan is not None:
-            return self.information.schedule(parts_of(self.plan, self.information, self.held_out))
+            everywhere = self.route.follow == "everywhere"
+            parts = parts_of(self.plan, self.information, self.held_out, everywhere)
+            return self.information.schedule(parts)
         names, trained = self._to_be_sailed, sum(self.counts.values())
         roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]
         each = map(self.information.sub_experiment, names, roles)
-        return self.information.schedule([part for parts in each for part in parts])
+        return self.information.schedule([part for pair in each for part in pair])
 
     @property
     def start(self) -> Array:
@@ -176,8 +178,11 @@ class Mix:
             )
         for name, candidate in self.candidates.items():
             check_open(name, candidate, dofs, self.period_s)
-        if self.feedback.kp[2:] == () or self.feedback.kd[2:] == ():
-            raise ConfigurationError("excitation.feedback: expected three numbers each")
+        if len(self.feedback.kp) != 3 or len(self.feedback.kd) != 3:
+            raise ConfigurationError(
+                f"excitation.feedback: got {len(self.feedback.kp)} and {len(self.feedback.kd)} "
+                "numbers, expected 3 each"
+            )
         _ = self.schedule
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:

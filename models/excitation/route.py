@@ -1,14 +1,16 @@
 """A feasible trajectory of the mix: the candidates as motion primitives of a planner.
 
 A candidate's primitive is its track in the believed model's calm water, with its stop, closed by a
-passage to the lattice. What was planned is sailed so: the manoeuvres in an open loop, as they are
-designed; stops and passages under feedback, the passages along the planned poses. A vessel that is
-not the believed one strays while it manoeuvres and returns on the passage.
+passage to the lattice. What was planned is sailed by feedback along the planned poses, with the
+force that the believed vessel needed; the motion, and with it the information, is then near what
+was designed. Without feedback in the manoeuvres (`follow: passages`) a vessel that is not the
+believed one strays from the plan until the next passage.
 """
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -29,7 +31,8 @@ class Route:
 
     Polygons are lists of (north, east) [m]. `goal` null is the start. `clearance_m` is kept from
     the vessel's reference point; passages are sailed at `speed_m_s` and `turn_rate_rad_s` between
-    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`.
+    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`. `follow`: the
+    plan is followed by feedback everywhere, or on the passages between manoeuvres only.
     """
 
     area: Corners | None
@@ -41,6 +44,7 @@ class Route:
     speed_m_s: float
     turn_rate_rad_s: float
     hold_s: float
+    follow: Literal["everywhere", "passages"]
 
     def __post_init__(self) -> None:
         for name in ("speed_m_s", "turn_rate_rad_s"):
@@ -51,12 +55,14 @@ class Route:
         if self.hold_s < 0.0:
             raise ConfigurationError(f"hold_s must not be negative, got {self.hold_s}")
         if self.area is not None:
-            _ = self._waters(self.area)
+            _ = self.waters
         elif self.obstacles:
             raise ConfigurationError("obstacles: got some without an area")
 
-    def _waters(self, area: Corners) -> Waters:
-        return Waters(area, self.obstacles, self.clearance_m)
+    @property
+    def waters(self) -> Waters:
+        """The area with its obstacles."""
+        return Waters(self.area or (), self.obstacles, self.clearance_m)
 
     def plan(self, design: Design, names: Sequence[str]) -> Plan | None:
         """The path that sails the named candidates; None without an area.
@@ -68,7 +74,7 @@ class Route:
         pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.period_s)
         tracks = {name: voyage.log.eta for name, voyage in design.voyages.items()}
         task = Task(
-            waters=self._waters(self.area),
+            waters=self.waters,
             primitives=[Primitive(name, track, True) for name, track in tracks.items()],
             counts=Counter(names),
             start=_pose(self.start),
@@ -87,8 +93,11 @@ def _pose(pose: Pose) -> Array:
     return np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
-def parts_of(found: Plan, design: Design, held_out: Sequence[str]) -> list[Part]:
-    """What is sailed along a plan; of each candidate the last ones are held out for testing."""
+def parts_of(found: Plan, design: Design, held_out: Sequence[str], everywhere: bool) -> list[Part]:
+    """What is sailed along a plan; of each candidate the last ones are held out for testing.
+
+    Poses are followed `everywhere`, or on the passages.
+    """
     left = Counter(leg.name for leg in found.legs if leg.informative)
     kept, own = Counter(held_out), design.count + design.stop
     parts: list[Part] = []
@@ -97,7 +106,19 @@ def parts_of(found: Plan, design: Design, held_out: Sequence[str]) -> list[Part]
         if leg.informative:
             testing = left[leg.name] <= kept[leg.name]
             left[leg.name] -= 1
-            parts += design.sub_experiment(leg.name, "testing" if testing else "training")
+            pair = design.sub_experiment(leg.name, "testing" if testing else "training")
+            if everywhere:
+                pair = _followed(pair, poses[:own], design.voyages[leg.name].log.tau)
+            parts += pair
             poses = poses[own:]
         parts.append(Part(leg.name, "passage", len(poses), poses=poses))
     return parts
+
+
+def _followed(pair: list[Part], poses: Array, force: Array) -> list[Part]:
+    """A manoeuvre and its stop with the poses and the force that were planned, (N, n_dof)."""
+    edges = np.cumsum([0, *(part.count for part in pair)])
+    return [
+        replace(part, poses=poses[a:b], force=force[a:b])
+        for part, a, b in zip(pair, edges[:-1], edges[1:], strict=True)
+    ]

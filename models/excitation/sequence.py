@@ -1,7 +1,8 @@
 """Manoeuvres one after the other, the vessel brought to rest between them.
 
-A part is a stretch of control instants: a manoeuvre with its own force, or a stop by velocity
-feedback, or a passage, on which poses that were planned are followed by feedback.
+A part is a stretch of control instants: a manoeuvre with its own force, a stop by velocity
+feedback, or a passage. Where poses were planned they are followed by feedback, and the force of a
+manoeuvre and its stop is then what the plan's vessel needed.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,9 @@ from models.basis import Array, Codes
 from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 from models.excitation.steering import OpenLoop, ZigZagTable
+from models.kinematics import in_body
 from models.simulation import CONTROLLERS
+from models.splits import Mask
 
 OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3
 Kind = Literal["manoeuvre", "stop", "passage"]
@@ -45,7 +48,8 @@ class Part:
     kind: Kind
     count: int
     role: Role = "none"
-    poses: Array | None = None  # (count, n_dof) that were planned [m, rad]
+    poses: Array | None = None  # (count, n_dof) that were planned, followed [m, rad]
+    force: Array | None = None  # (count, n_dof) that was planned [N, Nm], where poses are followed
 
 
 class SequenceTable(NamedTuple):
@@ -54,7 +58,8 @@ class SequenceTable(NamedTuple):
     mode: Codes  # (N,)
     moment: Array  # (N,) of a zig-zag
     turn: Array  # (N,) at which it changes sign
-    poses: Array  # (N, n_dof) that a passage follows
+    poses: Array  # (N, n_dof) that are followed
+    velocities: Array  # (N, n_dof) with which
     kp: Array  # (n_dof,)
     kd: Array
     limits: Array  # of the feedback
@@ -65,16 +70,16 @@ class SequenceTable(NamedTuple):
 def _feedback(
     table: SequenceTable, k: int, eta: Array, nu: Array, tau: Array, follow: bool
 ) -> None:
-    """tau = J(psi)' Kp e - Kd nu within the limits, e the error of the pose in the plane."""
+    """tau = R(psi)' Kp e - Kd (nu - nu_d) within the limits, e the error of the pose."""
     c, s = np.cos(eta[2]), np.sin(eta[2])
     north, east, turn = 0.0, 0.0, 0.0
     if follow:
         north, east = table.poses[k, 0] - eta[0], table.poses[k, 1] - eta[1]
         turn = table.poses[k, 2] - eta[2]
         turn = np.arctan2(np.sin(turn), np.cos(turn))
-    tau[0] = table.kp[0] * (c * north + s * east) - table.kd[0] * nu[0]
-    tau[1] = table.kp[1] * (-s * north + c * east) - table.kd[1] * nu[1]
-    tau[2] = table.kp[2] * turn - table.kd[2] * nu[2]
+    tau[0] = table.kp[0] * (c * north + s * east) - table.kd[0] * (nu[0] - table.velocities[k, 0])
+    tau[1] = table.kp[1] * (-s * north + c * east) - table.kd[1] * (nu[1] - table.velocities[k, 1])
+    tau[2] = table.kp[2] * turn - table.kd[2] * (nu[2] - table.velocities[k, 2])
     for i in range(3):
         tau[i] = min(max(tau[i], -table.limits[i]), table.limits[i])
 
@@ -139,7 +144,7 @@ class Schedule:
     def __len__(self) -> int:
         return self.edges[-1]
 
-    def mask(self, role: Role) -> Array:
+    def mask(self, role: Role) -> Mask:
         """Instants of the manoeuvres of a role, shape (N,)."""
         on = [np.full(part.count, part.role == role) for part in self.parts]
         return np.concatenate(on)
@@ -148,8 +153,9 @@ class Schedule:
         """Force of the manoeuvres [N, Nm], shape (N, n_dof); a candidate's is always the same."""
         pieces = []
         for part in self.parts:
-            if part.kind != "manoeuvre":
-                pieces.append(np.zeros((part.count, len(self.dofs))))
+            if part.kind != "manoeuvre" or part.force is not None:
+                still = np.zeros((part.count, len(self.dofs)))
+                pieces.append(still if part.force is None else part.force)
                 continue
             t = self.period_s * np.arange(part.count, dtype=np.float64)
             seed = list(self.manoeuvres).index(part.name)
@@ -161,13 +167,15 @@ class Schedule:
         """Parameters and initial state of the compiled step; `limits` [N, Nm] of the feedback."""
         n = len(self)
         mode, moment, turn = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
-        poses = np.zeros((n, len(self.dofs)))
+        poses, velocities = np.zeros((n, len(self.dofs))), np.zeros((n, len(self.dofs)))
         for part, first in zip(self.parts, self.edges, strict=False):
             here = slice(first, first + part.count)
             if part.poses is not None:
-                poses[here] = part.poses
+                poses[here], mode[here] = part.poses, FOLLOW
+                velocities[here] = body_velocities(part.poses, self.period_s)
+                continue
             if part.kind != "manoeuvre":
-                mode[here] = STOP if part.kind == "stop" else FOLLOW
+                mode[here] = STOP
                 continue
             steered = self.manoeuvres[part.name].steering(self.dofs, self.period_s)
             if steered is not None and isinstance(steered[0], ZigZagTable):
@@ -175,10 +183,19 @@ class Schedule:
                 mode[from_here] = ZIGZAG
                 moment[from_here], turn[from_here] = steered[0].moment, steered[0].turn
         table = SequenceTable(
-            mode, moment, turn, poses, np.array(gains.kp), np.array(gains.kd), limits,
+            mode, moment, turn, poses, velocities, np.array(gains.kp), np.array(gains.kd), limits,
             self.dofs.index("yaw"),
         )  # fmt: skip
         return table, np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def body_velocities(poses: Array, period_s: float) -> Array:
+    """Velocity in body axes [m/s, rad/s] of sampled poses (N, 3), by differences, (N, 3)."""
+    if len(poses) < 2:
+        return np.zeros_like(poses)
+    rate = np.gradient(poses, period_s, axis=0)
+    rate[:, :2] = in_body(rate[:, :2], poses[:, 2])
+    return rate
 
 
 def check_open(name: str, manoeuvre: Manoeuvre, dofs: Sequence[str], period_s: float) -> None:

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from models.basis import Array
 from models.errors import ConfigurationError
-from models.planning.primitives import HEADINGS, STEP, Pace, Primitive, basic, closed, nearest, turned
+from models.planning.primitives import (
+    HEADINGS,
+    STEP,
+    Pace,
+    Primitive,
+    basic,
+    closed,
+    nearest,
+    turned,
+)
 from models.planning.search import Integers
 from models.planning.waters import Waters, clear, inside, simplified
 
@@ -61,14 +70,16 @@ class Lattice:
         """The pose (north, east, heading) of a place."""
         h, i, j = np.unravel_index(place, (HEADINGS, *self.shape))
         own = np.array([i + self.first[0], j + self.first[1]], dtype=np.float64) * self.cell_m
-        return np.array([*(self.anchor[:2] + _turn(own, self.anchor[2])), self.anchor[2] + h * STEP])
+        return np.array(
+            [*(self.anchor[:2] + _turn(own, self.anchor[2])), self.anchor[2] + h * STEP]
+        )
 
     @property
     def centres(self) -> Array:
         """Positions of the cells in NED [m], shape (I, J, 2)."""
         i, j = (np.arange(n) + first for n, first in zip(self.shape, self.first, strict=True))
-        own = self.cell_m * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1)
-        return self.anchor[:2] + _turn(own, self.anchor[2])
+        own = self.cell_m * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).astype(np.float64)
+        return np.asarray(self.anchor[:2] + _turn(own, self.anchor[2]))
 
 
 def _turn(points: Array, angle: float) -> Array:
@@ -97,9 +108,7 @@ def placed(
     """The informative primitives and then the basic ones, on a lattice."""
     by_heading = [
         [closed(one, h, lattice.cell_m, pace, hold) for one in informative]
-        + [
-            replace(one, path=turned(one.path, h * STEP)) for one in basic(h, lattice.cell_m, pace)
-        ]
+        + [replace(one, path=turned(one.path, h * STEP)) for one in basic(h, lattice.cell_m, pace)]
         for h in range(HEADINGS)
     ]
     paths = tuple(zip(*([one.path for one in row] for row in by_heading), strict=True))
@@ -121,8 +130,8 @@ def _valid(lattice: Lattice, free: Any, path: Array, margin: float) -> NDArray[n
     """Whether a path is clear, and its end on the lattice, from every cell, shape (I, J)."""
     i, j, _ = nearest(path[-1], lattice.cell_m)
     rows, columns = np.indices(lattice.shape)
-    inner = (0 <= rows + i) & (rows + i < lattice.shape[0])
-    inner &= (0 <= columns + j) & (columns + j < lattice.shape[1])
+    inner = (rows + i >= 0) & (rows + i < lattice.shape[0])
+    inner &= (columns + j >= 0) & (columns + j < lattice.shape[1])
     centres = lattice.centres
     track = np.vstack([np.zeros((1, 2)), path[:, :2]])
     corners = _turn(simplified(track, margin), lattice.anchor[2])

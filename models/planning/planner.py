@@ -6,6 +6,7 @@ Ljungberg (slides), "Obtaining an experiment trajectory". J is time. The ratios 
 kept by counters of the manoeuvres still to come in the state of the search.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -99,7 +100,7 @@ class Setting:
         n, board = len(self.task.used), self.board
         size = np.hypot(board.di, board.dj)
         sizes = self.sizes[:n]
-        digits = np.array(np.unravel_index(np.arange(int(np.prod(sizes))), sizes)).reshape(n, -1)
+        digits = np.indices(tuple(sizes.tolist())).reshape(n, int(np.prod(sizes)))
         least, reach = np.min(board.cost[:n], axis=1), np.max(size[:n], axis=1)
         free = np.arange(len(board.names)) < n
         row, column = divmod(self.goal % (self.lattice.shape[0] * self.lattice.shape[1]),
@@ -117,13 +118,6 @@ def plan(task: Task) -> Plan:
     """The quickest path; ConfigurationError with what stands in the way where there is none."""
     setting = set_up(task)
     bounds = setting.bounds()
-    states = len(bounds.manoeuvres) * bounds.relaxed.size
-    if states > MOST_STATES:
-        raise ConfigurationError(
-            f"the search has {states:.2g} states ({bounds.relaxed[0].size} cells, {HEADINGS} "
-            f"headings, {len(bounds.manoeuvres)} counts), expected at most {MOST_STATES:.2g}: "
-            "a larger cell_m or fewer sub-experiments"
-        )
     steps, cost = shortest(setting.moves, setting.sizes, bounds, setting.start, setting.goal)
     if cost < 0:
         raise ConfigurationError(_why_none(setting))
@@ -136,16 +130,17 @@ def plan(task: Task) -> Plan:
 def set_up(task: Task) -> Setting:
     """The lattice of a task, its primitives, start and goal."""
     for name, pose in (("start", task.start), ("goal", task.goal)):
-        obstacle = task.waters.in_the_way(pose[:2])
+        obstacle = task.waters.in_the_way(pose[:2].tolist())
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
-    cut = task.waters.separated_by(task.start[:2], task.goal[:2])
+    cut = task.waters.separated_by(task.start[:2].tolist(), task.goal[:2].tolist())
     if cut is not None:
         raise ConfigurationError(
             f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: {cut} and the clearance_m of "
             f"{task.waters.clearance_m:g} cut it off from the start"
         )
     lattice = Lattice.over(task.waters, task.start, task.cell_m)
+    _check_size(task, lattice)
     board = placed(lattice, task.waters, task.used, task.pace, task.hold)
     n = len(task.used)
     for name, valid in zip(board.names[:n], board.valid, strict=False):
@@ -159,6 +154,17 @@ def set_up(task: Task) -> Setting:
     )
     start, goal = lattice.place(task.start.copy()), _arrival(task, lattice)
     return Setting(task, lattice, board, moves, np.concatenate([sizes, basics + 1]), start, goal)
+
+
+def _check_size(task: Task, lattice: Lattice) -> None:
+    cells = lattice.shape[0] * lattice.shape[1]
+    counts = math.prod(task.counts[one.name] + 1 for one in task.used)
+    states = cells * HEADINGS * counts
+    if states > MOST_STATES:
+        raise ConfigurationError(
+            f"the search has {states:.2g} states ({cells} cells, {HEADINGS} headings, {counts} "
+            f"counts), expected at most {MOST_STATES:.2g}: a larger cell_m or fewer sub-experiments"
+        )
 
 
 def _arrival(task: Task, lattice: Lattice) -> int:

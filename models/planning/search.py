@@ -47,7 +47,7 @@ def heuristic(bounds: Bounds, c: int, h: int, i: int, j: int) -> int:
     """
     far = np.hypot(float(i - bounds.goal[0]), float(j - bounds.goal[1]))
     straight = int(max(0.0, (far - bounds.reach[c]) / bounds.pace - 1e-6))
-    return bounds.manoeuvres[c] + max(straight, bounds.relaxed[h, i, j])
+    return int(bounds.manoeuvres[c]) + max(straight, int(bounds.relaxed[h, i, j]))
 
 
 @kernel
@@ -131,10 +131,10 @@ def shortest(
 
 
 @kernel
-def _traced(parent: NDArray[np.int32], via: NDArray[np.int16], state: int) -> Integers:
+def _traced(parent: NDArray[np.int32], via: NDArray[np.int16], state: np.int64) -> Integers:
     """The primitives that led to a state, first to last."""
     steps = []
     while parent[state] >= 0:
         steps.append(np.int64(via[state]))
-        state = parent[state]
+        state = np.int64(parent[state])
     return np.array(steps[::-1], dtype=np.int64)

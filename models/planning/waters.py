@@ -90,6 +90,17 @@ class Waters:
             f"{self.clearance_m:g}"
         )
 
+    def distance(self, points: Array) -> Array:
+        """From points (N, 2) to the nearest obstacle or the area's edge [m], (N,); 0 in or out."""
+        import shapely
+
+        area = _polygon(self.area)
+        at = shapely.points(points)
+        taken = shapely.union_all([_polygon(one) for one in self.obstacles])
+        edge = np.where(shapely.covers(area, at), shapely.distance(area.exterior, at), 0.0)
+        beside = shapely.distance(taken, at) if self.obstacles else edge
+        return np.asarray(np.minimum(edge, beside))
+
     def separated_by(self, start: Sequence[float], goal: Sequence[float]) -> str | None:
         """The obstacles without which two free points are connected, in words; None if they are.
 

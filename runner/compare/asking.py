@@ -38,6 +38,7 @@ PlotKind = Literal[
     "quality",
     "topology",
     "times",
+    "plan",
 ]
 
 
@@ -195,8 +196,9 @@ def plot(
     identifier found; wind: its speed, direction and force in one run; excitation: forces, their
     spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
     controllers: those of several runs over one another; quality: velocity against position of a
-    measured recording. What is of one run takes the newest that meets --where, with --facet one
-    for each level (--facet seed).
+    measured recording; plan: the planned path of an informative mix; topology, times: an
+    objective over two parameters, and the time of predictions. What is of one run takes the newest
+    that meets --where, with --facet one for each level (--facet seed).
     """
     from .plots import draw
     from .plots.request import PlotRequest

@@ -29,7 +29,7 @@ VESSELS = {
     "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
 }  # fmt: skip
 FLOATING = ("wind", "waves", "rough")  # disturbances of what floats
-PLANE = ("waypoints", "prbs_waypoints", "four_corner")  # excitations in the plane
+PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 
 

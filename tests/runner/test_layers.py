@@ -16,6 +16,7 @@ EDGE = {
     "runner.launching",
     "runner.composition",
     "runner.complaints",
+    "runner.variation",
 }
 SIBLINGS = ("excitation", "identification", "control")
 
@@ -46,6 +47,8 @@ def forbidden(module: str) -> tuple[str, ...]:
     packages: list[str] = []
     if inside(module, "models"):
         packages += ["runner", "sqlalchemy", "alembic", "matplotlib", "rich", "typer", "jinja2"]
+    if inside(module, "models.planning"):
+        packages += [f"models.{name}" for name in SIBLINGS]
     if inside(module, *(f"models.{name}" for name in SIBLINGS)):
         own = module.split(".")[1]
         packages += [f"models.{name}" for name in SIBLINGS if name != own]

@@ -10,7 +10,7 @@ from .request import PlotRequest
 
 KINDS = (
     *("bars", "orders", "residual", "track", "errors", "coefficients"),
-    *("pareto", "surface", "spectrum", "wind", "excitation"),
+    *("pareto", "surface", "spectrum", "wind", "excitation", "plan"),
     *("response", "controllers", "quality", "topology", "times"),
 )
 

@@ -1,0 +1,167 @@
+"""The informative mix of the modulus ship: what is designed is what is sailed."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models import basis
+from models.dynamics import Weather
+from models.errors import ConfigurationError
+from models.excitation.information import log_det
+from models.excitation.mix import Mix
+from models.simulation import recording_of, sail
+from runner.trial import check
+from tests.models.excitation.test_information import by_slsqp
+from tests.trials import composed
+
+PERIOD_S = 0.1
+
+
+@cache
+def trial(*overrides: str) -> Any:
+    return composed("vessel=modulus_ship", "excitation=mix", "controller=none", *overrides)
+
+
+def mix(*overrides: str) -> Mix:
+    found: Mix = trial(*overrides).excitation
+    return found
+
+
+def sailed(design: Mix) -> Any:
+    """The recording of a mix in calm water by the believed model."""
+    n = len(design.schedule)
+    still, rng = np.zeros((n, 3)), np.random.default_rng(0)
+    weather = Weather(still, still, still, still)
+    t = PERIOD_S * np.arange(n)
+    steering = design.steering(("surge", "sway", "yaw"), PERIOD_S)
+    assert steering is not None
+    voyage = sail(
+        design.information.plant, weather, design.guidance(t, design.start),
+        design.reference_filter.table(PERIOD_S), steering, design.start, PERIOD_S, 0.1,
+        added=design.force(t, ("surge", "sway", "yaw"), rng),
+    )  # fmt: skip
+    return recording_of(voyage, weather)
+
+
+def test_eleven_candidates_and_six_sub_experiments() -> None:
+    one = mix()
+    assert len(one.candidates) == 11
+    assert sum(one.counts.values()) == 6
+    assert one.duration_s == pytest.approx(9 * 140.0)  # six and three held out, each with its stop
+
+
+def test_the_design_is_optimal_for_the_ship() -> None:
+    design = mix().information
+    assert design.weights.gap <= 1e-6
+    np.testing.assert_allclose(design.weights.share, by_slsqp(design.gammas), atol=1e-4)
+
+
+def test_the_whole_mix_is_better_than_random_ones() -> None:
+    one = mix()
+    best = one.information.log_det(np.array(list(one.counts.values())))
+    draws = [mix("excitation.design=random", f"seed={seed}") for seed in range(12)]
+    for drawn in draws:
+        counts = np.array(list(drawn.counts.values()))
+        assert counts.sum() == 6
+        assert log_det(one.information.gammas, counts / 6.0) < best
+    assert len({tuple(drawn.counts.values()) for drawn in draws}) > 6
+
+
+def test_random_draws_are_without_replacement() -> None:
+    """Five of each: all 55 of them are five of each."""
+    whole = mix("excitation.design=random", "excitation.sub_experiments=55")
+    assert set(whole.counts.values()) == {5}
+
+
+def test_the_information_is_that_of_what_is_sailed() -> None:
+    """Every sub-experiment begins at rest, so the mix has the sum of its parts' information."""
+    one = mix()
+    recording = sailed(one)
+    training = recording.part(one.schedule.mask("training"))
+    phi = basis.evaluate(one.information.terms, training.variables())
+    size = np.sqrt(np.mean(phi**2, axis=0))
+    gamma = (phi / size).T @ (phi / size) / len(phi)
+    design = one.information
+    weights = np.array(list(one.counts.values())) / 6.0
+    mixed = np.tensordot(weights, design.gammas, axes=1)
+    root = np.sqrt(np.diag(mixed))
+    np.testing.assert_allclose(gamma, mixed / np.outer(root, root), atol=2e-3)
+
+
+def test_sub_experiments_begin_at_rest() -> None:
+    one = mix()
+    recording = sailed(one)
+    first = np.array(one.schedule.edges[:-1:2])
+    np.testing.assert_allclose(recording.nu[first], 0.0, atol=1e-6)
+    assert np.min(np.max(np.abs(recording.nu), axis=0)) > 0.1
+
+
+def test_a_manoeuvre_again_is_the_same_motion() -> None:
+    """A zig-zag begins anew each time, with its first steering to starboard."""
+    names = "excitation.held_out=[zigzag_20,zigzag_20]"
+    recording = sailed(mix(names))
+    zigzags = recording.part(mix(names).schedule.mask("testing")).pieces()
+    assert len(zigzags) == 2
+    np.testing.assert_allclose(zigzags[0].nu, zigzags[1].nu, atol=1e-5)
+    turn = np.degrees(zigzags[0].eta[:, 2] - zigzags[0].eta[0, 2])
+    assert 20.0 < np.max(turn) < 60.0
+    assert -60.0 < np.min(turn) < -20.0
+
+
+def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
+    one = mix()
+    t = PERIOD_S * np.arange(len(one.schedule))
+    split = one.split(t)
+    assert np.sum(split.train) == 6 * 1200
+    assert np.sum(split.test) == 3 * 1200
+    assert not np.any(split.train & split.test)
+    assert np.max(np.flatnonzero(split.train)) < np.min(np.flatnonzero(split.test))
+
+
+def test_the_believed_model_may_be_wrong() -> None:
+    nominal = trial().vessel.nominal()
+    wrong = [
+        mix("excitation.believed.error=0.2", f"excitation.believed.seed={seed}") for seed in (1, 2)
+    ]
+    tables = [one.information.plant.vessel.theta for one in wrong]
+    for table in tables:
+        ratio = table[nominal.theta != 0.0] / nominal.theta[nominal.theta != 0.0]
+        assert 0.1 < np.max(np.abs(ratio - 1.0)) <= 0.2
+    assert np.max(np.abs(tables[0] - tables[1])) > 0.0
+    assert mix().information.plant.vessel.theta == pytest.approx(nominal.theta)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["excitation.sub_experiments=0"], "excitation: sub_experiments must be positive, got 0"),
+        (["excitation.held_out=[]"], "held_out: got none, expected some of zigzag_10"),
+        (["excitation.held_out=[spiral]"], "held_out: got spiral, expected some of zigzag_10"),
+        (["excitation.believed.error=1.5"], "believed: error must lie between 0 and 1, got 1.5"),
+        (
+            ["excitation.design=random", "excitation.sub_experiments=56"],
+            "sub_experiments must be at most the pool's 55, got 56",
+        ),
+        (["excitation.sub_experiments=1", "excitation.held_out=[circle]",
+          "~excitation.candidates.prbs_ahead", "~excitation.candidates.prbs_aside",
+          "~excitation.candidates.multisine", "~excitation.candidates.four_corner"],
+         "1 of the optimal mix do not tell"),
+        (
+            ["vessel.tuning.excitation.amplitude.surge=2.5"],
+            "excitation.candidates.prbs_ahead.amplitude.surge: the signal reaches 3.5",
+        ),
+        (
+            ["excitation.candidates.prbs_ahead.loop=closed"],
+            "excitation.candidates.prbs_ahead: is sailed by a controller, expected an open loop",
+        ),
+        (["excitation.feedback.kp=[1,1]"], "excitation.feedback: got 2 and 3 numbers"),
+        (["excitation.stop_s=0"], "stop_s must be positive, got 0"),
+    ],
+)  # fmt: skip
+def test_what_cannot_work_is_refused_in_one_line(overrides: list[str], message: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        check(composed("vessel=modulus_ship", "excitation=mix", "controller=none", *overrides))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
