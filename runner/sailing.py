@@ -9,10 +9,10 @@ from models.basis import Array
 from models.control.limits import largest_disturbance
 from models.disturbance import Disturbance
 from models.dynamics import Weather
-from models.excitation.mission import Mission, added_force, start_of, steering
+from models.excitation.mission import Mission, accompanied, added_force, start_of, steering
 from models.kinematics import in_body
 from models.recording import attitude_of
-from models.simulation import Log, Outlook, Plant, Voyage, outlook, sail
+from models.simulation import Log, Outlook, Plant, Voyage, Watch, outlook, sail
 from models.statespace import StateSpace
 from models.vessel import Vessel
 from runner.adaptive import Adapter
@@ -63,21 +63,33 @@ def sail_mission(
     adapter = None
     if adaptive and isinstance(model, Vessel):
         adapter = adapter_of(trial, model, weather, seeds, ahead)
+    both = accompanied(mission, vessel.dofs, period, (parameters, state))
     voyage = sail(
         plant,
         weather,
         guidance,
         reference,
-        (parameters, state),
+        both,
         start,
         period,
         trial.integration_step_s,
-        watch=None if adapter is None else adapter.watch,
+        watch=watch_of(adapter, alone=both[0] is parameters),
         added=added,
     )
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     needed = largest_disturbance(plant.vessel, weather, heading)
     return sailed(trial, voyage, model, state, needed, adapter)
+
+
+def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
+    """Who looks at the controller's parameters, also where a zig-zag stands beside it."""
+    if adapter is None or alone:
+        return None if adapter is None else adapter.watch
+
+    def look(k: int, log: Log, both: Any, state: Any) -> Any:
+        return both._replace(controller=adapter.look(k, log, both.controller, state[0]))
+
+    return Watch(adapter.watch.every, look)
 
 
 def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:

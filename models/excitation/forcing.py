@@ -14,7 +14,7 @@ from models.basis import Array
 from models.errors import ConfigurationError
 from models.excitation import signals
 from models.excitation.guidance import ReferenceFilter, Timetable
-from models.excitation.mission import Mission, check_fraction
+from models.excitation.mission import Mission, check_fraction, check_offset, steady_force
 from models.excitation.steering import open_loop
 from models.splits import Split
 
@@ -160,7 +160,7 @@ class Forcing:
     signal: Signal
     axes: tuple[str, ...]
     amplitude: dict[str, float]
-    offset: dict[str, float]
+    offset: dict[str, float] | None
     order: Literal["together", "in_turn"]
     loop: Literal["open", "closed"]
     length_s: float
@@ -218,7 +218,8 @@ class Forcing:
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
-        force = np.tile([self.offset.get(dof, 0.0) for dof in dofs], (len(t), 1))
+        force = steady_force(self.offset, len(t), dofs)
+        force += steady_force(getattr(self.base, "offset", None), len(t), dofs)
         part = np.minimum((t / self.part_s + 1e-9).astype(int), self.parts - 1)
         alone = self.order == "in_turn"
         for i, axis in enumerate(self.axes):
@@ -241,19 +242,18 @@ class Forcing:
 
     def check(self, dofs: Sequence[str]) -> None:
         """The axes have to be degrees of freedom of the vessel."""
-        for name, given in (("axes", self.axes), ("offset", self.offset)):
-            unknown = [axis for axis in given if axis not in dofs]
-            if unknown:
-                raise ConfigurationError(
-                    f"excitation.{name}: got {unknown[0]}, but the vessel moves in "
-                    f"{', '.join(dofs)}"
-                )
+        unknown = [axis for axis in self.axes if axis not in dofs]
+        if unknown:
+            raise ConfigurationError(
+                f"excitation.axes: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
+            )
+        check_offset(self.offset, dofs)
         if self.base is not None:
             self.base.check(dofs)
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
         """Raise ConfigurationError where a force exceeds what the thrusters can give."""
-        dofs = tuple(dict.fromkeys((*self.axes, *self.offset)))
+        dofs = tuple(dict.fromkeys((*self.axes, *(self.offset or ()))))
         t = period_s * np.arange(round(self.duration_s / period_s), dtype=np.float64)
         peak = np.max(np.abs(self.force(t, dofs, np.random.default_rng(0))), axis=0)
         for dof, value in zip(dofs, peak, strict=True):

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from models.basis import Array
 from models.errors import ConfigurationError
 from models.excitation.guidance import ReferenceFilter, Timetable
-from models.excitation.mission import check_fraction
-from models.excitation.steering import open_loop, zigzag
+from models.excitation.mission import check_fraction, check_offset, steady_force, within
+from models.excitation.steering import ZigZagTable, beside, open_loop, zigzag
 from models.splits import Split, half
 
 
@@ -21,21 +21,15 @@ def _steerable(what: str, dofs: Sequence[str]) -> None:
         )
 
 
-def _within(name: str, value: float, limits: Mapping[str, float], dof: str) -> None:
-    if dof in limits and abs(value) > limits[dof] * (1.0 + 1e-9):
-        raise ConfigurationError(
-            f"excitation.{name}: got {value:g}, expected at most the thrusters' {limits[dof]:g} "
-            f"in {dof}"
-        )
-
-
 @dataclass(frozen=True)
 class Steered:
-    """A steady surge force, and after `approach_s` a yaw moment; without a controller.
+    """A steady surge force, and after `approach_s` a yaw moment.
 
     Without `turn_deg` the moment stays: a turning circle. With it the moment changes sign each
     time the heading has turned that far from the approach: a zig-zag, 10/10 or 20/20 when moment
-    and angle are those of the test's name.
+    and angle are those of the test's name. `loop`: `open`, without a controller; `closed`, added to
+    the command of one that holds the starting pose, which resists: the moment has to be larger.
+    `offset` [N, Nm] is a force by degree of freedom that is there all the time.
     """
 
     surge_force_n: float
@@ -45,6 +39,8 @@ class Steered:
     duration_s: float
     reference_filter: ReferenceFilter
     train_fraction: float
+    loop: Literal["open", "closed"] = "open"
+    offset: dict[str, float] | None = None
 
     def __post_init__(self) -> None:
         if self.turn_deg is not None and not self.turn_deg > 0.0:
@@ -58,27 +54,39 @@ class Steered:
 
     @property
     def open_loop(self) -> bool:
-        """No controller takes part."""
-        return True
+        """Whether no controller takes part."""
+        return self.loop == "open"
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Nothing is asked for."""
+        """The starting pose, which only a closed loop heeds."""
         return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof); a zig-zag's moment is steered."""
-        force = np.zeros((len(t), len(dofs)))
-        force[:, dofs.index("surge")] = self.surge_force_n
+        force = steady_force(self.offset, len(t), dofs)
+        force[:, dofs.index("surge")] += self.surge_force_n
         if self.turn_deg is None:
-            force[t >= self.approach_s - 1e-9, dofs.index("yaw")] = self.yaw_moment_nm
+            force[t >= self.approach_s - 1e-9, dofs.index("yaw")] += self.yaw_moment_nm
         return force
 
     def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """What stands in for the controller."""
-        if self.turn_deg is None:
-            return open_loop()
+        """What stands in for the controller, in an open loop."""
+        if not self.open_loop:
+            return None
+        return open_loop() if self.turn_deg is None else self._zigzag(dofs, period_s)
+
+    def _zigzag(self, dofs: Sequence[str], period_s: float) -> tuple[ZigZagTable, Array]:
         first = round(self.approach_s / period_s)
-        return zigzag(dofs.index("yaw"), self.yaw_moment_nm, np.radians(self.turn_deg), first)
+        turn = np.radians(self.turn_deg or 0.0)
+        return zigzag(dofs.index("yaw"), self.yaw_moment_nm, float(turn), first)
+
+    def accompany(
+        self, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
+    ) -> tuple[Any, Any]:
+        """The controller of a closed loop, with the moment of a zig-zag beside it."""
+        if self.open_loop or self.turn_deg is None:
+            return controller
+        return beside(controller, self._zigzag(dofs, period_s))
 
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part, and the rest."""
@@ -87,11 +95,15 @@ class Steered:
     def check(self, dofs: Sequence[str]) -> None:
         """Surge and yaw are needed."""
         _steerable("a turning circle or zig-zag", dofs)
+        check_offset(self.offset, dofs)
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
         """Raise ConfigurationError where a force exceeds what the thrusters can give."""
-        _within("surge_force_n", self.surge_force_n, limits, "surge")
-        _within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
+        within("surge_force_n", self.surge_force_n, limits, "surge")
+        within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
+        steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
+        for dof, value in (self.offset or {}).items():
+            within(f"offset.{dof}", abs(value) + steered.get(dof, 0.0), limits, dof)
 
 
 @dataclass(frozen=True)
@@ -111,6 +123,7 @@ class ConstantVelocity:
     axes: tuple[str, ...]  # what the vessel has
     reference_filter: ReferenceFilter
     train_fraction: float
+    offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
         for name in ("velocity_scale", "run_s", "rest_s"):
@@ -163,6 +176,7 @@ class ConstantVelocity:
             raise ConfigurationError(
                 f"excitation.axes: got {', '.join(self.axes)}, expected {', '.join(dofs)}"
             )
+        check_offset(self.offset, dofs)
         if len(self.runs) < 2:
             raise ConfigurationError(
                 f"excitation.velocities: {len(self.runs)} runs suit a vessel in {', '.join(dofs)}, "

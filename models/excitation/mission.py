@@ -72,7 +72,34 @@ def added_force(
 ) -> Array | None:
     """The force of a mission that has one, shape (N, n_dof)."""
     exciting: Any = mission
-    return exciting.force(t, dofs, rng) if hasattr(mission, "force") else None
+    if hasattr(mission, "force"):
+        force: Array = exciting.force(t, dofs, rng)
+        return force
+    offset = getattr(mission, "offset", None)
+    return steady_force(offset, len(t), dofs) if offset else None
+
+
+def steady_force(offset: Mapping[str, float] | None, n: int, dofs: Sequence[str]) -> Array:
+    """A constant force [N, Nm] given by degree of freedom, shape (n, n_dof)."""
+    return np.tile([(offset or {}).get(dof, 0.0) for dof in dofs], (n, 1))
+
+
+def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> None:
+    """Refuse a constant force on a degree of freedom that the vessel does not have."""
+    unknown = [axis for axis in offset or () if axis not in dofs]
+    if unknown:
+        raise ConfigurationError(
+            f"excitation.offset: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
+        )
+
+
+def within(name: str, value: float, limits: Mapping[str, float], dof: str) -> None:
+    """Refuse a force [N, Nm] that exceeds what the thrusters can give."""
+    if dof in limits and abs(value) > limits[dof] * (1.0 + 1e-9):
+        raise ConfigurationError(
+            f"excitation.{name}: got {value:g}, expected at most the thrusters' {limits[dof]:g} "
+            f"in {dof}"
+        )
 
 
 def start_of(mission: Mission, dofs: Sequence[str]) -> Array:
@@ -88,11 +115,25 @@ def steering(
     return exciting.steering(dofs, period_s) if hasattr(mission, "steering") else None
 
 
+def accompanied(
+    mission: Mission, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """A controller's parameters and state, with what a mission steers beside it."""
+    exciting: Any = mission
+    if not hasattr(mission, "accompany"):
+        return controller
+    both: tuple[Any, Any] = exciting.accompany(dofs, period_s, controller)
+    return both
+
+
 def check_limits(mission: Mission, limits: Mapping[str, float], period_s: float) -> None:
     """Refuse a mission whose force exceeds the thrusters' limits [N, Nm], by degree of freedom."""
     exciting: Any = mission
     if hasattr(mission, "check_limits"):
         exciting.check_limits(limits, period_s)
+    else:
+        for dof, value in (getattr(mission, "offset", None) or {}).items():
+            within(f"offset.{dof}", value, limits, dof)
 
 
 def _planar_only(what: str, dofs: Sequence[str]) -> None:
@@ -118,6 +159,7 @@ class Waypoints:
     turn_rate_rad_s: float
     reference_filter: ReferenceFilter
     train_fraction: float
+    offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
         if not self.waypoints or any(len(point) != 3 for point in self.waypoints):
@@ -151,6 +193,7 @@ class Waypoints:
     def check(self, dofs: Sequence[str]) -> None:
         """Way-points are poses in the plane."""
         _planar_only("excitation=waypoints", dofs)
+        check_offset(self.offset, dofs)
 
 
 @dataclass(frozen=True)

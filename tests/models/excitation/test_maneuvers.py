@@ -7,8 +7,9 @@ import pytest
 
 from models.errors import ConfigurationError
 from models.excitation.maneuvers import ConstantVelocity
-from models.excitation.mission import check_limits
+from models.excitation.mission import added_force, check_limits
 from models.simulation import Voyage
+from models.vessel import PLANAR
 from runner.trial import check, sail_mission, streams
 from tests.trials import composed
 
@@ -137,3 +138,105 @@ def test_a_signal_is_added_to_the_closed_loop() -> None:
     assert np.max(np.abs(log.tau_fb)) > 10.0
     _, free = sailed(*options[:1], options[2])
     assert np.abs(log.eta[-1, 0]) < np.abs(free.log.eta[-1, 0])  # it is held
+
+
+@pytest.mark.parametrize("controller", ["pid_ff", "mpc_condensed"])
+def test_a_zigzag_is_added_to_a_closed_loop(controller: str) -> None:
+    """The moment wins against a controller that holds the start, and turns back each time."""
+    _, voyage = sailed(
+        "excitation=zigzag", "excitation.loop=closed", "excitation.yaw_moment_nm=400",
+        "excitation.duration_s=150", "excitation.offset={sway: 40.0}", f"controller={controller}",
+    )  # fmt: skip
+    log = voyage.log
+    added = log.tau - log.tau_fb
+    if controller == "pid_ff":  # its feedforward of standing still is nothing
+        np.testing.assert_allclose(added[:, 0], 150.0)
+        np.testing.assert_allclose(added[:, 1], 40.0)
+        np.testing.assert_allclose(added[voyage.t < 30.0 - 1e-9, 2], 0.0, atol=1e-9)
+        np.testing.assert_allclose(np.abs(added[voyage.t > 30.0, 2]), 400.0)
+        changes = np.flatnonzero(np.diff(np.sign(added[:, 2].round(6))))[1:]
+        assert len(changes) >= 3
+        assert np.all(np.abs(np.degrees(log.eta[changes + 1, 2])) >= 10.0)
+    assert np.max(np.abs(log.tau_fb[:, 2])) > 50.0
+    assert np.max(np.degrees(log.eta[:, 2])) > 10.0
+
+
+def test_a_turn_is_added_to_a_closed_loop() -> None:
+    trial, voyage = sailed("excitation=turning_circle", "excitation.loop=closed")
+    assert not trial.excitation.open_loop
+    log = voyage.log
+    late = voyage.t > 200.0
+    assert np.max(np.abs(log.eta[late, 2])) < 0.1  # the integral action takes it back
+    np.testing.assert_allclose(np.mean(log.tau[late], axis=0), 0.0, atol=3.0)
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [
+        "single_ramp", "triple_ramp", "single_sine", "many_sine", "prbs", "multisine",
+        "prbs_waypoints", "zigzag", "turning_circle", "four_corner", "constant_velocity",
+        "waypoints",
+    ],
+)  # fmt: skip
+def test_every_excitation_takes_an_offset(excitation: str) -> None:
+    def force(*more: str) -> np.ndarray:
+        mission = composed(f"excitation={excitation}", *more).excitation
+        t = 0.1 * np.arange(round(mission.duration_s / 0.1))
+        found = added_force(mission, t, PLANAR, np.random.default_rng(3))
+        return np.zeros((len(t), 3)) if found is None else found
+
+    moved = force("excitation.offset={surge: 30.0, yaw: -7.0}") - force()
+    np.testing.assert_allclose(moved, np.tile([30.0, 0.0, -7.0], (len(moved), 1)), atol=1e-9)
+    mission = composed(f"excitation={excitation}", "excitation.offset={heave: 1.0}").excitation
+    with pytest.raises(ConfigurationError, match=r"excitation\.offset: got heave"):
+        mission.check(PLANAR)
+    mission = composed(f"excitation={excitation}", "excitation.offset={sway: 2000.0}").excitation
+    with pytest.raises(ConfigurationError, match=r"sway.*the thrusters' 1000"):
+        check_limits(mission, {"sway": 1000.0}, 0.1)
+
+
+def test_an_offset_beside_way_points_pushes_the_vessel_aside() -> None:
+    _, free = sailed()
+    _, pushed = sailed("excitation.offset={sway: 60.0}")
+    np.testing.assert_allclose((pushed.log.tau - pushed.log.tau_fb)[:, 1].mean(), 60.0, atol=20.0)
+    assert np.max(np.abs(pushed.log.eta[:, :2] - free.log.eta[:, :2])) > 0.03
+
+
+@pytest.mark.parametrize("loop", ["open", "closed"])
+@pytest.mark.parametrize(
+    "signal", ["single_ramp", "triple_ramp", "single_sine", "many_sine", "prbs", "multisine"]
+)
+def test_every_signal_is_sailed_in_an_open_and_a_closed_loop(signal: str, loop: str) -> None:
+    trial, voyage = sailed(
+        "vessel=surge_nonlinear", f"excitation={signal}", f"excitation.loop={loop}",
+    )  # fmt: skip
+    assert np.any(voyage.log.tau_fb != 0.0) == (loop == "closed")
+    signal_force = trial.excitation.force(voyage.t, ("surge",), np.random.default_rng(
+        streams(0).excitation
+    ))  # fmt: skip
+    if loop == "open":
+        np.testing.assert_array_equal(voyage.log.tau, signal_force)
+
+
+def test_what_a_zigzag_stands_beside_can_be_adapted_while_sailing() -> None:
+    from models.simulation import Watch
+    from runner.sailing import watch_of
+
+    seen: list[object] = []
+
+    class Looker:
+        watch = Watch(10, lambda *_: None)
+
+        def look(self, k: int, log: object, parameters: object, state: object) -> object:
+            seen.append((k, parameters, state))
+            return "better"
+
+    from models.excitation.steering import Beside, zigzag
+
+    found = watch_of(Looker(), alone=False)  # type: ignore[arg-type]
+    assert found is not None
+    table, own = zigzag(2, 1.0, 0.1, 0)
+    both = found.look(20, None, Beside("old", table), ("state", own))  # type: ignore[arg-type]
+    assert both == Beside("better", table)
+    assert seen == [(20, "old", "state")]
+    assert watch_of(None, alone=True) is None
