@@ -20,7 +20,8 @@ class VesselParameters:
     """A vessel as configured.
 
     `tuning` holds what other groups take from the vessel they sail with (gains, noise, force
-    sizes) by interpolation; the vessel itself does not read it.
+    sizes) by interpolation; the vessel itself does not read it. `sources` says of every other
+    entry where its numbers come from.
     """
 
     name: str
@@ -39,6 +40,7 @@ class VesselParameters:
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
     parameters: str | None = None  # which of the sets completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if (self.parameters is None) == bool(self.parameter_sets) or (

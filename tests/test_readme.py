@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs.refresh import BLOCK, README, output
+from docs.vessels import parameters_of, vessels
 
 ROOT = README.parent
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -20,6 +21,24 @@ def test_linked_files_exist() -> None:
         assert (ROOT / link).exists(), link
 
 
+def test_the_table_of_vessels_is_what_its_command_prints() -> None:
+    (block,) = [b for b in BLOCK.finditer(README.read_text()) if "docs.vessels" in b["command"]]
+    shown = block[0].split("-->\n", 1)[1].rsplit("<!--", 1)[0]
+    assert shown.split() == output(block["command"]).split()
+    names = re.findall(r"^\| `(\w+)`", shown, re.MULTILINE)
+    assert names == sorted(path.stem for path in (ROOT / "conf" / "vessel").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", vessels())
+def test_every_number_of_a_vessel_has_a_source(name: str) -> None:
+    """Each entry of its YAML that holds a number, and no other, is named under `sources`."""
+    vessel = parameters_of(name)
+    without = ("name", "dofs", "coriolis", "attitude", "integrator", "parameters", "sources")
+    held = {field: value for field, value in vars(vessel).items() if field not in without}
+    assert set(vessel.sources) == {field for field, value in held.items() if value}
+    assert all(len(source) > 5 for source in vessel.sources.values())
+
+
 @pytest.mark.slow
 def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
     makefile = (ROOT / "Makefile").read_text()
@@ -29,7 +48,8 @@ def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
         [sys.executable, "-m", "runner", *demo[1].split(), f"results_dir={tmp_path}"],
         cwd=ROOT, check=True, capture_output=True,
     )  # fmt: skip
-    blocks = list(BLOCK.finditer(README.read_text()))
+    found = BLOCK.finditer(README.read_text())
+    blocks = [block for block in found if "runner.compare" in block["command"]]
     assert blocks
     for block in blocks:
         now = output(block["command"], "--database", f"sqlite:///{tmp_path}/results.db")

@@ -1,0 +1,68 @@
+"""The table of vessels in README.md: `python -m docs.vessels`.
+
+Counted and read from `conf/vessel`, whose files say of every number where it comes from.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from models.basis import DOFS
+from models.parameters import VesselParameters
+from runner.config import build
+
+CONF = Path(__file__).parents[1] / "conf"
+HEADERS = (
+    "vessel", "degrees of freedom", "kinematics", "coefficients", "where its numbers come from",
+)  # fmt: skip
+
+
+def vessels() -> list[str]:
+    """The options of the group `vessel`."""
+    return sorted(path.stem for path in (CONF / "vessel").glob("*.yaml"))
+
+
+def parameters_of(name: str) -> VesselParameters:
+    """A vessel as configured."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("trial", [f"vessel={name}"])
+        node = OmegaConf.to_container(config.vessel, resolve=True)
+    made = build(node, "vessel")
+    assert isinstance(made, VesselParameters)
+    return made
+
+
+def kinematics(vessel: VesselParameters) -> str:
+    """How its pose follows from its velocity."""
+    if vessel.planar:
+        return "R(psi)"
+    return f"{vessel.attitude}s" if vessel.dofs == DOFS else "along its axis"
+
+
+def counts(vessel: VesselParameters) -> tuple[int, int]:
+    """Hydrodynamic derivatives that are not zero, and coefficients of the whole table."""
+    derivatives = vessel.derivatives | vessel.parameter_sets.get(vessel.parameters or "", {})
+    known = sum(value != 0.0 for value in derivatives.values())
+    return known, int(np.count_nonzero(vessel.nominal().theta))
+
+
+def row(name: str) -> list[str]:
+    """The cells of one vessel."""
+    vessel = parameters_of(name)
+    known, whole = counts(vessel)
+    dofs = "all six" if vessel.dofs == DOFS else ", ".join(vessel.dofs)
+    sources = "<br>".join(f"{entry}: {source}" for entry, source in vessel.sources.items())
+    of_them = f"{known} derivative{'' if known == 1 else 's'}"
+    return [f"`{name}`", dofs, kinematics(vessel), f"{whole} ({of_them})", sources]
+
+
+def table() -> str:
+    """The whole table in Markdown."""
+    rows = [list(HEADERS), ["---"] * len(HEADERS), *map(row, vessels())]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+
+
+if __name__ == "__main__":
+    print(f"\n{table()}")
