@@ -110,13 +110,13 @@ class Steered:
 class ConstantVelocity:
     """Runs at constant velocities, there and back, under control. Hoyer (2021), Table 5.2.
 
-    `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`); runs
-    in axes that the vessel does not have are left out. The set-point moves with the velocity for
-    `run_s`, waits for `rest_s`, and comes back. Of the pairs `train_fraction` are for training,
-    spread evenly.
+    `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`), then
+    one number for all of them or one each; runs in axes that the vessel does not have are left
+    out. The set-point moves with the velocity for `run_s`, waits for `rest_s`, and comes back. Of
+    the pairs `train_fraction` are for training, spread evenly.
     """
 
-    velocities: dict[str, tuple[float, ...]]
+    velocities: dict[str, tuple[float | tuple[float, ...], ...]]
     velocity_scale: float
     run_s: float
     rest_s: float
@@ -129,13 +129,22 @@ class ConstantVelocity:
         for name in ("velocity_scale", "run_s", "rest_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        for names, values in self.velocities.items():
+            for value in values:
+                if isinstance(value, tuple) and len(value) != len(names.split("+")):
+                    raise ConfigurationError(
+                        f"velocities.{names}: got {list(value)}, expected a number or one for each"
+                    )
         check_fraction(self.train_fraction)
 
     @property
-    def runs(self) -> list[tuple[tuple[str, ...], float]]:
-        """Axes and velocity of each pair of runs."""
+    def runs(self) -> list[dict[str, float]]:
+        """Velocities of each pair of runs, by axis."""
         return [
-            (tuple(names.split("+")), self.velocity_scale * value)
+            {
+                axis: self.velocity_scale * (value[i] if isinstance(value, tuple) else value)
+                for i, axis in enumerate(names.split("+"))
+            }
             for names, values in self.velocities.items()
             for value in values
             if set(names.split("+")) <= set(self.axes)
@@ -158,8 +167,8 @@ class ConstantVelocity:
         since = t - self.pair_s * pair
         there = np.clip(since - 0.5 * self.rest_s, 0.0, self.run_s)
         back = np.clip(since - 1.5 * self.rest_s - self.run_s, 0.0, self.run_s)
-        for i, (names, velocity) in enumerate(self.runs):
-            for name in names:
+        for i, velocities in enumerate(self.runs):
+            for name, velocity in velocities.items():
                 moved = velocity * (there - back) * (pair == i)
                 setpoints[:, self.axes.index(name)] += moved
         return Timetable(setpoints), np.zeros(1)

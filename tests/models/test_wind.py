@@ -11,7 +11,15 @@ from models.errors import ConfigurationError, RecordingError
 from models.kinematics import in_body
 from models.stochastic import smoothed_levels
 from models.vessel import PLANAR
-from models.wind import NORSOK_BAND_HZ, Wind, Windage, WindDerivatives, gust_spectrum, gusts
+from models.wind import (
+    BEAUFORT,
+    NORSOK_BAND_HZ,
+    Wind,
+    Windage,
+    WindDerivatives,
+    gust_spectrum,
+    gusts,
+)
 
 # Bargouth (2022), Table 2.3 and appendix C
 SUPPLY = Windage(500.0, 1100.0, 73.2, 0.6, 0.8, 0.1, 1.23)
@@ -87,6 +95,16 @@ def test_coefficients_of_the_windage_have_units() -> None:
     assert [one.name for one in table.terms] == ["V_qu_q", "V_qv_q", "u_qv_q"]
     assert [table.unit(one, "surge") for one in table.terms] == ["kg/m"] * 3
     assert table.unit(table.terms[2], "yaw") == "kg"
+
+
+def test_the_wind_scale_is_the_printed_one() -> None:
+    """Bargouth (2022), Table 2.1; the last class is only bounded from below."""
+    printed = "0.5 1.8 1.9 3.3 3.4 5.4 5.5 7.9 8.0 11.0 11.1 14.1 14.2 17.2 17.3 20.8 20.9 24.4 "
+    printed += "24.5 28.5 28.6 32.6 32.6 32.6"
+    assert np.ravel(BEAUFORT).tolist() == [float(one) for one in printed.split()]
+    for beaufort, (low, high) in enumerate(BEAUFORT, start=1):
+        blowing = wind(beaufort=beaufort).realise(1, 1.0, rng())
+        assert low <= np.hypot(*blowing[0]) <= high
 
 
 @pytest.mark.parametrize(("beaufort", "speed"), [(1, 1.15), (6, 12.6), (12, 32.6)])

@@ -60,10 +60,16 @@ def runs(**changes: Any) -> ConstantVelocity:
 
 
 def test_the_runs_are_those_of_the_table() -> None:
-    """Hoyer (2021), Table 5.2: 6 + 6 + 3 + 8 + 6 + 3 pairs."""
+    """Hoyer (2021), Table 5.2: 6 + 6 + 3 + 8 + 6 + 3 x 2 pairs."""
     mission = runs()
-    assert len(mission.runs) == 32
-    assert mission.duration_s == 32 * 60.0
+    assert len(mission.runs) == 35
+    assert mission.duration_s == 35 * 60.0
+    together = [one for one in mission.runs if set(one) == {"surge", "heave"}]
+    assert {(one["surge"], one["heave"]) for one in together} == {
+        (surge, heave) for surge in (0.1, 0.2) for heave in (0.05, 0.1, 0.15)
+    }
+    with pytest.raises(ConfigurationError, match=r"velocities\.surge\+sway: got \[0\.1\]"):
+        runs(velocities={"surge+sway": ((0.1,),)})
     t = 0.1 * np.arange(round(mission.duration_s / 0.1))
     parameters, _ = mission.guidance(t, np.zeros(6))
     rate = np.diff(parameters.setpoints, axis=0) / 0.1  # type: ignore[attr-defined]
@@ -82,7 +88,8 @@ def test_pairs_alternate_between_training_and_testing() -> None:
     split = mission.split(t)
     pair = (t / 60.0 + 1e-9).astype(int)
     np.testing.assert_array_equal(split.train, pair % 2 == 0)
-    assert np.mean(runs(train_fraction=0.75).split(t).train) == pytest.approx(0.75)
+    most = runs(train_fraction=0.75).split(t).train
+    assert np.mean(most) == pytest.approx(27 / 35)  # the nearest above three quarters of 35 pairs
 
 
 def test_runs_in_axes_that_a_vessel_has_not_are_left_out() -> None:
