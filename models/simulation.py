@@ -19,7 +19,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from models.allocation import ALLOCATIONS, Allocation, Direct, allocate_step
+from models.allocating import ALLOCATIONS, Direct, allocate_step
+from models.allocation import Allocation
 from models.basis import Array
 from models.compiled import lean_kernel
 from models.dynamics import (
