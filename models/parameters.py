@@ -93,7 +93,11 @@ class VesselParameters:
     @property
     def limits_by_dof(self) -> dict[str, float]:
         """Largest force of the thrusters [N, Nm] by degree of freedom, where it is known."""
-        return dict(zip(self.dofs, self.force_limits or (), strict=False))
+        limits = dict(zip(self.dofs, self.force_limits or (), strict=False))
+        lag = None if self.thruster is None else self.thruster.amplitude_limit
+        for dof, limit in zip(self.dofs, lag or (), strict=False):
+            limits[dof] = min(limit, limits.get(dof, np.inf))
+        return limits
 
     @property
     def planar(self) -> bool:

@@ -6,6 +6,7 @@ competitor meets the same weather, and the nominal and the identified model are 
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,24 +68,32 @@ def check(trial: Trial) -> None:
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
         )
-    trial.excitation.check(dofs)
+    named(trial, "excitation", lambda: trial.excitation.check(dofs))
     period = trial.sample_time_s
     recorded = None
     if from_file:  # a damaged file is a wrong option, not a failed trial
         recorded = trial.excitation.read(dofs)
         period = recorded.period_s
     else:
-        trial.disturbance.check(dofs, longest_s(trial))
+        named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
         check_limits(trial.excitation, trial.vessel.limits_by_dof, trial.sample_time_s)
     check_cutoff(getattr(trial.identifier, "lowpass_hz", None), period)
     if trial.evaluation is not None and not from_file:
-        trial.evaluation.check(dofs)
+        named(trial, "evaluation", lambda: trial.evaluation.check(dofs))
     if trial.controller is not None:
         trial.controller.build(trial.vessel.nominal(), trial.sample_time_s)
     refuse = getattr(trial.identifier, "check", None)
     if refuse is not None:
         refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
     _check_force(trial, recorded)
+
+
+def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
+    """Run a check; what it refuses is said with the option that was chosen of the group."""
+    try:
+        check()
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
 
 
 def longest_s(trial: Trial) -> float:

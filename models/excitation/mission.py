@@ -192,7 +192,7 @@ class Waypoints:
 
     def check(self, dofs: Sequence[str]) -> None:
         """Way-points are poses in the plane."""
-        _planar_only("excitation=waypoints", dofs)
+        _planar_only("a lap of way-points", dofs)
         check_offset(self.offset, dofs)
 
 
@@ -214,7 +214,7 @@ class Operation:
 
     def check(self, dofs: Sequence[str]) -> None:
         """Line of sight steers in the plane."""
-        _planar_only("evaluation=operation", dofs)
+        _planar_only("line of sight", dofs)
 
 
 @dataclass(frozen=True)

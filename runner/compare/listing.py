@@ -13,6 +13,7 @@ from runner.database.records import RunDetail, RunSummary
 from runner.database.tables import STATUSES
 from runner.database.views import run_overview
 
+from .conditions import Comparison
 from .grid import Grid, Scalar, grid_of, one_line, unit_text
 from .names import CHOICES, flat
 from .results import Results
@@ -36,6 +37,8 @@ SUMMARY = (
 METRIC_COLUMNS = ("stage", "name", "dof", "model", "value", "unit")
 COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value", "unit")
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
+EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
+INSEPARABLE = "inseparable_terms"
 PROGRAM = ("python", "-m", "runner")
 PLACES = ("results_dir=", "database.url=", "database=")
 
@@ -114,9 +117,26 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         _facts("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
         _facts("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
+        _excitation(results, run_id),
         _facts("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
     ]
     return [grid for grid in grids if grid.rows]
+
+
+def _excitation(results: Results, run_id: int) -> Grid:
+    """What the recording can tell apart, a row a degree of freedom."""
+    runs = results.runs(Comparison("id", "=", run_id), superseded=True)
+    found = results.diagnostics(runs, (*EXCITATION, INSEPARABLE))[run_id]
+    rows: list[list[Scalar]] = []
+    for dof in dict.fromkeys(one.dof for one in found):
+        numbers = {one.name: one.value for one in found if one.dof == dof}
+        groups = [one.label for one in found if one.dof == dof and one.name == INSEPARABLE]
+        told = "; ".join(" ~ ".join(group.split()) for group in groups)
+        known = [numbers.get(name) for name in EXCITATION]
+        whole = [int(n) if n is not None and n == int(n) else n for n in known]
+        rows.append([dof, *whole, told])
+    headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not told apart")
+    return grid_of("excitation", headers, rows, labels=1)
 
 
 def _facts(title: str, names: Sequence[str], facts: Sequence[object], labels: int) -> Grid:

@@ -18,7 +18,17 @@ from tests.trials import asked_for, composed
     [
         (["identifier.lowpass_hz=9"], "identifier.lowpass_hz must lie between 0 and 5, got 9"),
         (["controller=none"], "controller=none: excitation=waypoints is sailed by a controller"),
-        (["vessel=surge_linear"], "excitation=waypoints needs a vessel in surge, sway, yaw"),
+        (["vessel=surge_linear"], "excitation=waypoints: a lap of way-points needs a vessel"),
+        (["vessel=surge_linear", "excitation=four_corner"], "excitation=four_corner: a lap of"),
+        (["vessel=surge_linear", "excitation=zigzag"], "excitation=zigzag: .* surge and yaw"),
+        (
+            ["vessel=beluga_full", "excitation=prbs", "disturbance=rough"],
+            r"disturbance=rough: disturbance\.wind needs a vessel in surge, sway, yaw",
+        ),
+        (
+            ["excitation=prbs", "vessel.thruster.amplitude_limit=[50.0,500.0,500.0]"],
+            r"excitation\.amplitude\.surge: the signal reaches 100, expected .* 50",
+        ),
         (["excitation=recording"], "excitation.path: expected a CSV file, got none"),
         (["controller.kp=[1.0]"], "kp|ki"),
     ],

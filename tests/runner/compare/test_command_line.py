@@ -294,3 +294,10 @@ def test_the_command_that_show_prints_repeats_the_run_to_the_last_digit(
     )
     assert len(json.loads(first)) > 30
     assert first == second
+
+
+def test_show_says_what_the_recording_can_tell_apart(program: Program, sailed: Path) -> None:
+    code, said, _ = program("show", "1", "--database", f"sqlite:///{sailed}/results.db")
+    assert code == 0
+    rows = [line.split() for line in said.splitlines() if "~" in line]
+    assert rows == [["surge", "3", "2", "1", "u", "~", "|u|u"]]
