@@ -19,19 +19,15 @@ STAND_S = 30.0  # a set-point that stays this long [s] is one to settle at
 
 
 @dataclass(frozen=True, eq=False)
-class Sailed:
-    """A voyage, and what the controller that sailed it says of itself."""
+class Design:
+    """What a controller says of itself on a model, known before it sails."""
 
-    voyage: Voyage
-    period_s: float
-    limits: tuple[float, ...] | None  # [N, Nm]
-    ahead: int  # loop instants of its preview
-    failures: int  # commands that it could not compute, and held
-    remarks: Sequence[Any]  # models.control.design.Remark
+    dofs: tuple[str, ...]
     needed: Array  # (n_dof,) largest force that standing still takes [N, Nm]
-    adapter: Adapter | None = None  # what identified while sailing
-    wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
+    limits: tuple[float, ...] | None = None  # [N, Nm]
+    ahead: int = 0  # loop instants of its preview
     every: int = 1  # loop instants from one command to the next
+    remarks: Sequence[Any] = ()  # models.control.design.Remark
 
     @property
     def infeasible(self) -> Array:
@@ -39,6 +35,33 @@ class Sailed:
         if self.limits is None:
             return np.zeros(len(self.needed), dtype=bool)
         return np.asarray(self.needed > np.array(self.limits))
+
+
+@dataclass(frozen=True, eq=False)
+class Sailed:
+    """A voyage, and the design that sailed it."""
+
+    voyage: Voyage
+    period_s: float
+    design: Design
+    failures: int = 0  # commands that the controller could not compute, and held
+    adapter: Adapter | None = None  # what identified while sailing
+    wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
+
+
+def design_metrics(design: Design, model: str) -> list[Metric]:
+    """The closed loop's spectral radius, and which limits the weather exceeds."""
+    found = [
+        Metric("deployment", model, remark.dof, remark.name, remark.value, remark.unit)
+        for remark in design.remarks
+        if remark.name == "spectral_radius"
+    ]
+    if design.limits is not None:
+        found += [
+            Metric("deployment", model, dof, "infeasible_limits", float(flag), "")
+            for dof, flag in zip(design.dofs, design.infeasible, strict=True)
+        ]
+    return found
 
 
 def metrics(sailed: Sailed, model: str) -> list[Metric]:
@@ -65,10 +88,9 @@ def metrics(sailed: Sailed, model: str) -> list[Metric]:
     _steps(sailed, scale, pose, add)
     add("tau_rms", response.root_mean_square(log.tau), force)
     add("tau_tv", response.total_variation(log.tau), force)
-    if sailed.limits is not None:
-        counts = response.hits(log.tau, np.array(sailed.limits))
+    if sailed.design.limits is not None:
+        counts = response.hits(log.tau, np.array(sailed.design.limits))
         add("limit_hits", counts, [""] * len(dofs))
-        add("infeasible_limits", 1.0 * sailed.infeasible, [""] * len(dofs))
     return found + _whole(sailed, model)
 
 
@@ -83,14 +105,14 @@ def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
 
 def _steps(sailed: Sailed, scale: Array, pose: Sequence[str], add: Any) -> None:
     """Steady-state error and step response, where the mission has set-points that stay."""
-    log = sailed.voyage.log
+    log, ahead = sailed.voyage.log, sailed.design.ahead
     where = response.stands(log.setpoint, round(STAND_S / sailed.period_s))
     if not where:
         return
     error = _wrapped(log.setpoint - log.eta, sailed.voyage.dofs) * scale
-    steady = response.steady_state_error(error, where, sailed.period_s, sailed.ahead)
+    steady = response.steady_state_error(error, where, sailed.period_s, ahead)
     add("steady_state_error", steady, pose)
-    steps = response.step_responses(log.setpoint, log.eta, where, sailed.period_s, sailed.ahead)
+    steps = response.step_responses(log.setpoint, log.eta, where, sailed.period_s, ahead)
     units = {"overshoot": "%", "rise_time": "s", "settling_time": "s", "early_share": "%"}
     if any(np.any(~np.isnan(values)) for values in steps.values()):
         for name, values in steps.items():
@@ -98,7 +120,7 @@ def _steps(sailed: Sailed, scale: Array, pose: Sequence[str], add: Any) -> None:
 
 
 def _whole(sailed: Sailed, model: str) -> list[Metric]:
-    """Energy, failures, time a step, and the spectral radius: of the whole vessel."""
+    """Energy, failures and time a step: of the whole vessel."""
     voyage = sailed.voyage
     log = voyage.log
     work = response.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
@@ -110,28 +132,25 @@ def _whole(sailed: Sailed, model: str) -> list[Metric]:
     values.append(("all", "held_commands", float(np.sum(np.any(log.held != 0.0, axis=1))), ""))
     if len(voyage.step_times):
         single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
-        microseconds = 1e6 * voyage.step_times[:: sailed.every if single else 1]
+        microseconds = 1e6 * voyage.step_times[:: sailed.design.every if single else 1]
         values.append(("all", "step_time_median", float(np.median(microseconds)), "us"))
         values.append(("all", "step_time_p99", float(np.percentile(microseconds, 99)), "us"))
-    values += [
-        (remark.dof, remark.name, remark.value, remark.unit)
-        for remark in sailed.remarks
-        if remark.name == "spectral_radius"
-    ]
     return [Metric("deployment", model, *value) for value in values]
 
 
-def diagnostics(sailed: Sailed, model: str) -> list[Diagnostic]:
-    """What the controller says of its design on a model, and the force that the weather takes."""
+def diagnostics(design: Design, model: str) -> list[Diagnostic]:
+    """What the controller says of itself, the force that the weather takes, and warnings."""
     found = [
         Diagnostic(remark.name, remark.dof, None, None, model, remark.value, remark.unit)
-        for remark in sailed.remarks
+        for remark in design.remarks
     ]
-    for dof, force in zip(sailed.voyage.dofs, sailed.needed, strict=True):
+    for dof, force in zip(design.dofs, design.needed, strict=True):
         found.append(
             Diagnostic("needed_force", dof, None, None, model, float(force), FORCE_UNIT[dof])
         )
-    return found
+    return found + [
+        Diagnostic("warning", "all", None, None, text, None, "") for text in warnings(design, model)
+    ]
 
 
 def series(sailed: Sailed, model: str) -> Series:
@@ -148,21 +167,25 @@ def series(sailed: Sailed, model: str) -> Series:
     return replace(one, columns=columns, units=units)
 
 
-def warnings(sailed: Sailed, model: str) -> list[str]:
+def warnings(design: Design, model: str) -> list[str]:
     """What the design itself shows to be wrong, one line each."""
     found = [
         f"{model} model: the closed loop's spectral radius is {remark.value:.4f}, "
         f"expected less than 1: the design does not settle on its own model"
-        for remark in sailed.remarks
+        for remark in design.remarks
         if remark.name == "spectral_radius" and remark.value >= 1.0
     ]
-    lost = [one.value for one in rows.unreached(sailed.voyage, "deployment", model)]
-    found += [f"{model} model: {rows.UNREACHED.format(share)}" for share in lost if share]
-    for i in np.flatnonzero(sailed.infeasible):
-        assert sailed.limits is not None
-        dof, unit = sailed.voyage.dofs[i], FORCE_UNIT[sailed.voyage.dofs[i]]
+    for i in np.flatnonzero(design.infeasible):
+        assert design.limits is not None
+        dof, unit = design.dofs[i], FORCE_UNIT[design.dofs[i]]
         found.append(
-            f"infeasible_limits: {dof} needs up to {sailed.needed[i]:.3g} {unit} to stand still, "
-            f"the limit is {sailed.limits[i]:.3g} {unit}"
+            f"infeasible_limits: {dof} needs up to {design.needed[i]:.3g} {unit} to stand still, "
+            f"the limit is {design.limits[i]:.3g} {unit}"
         )
     return found
+
+
+def losses(sailed: Sailed, model: str) -> list[str]:
+    """What the voyage showed to be wrong: forces that the thrusters could not give."""
+    lost = [one.value for one in rows.unreached(sailed.voyage, "deployment", model)]
+    return [f"{model} model: {rows.UNREACHED.format(share)}" for share in lost if share]

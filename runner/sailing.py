@@ -1,6 +1,6 @@
 """Sailing a mission of a trial: the plant, its weather, the controller, and who watches."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from models.statespace import StateSpace
 from models.vessel import Vessel
 from runner.adaptive import Adapter
 from runner.config import Trial
-from runner.control_rows import Sailed
+from runner.control_rows import Design, Sailed
 
 
 class Streams(NamedTuple):
@@ -34,6 +34,91 @@ def streams(seed: int) -> Streams:
     return Streams(*np.random.SeedSequence(seed).spawn(len(Streams._fields)))
 
 
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A mission before it is sailed: the plant in its weather, and the controller as built."""
+
+    trial: Trial
+    seeds: Streams
+    model: Vessel | StateSpace
+    mission: Mission
+    plant: Plant
+    weather: Weather
+    guidance: tuple[Any, Any]
+    reference: Any
+    control: tuple[Any, Any]  # parameters and state
+    start: Array
+    added: Array | None  # by an excitation to the command
+    ahead: Outlook
+    design: Design
+
+    def sail(self, adaptive: bool = False) -> Sailed:
+        """Sail it; an adaptive one identifies meanwhile. Raises Diverged."""
+        trial, adapter = self.trial, None
+        if adaptive and isinstance(self.model, Vessel):
+            adapter = adapter_of(trial, self.model, self.weather, self.seeds, self.ahead)
+        dofs, period = trial.vessel.dofs, trial.sample_time_s
+        both = accompanied(self.mission, dofs, period, self.control)
+        voyage = sail(
+            self.plant, self.weather, self.guidance, self.reference, both, self.start, period,
+            trial.integration_step_s,
+            watch=watch_of(adapter, alone=both[0] is self.control[0]), added=self.added,
+        )  # fmt: skip
+        failures = getattr(self.control[1], "failures", None)
+        return Sailed(
+            voyage, period, self.design,
+            failures=0 if failures is None else int(failures[0]),
+            adapter=adapter,
+            wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
+        )  # fmt: skip
+
+
+def prepare(
+    trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
+    deployed: bool = False,
+) -> Prepared:  # fmt: skip
+    """A mission from rest where it begins, with the controller built on `model`.
+
+    A deployment meets the change of the plant.
+    """
+    if deployed and hasattr(trial.controller, "deployed"):
+        trial = replace(trial, controller=trial.controller.deployed())
+    vessel, period, controller = trial.vessel, trial.sample_time_s, trial.controller
+    t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
+    start = start_of(mission, vessel.dofs)
+    weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
+    guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
+    added = added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation))
+    ahead = outlook(plant, weather, guidance[0], reference, start, added)
+    steered = steering(mission, vessel.dofs, period)
+    parameters, state = steered or controller.build(model, period)
+    if steered is None and hasattr(controller, "foresee"):
+        parameters = controller.foresee(parameters, ahead)
+    heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
+    needed = largest_disturbance(plant.vessel, weather, heading)
+    design = Design(vessel.dofs, needed)
+    if steered is None:
+        design = design_of(controller, model, period, design)
+    return Prepared(
+        trial, seeds, model, mission, plant, weather, guidance, reference, (parameters, state),
+        start, added, ahead, design,
+    )  # fmt: skip
+
+
+def design_of(controller: Any, model: Vessel | StateSpace, period: float, design: Design) -> Design:
+    """What a controller says of itself, as far as it does."""
+    ahead, every, remarks = (
+        getattr(controller, name, None) for name in ("preview_rows", "command_rows", "remarks")
+    )
+    return replace(
+        design,
+        limits=controller.limits if getattr(controller, "limited", False) else None,
+        ahead=0 if ahead is None else ahead(period),
+        every=1 if every is None else every(period),
+        remarks=() if remarks is None else remarks(model, period),
+    )
+
+
 def sail_mission(
     trial: Trial,
     seeds: Streams,
@@ -43,42 +128,8 @@ def sail_mission(
     deployed: bool = False,
     adaptive: bool = False,
 ) -> Sailed:
-    """Sail a mission with the controller built on `model`, from rest where it begins.
-
-    A deployment meets the change of the plant; an adaptive one identifies while it sails.
-    """
-    if deployed and hasattr(trial.controller, "deployed"):
-        trial = replace(trial, controller=trial.controller.deployed())
-    vessel, period = trial.vessel, trial.sample_time_s
-    t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
-    start = start_of(mission, vessel.dofs)
-    weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
-    guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
-    added = added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation))
-    ahead = outlook(plant, weather, guidance[0], reference, start, added)
-    steered = steering(mission, vessel.dofs, period)
-    parameters, state = steered or trial.controller.build(model, period)
-    if steered is None and hasattr(trial.controller, "foresee"):
-        parameters = trial.controller.foresee(parameters, ahead)
-    adapter = None
-    if adaptive and isinstance(model, Vessel):
-        adapter = adapter_of(trial, model, weather, seeds, ahead)
-    both = accompanied(mission, vessel.dofs, period, (parameters, state))
-    voyage = sail(
-        plant,
-        weather,
-        guidance,
-        reference,
-        both,
-        start,
-        period,
-        trial.integration_step_s,
-        watch=watch_of(adapter, alone=both[0] is parameters),
-        added=added,
-    )
-    heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
-    needed = largest_disturbance(plant.vessel, weather, heading)
-    return sailed(trial, voyage, model, state, needed, adapter)
+    """Prepare a mission and sail it."""
+    return prepare(trial, seeds, model, mission, deployed).sail(adaptive)
 
 
 def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
@@ -123,37 +174,6 @@ def adapter_of(
         trial.update, trial.identifier, vessel.thruster, weather, vessel.dofs, period, model,
         np.random.default_rng(seeds.identifier), getattr(controller, "adapt", build_again),
     )  # fmt: skip
-
-
-def sailed(
-    trial: Trial,
-    voyage: Voyage,
-    model: Vessel | StateSpace,
-    state: Any,
-    needed: Array,
-    adapter: Adapter | None = None,
-) -> Sailed:
-    """A voyage with what its controller says of itself, as far as it does."""
-    controller, period = trial.controller, trial.sample_time_s
-    wind = wind_force(trial.disturbance.aerodynamics(voyage.dofs), voyage)
-    if controller is None:  # an open loop
-        return Sailed(voyage, period, None, 0, 0, (), needed, wind=wind)
-    ahead, every, remarks = (
-        getattr(controller, name, None) for name in ("preview_rows", "command_rows", "remarks")
-    )
-    failures = getattr(state, "failures", None)
-    return Sailed(
-        voyage=voyage,
-        period_s=period,
-        limits=controller.limits if getattr(controller, "limited", False) else None,
-        ahead=0 if ahead is None else ahead(period),
-        every=1 if every is None else every(period),
-        failures=0 if failures is None else int(failures[0]),
-        remarks=() if remarks is None else remarks(model, period),
-        needed=needed,
-        adapter=adapter,
-        wind=wind,
-    )
 
 
 def wind_force(table: Vessel, voyage: Voyage) -> Array | None:

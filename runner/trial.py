@@ -29,7 +29,8 @@ from runner import control_rows, measured, mix_rows, prediction_rows, rows
 from runner.config import Trial
 from runner.control_rows import Sailed
 from runner.database.records import Diagnostic, Metric, Results
-from runner.sailing import Streams, sail_mission, streams
+from runner.sailing import Prepared, Streams, prepare, streams
+from runner.sailing import sail_mission as sail_mission
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +40,7 @@ NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment i
 
 
 class TrialDiverged(Diverged):
-    """A deployment left the limits of the vessel; `results` are what still holds."""
+    """A voyage left the limits of the vessel; `results` are what still holds."""
 
     def __init__(self, error: Diverged, results: Results) -> None:
         super().__init__(str(error), error.time_s, error.quantity)
@@ -204,12 +205,27 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
         recording, truth, voyage = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
-        voyage = sail_mission(trial, seeds, model, trial.excitation)
+        voyage = sailed_excitation(prepare(trial, seeds, model, trial.excitation))
         recording = recording_of(voyage.voyage, voyage.voyage.weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
     recording = recording.with_thruster(vessel.thruster)
     return Excited(recording, split.train, split.test, truth, voyage)
+
+
+def sailed_excitation(prepared: Prepared) -> Sailed:
+    """The excitation sailed; what the controller's design shows to be wrong is said first."""
+    design = prepared.design
+    for warning in control_rows.warnings(design, "nominal"):
+        log.warning("excitation: %s", warning)
+    try:
+        return prepared.sail()
+    except Diverged as error:
+        rest = Results(
+            control_rows.design_metrics(design, "nominal"),
+            diagnostics=control_rows.diagnostics(design, "nominal"),
+        )
+        raise TrialDiverged(error, rest) from error
 
 
 def controlled(trial: Trial, identified: Identified) -> Vessel | StateSpace:
@@ -231,21 +247,25 @@ def deploy(
     if trial.update is not None:
         models["adaptive"] = nominal
     for name, model in models.items():
+        prepared = prepare(trial, seeds, model, mission, deployed=True)
+        for warning in control_rows.warnings(prepared.design, name):
+            log.warning(warning)
+        metrics += control_rows.design_metrics(prepared.design, name)
+        diagnostics += control_rows.diagnostics(prepared.design, name)
         try:
-            one = sail_mission(
-                trial, seeds, model, mission, deployed=True, adaptive=name == "adaptive"
-            )
+            one = prepared.sail(adaptive=name == "adaptive")
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
         metrics += rows.deployment(one.voyage, name, trial.sample_time_s)
         metrics += control_rows.metrics(one, name)
-        diagnostics += control_rows.diagnostics(one, name)
         series.append(control_rows.series(one, name))
         if one.adapter is not None:
             coefficients += one.adapter.coefficients()
             diagnostics += one.adapter.diagnostics()
-        for warning in control_rows.warnings(one, name):
+        lost = control_rows.losses(one, name)
+        diagnostics += control_rows.warning_rows(lost)
+        for warning in lost:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
     if failure is not None:

@@ -112,8 +112,11 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
     reader = results.reader
     run = reader.run(run_id)
     configuration = [[key, _config_text(value)] for key, value in flat(run.config).items()]
+    warned = results.warnings(Comparison("id", "=", run_id))
+    properties = _properties(run)
+    properties[3:3] = [["warning", text] for text, _ in warned]
     grids = [
-        grid_of(f"run {run_id}", ("property", "value"), _properties(run), labels=2),
+        grid_of(f"run {run_id}", ("property", "value"), properties, labels=2),
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         _facts("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
         _facts("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),

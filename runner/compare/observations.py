@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 OWN_FACTORS = ("metric", "stage", "model", "dof")  # what the number, not its run, says
 BELOW_TRUE_MODEL = "below_true_model"
+DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, where 1 or more
 FINISHED = "finished"
 
 

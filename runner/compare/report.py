@@ -110,6 +110,7 @@ def render_report(results: Results, request: ReportRequest) -> str:
         tables=_tables(results, request, where, runs),
         pictures=pictures,
         trouble=trouble,
+        warnings=_warnings(results, condition),
         failures=_failures(results, runs),
         provenance=_provenance(results, condition),
         listed=html_table(_listed(results, runs)),
@@ -233,6 +234,15 @@ def _several_vessels(runs: Sequence[Run]) -> bool:
 
 def _is_dof(dofs: Sequence[str]) -> bool:
     return len(dofs) == 1 and dofs[0] not in ("position", "heading", "all")
+
+
+def _warnings(results: Results, condition: Condition | None) -> list[str]:
+    """What the runs warned of, and which did."""
+    found = []
+    for text, ids in results.warnings(condition)[:MOST_LISTED]:
+        runs = ", ".join(map(str, ids[:10])) + (", …" if len(ids) > 10 else "")
+        found.append(f"{text} (run{'s'[: len(ids) != 1]} {runs})")
+    return found
 
 
 def _failures(results: Results, runs: Sequence[Run]) -> list[RunDetail]:

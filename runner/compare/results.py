@@ -128,6 +128,17 @@ class Results:
                 found[row.run_id].append(row)
         return found
 
+    def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
+        """What runs warned of, with the runs that did, the first first."""
+        d = Diagnostic.__table__.c
+        query = sa.select(d.label, d.run_id).where(d.name == "warning")
+        query = query.where(d.run_id.in_(self._ids(condition))).order_by(d.run_id, d.id)
+        found: dict[str, list[int]] = {}
+        for text, run_id in map(tuple, self.reader.select(query)):
+            if run_id not in found.setdefault(text, []):
+                found[text].append(run_id)
+        return list(found.items())
+
     def series_columns(self, condition: Condition | None = None) -> dict[int, dict[str, list[str]]]:
         """The series that each run has, by kind, with the names of their columns."""
         s = Series.__table__.c

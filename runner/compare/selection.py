@@ -8,6 +8,7 @@ from models.errors import ConfigurationError
 from .names import CHOICES
 from .observations import (
     BELOW_TRUE_MODEL,
+    DESIGN_FLAWS,
     FINISHED,
     OWN_FACTORS,
     Observation,
@@ -52,8 +53,9 @@ class TableRequest:
 class Found:
     """What the database holds for a request: `shown` go into cells, `all` serve the baseline too.
 
-    `fixed` are the own factors that have one level throughout, `extra` those with several that
-    neither rows nor columns name.
+    `unsettled` and `infeasible` are (run, model) whose controller's design does not settle on its
+    own model, or whose limits are below the weather. `fixed` are the own factors that have one
+    level throughout, `extra` those with several that neither rows nor columns name.
     """
 
     runs: Sequence[Run]
@@ -62,6 +64,8 @@ class Found:
     flagged: frozenset[tuple[int, str]]
     fixed: Mapping[str, str]
     extra: Key
+    unsettled: frozenset[tuple[int, str]] = frozenset()
+    infeasible: frozenset[tuple[int, str]] = frozenset()
 
 
 def request_of(
@@ -145,11 +149,16 @@ def gather(results: Results, request: TableRequest) -> Found:
     runs = results.runs(condition, request.factors)
     if request.of_coefficients:
         numbers, flagged = results.coefficients(runs, condition), frozenset[tuple[int, str]]()
+        unsettled = infeasible = frozenset[tuple[int, str]]()
     else:
-        names = (*request.names, BELOW_TRUE_MODEL)
+        names = (*request.names, BELOW_TRUE_MODEL, *DESIGN_FLAWS)
         numbers = results.metrics(runs, names, condition)
         flagged = frozenset(
             (o.run.id, o.dof) for o in numbers if o.name == BELOW_TRUE_MODEL and o.value
+        )
+        flaws = [o for o in numbers if o.name in DESIGN_FLAWS and (o.value or 0.0) >= 1.0]
+        unsettled, infeasible = (
+            frozenset((o.run.id, o.model) for o in flaws if o.name == name) for name in DESIGN_FLAWS
         )
     numbers = _selected(results, numbers, request)
     _check_baseline(request, runs, numbers)
@@ -164,6 +173,8 @@ def gather(results: Results, request: TableRequest) -> Found:
         flagged,
         fixed={name: levels[name][0] for name in OWN_FACTORS if len(levels[name]) == 1},
         extra=tuple(name for name in free if len(levels[name]) > 1),
+        unsettled=unsettled,
+        infeasible=infeasible,
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from .grid import Cell as GridCell
 from .grid import Grid, Scalar, number_text, unit_text, with_unit
@@ -16,6 +16,7 @@ Place = tuple[Key, Key]
 
 EMPTY = "–"
 MARK = "†"
+UNSETTLED, INFEASIBLE = "‡", "§"
 MIXED = "mixed"
 FLAG_NOTE = (
     f"{MARK} below_true_model: a force error below the true plant's own fits lag or feedback,"
@@ -26,6 +27,11 @@ ONE_STEP_NOTE = (
     "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
     " free_run"
 )
+UNSETTLED_NOTE = (
+    f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
+    " the design does not settle"
+)
+INFEASIBLE_NOTE = f"{INFEASIBLE} infeasible_limits: the weather needs more than the limits give"
 TEST_NOTE = (
     "× is the ratio of means to {}; p is that of the two-sided Wilcoxon signed-rank test over"
     " paired seeds (not corrected for several comparisons); won is the number of pairs it is"
@@ -106,8 +112,9 @@ class _Writer:
         if cell is None:
             return GridCell("")
         text = _figures_text(self.figures[place], self.request) if cell.observed else EMPTY
-        if cell.flagged:
-            text += f" {MARK}"
+        marks = [MARK] if cell.flagged else []
+        marks += [mark for mark, _ in self._flaws([cell])]
+        text += f" {' '.join(marks)}" if marks else ""
         text += _counts_text(cell, self.request)
         if self.request.of_coefficients and cell.observed:
             text += _uncertainty_text(cell, self.request.digits)
@@ -117,6 +124,17 @@ class _Writer:
             text += "\nbaseline"
         value = self.location[place]
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
+
+    def _flaws(self, cells: Iterable[Cell]) -> list[tuple[str, str]]:
+        """Marks and notes of what is wrong with the controllers that sailed the cells' figures."""
+        sailed = {
+            (one.run.id, one.model)
+            for cell in cells
+            for one in cell.observed
+            if one.stage == "deployment"
+        }
+        found = [(UNSETTLED, UNSETTLED_NOTE)] if sailed & self.found.unsettled else []
+        return found + ([(INFEASIBLE, INFEASIBLE_NOTE)] if sailed & self.found.infeasible else [])
 
     def _is_baseline(self, place: Place) -> bool:
         if self.request.baseline is None:
@@ -156,6 +174,7 @@ class _Writer:
         shown = [one.name for cell in self.table.cells.values() for one in cell.observed]
         if any(name.endswith(ONE_STEP) for name in shown):
             notes.append(ONE_STEP_NOTE)
+        notes += [note for _, note in self._flaws(self.table.cells.values())]
         if self.tests and self.request.baseline is not None:
             notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
         unfinished = Counter(run.status for run in self.found.runs if run.status != "finished")
@@ -193,6 +212,8 @@ class _Writer:
             record[status] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
         record["below_true_model"] = cell.flagged
+        marks = [mark for mark, _ in self._flaws([cell])]
+        record["unsettled"], record["infeasible"] = UNSETTLED in marks, INFEASIBLE in marks
         record["best"] = place in self.best
         return record | self._test_record(place)
 

@@ -34,7 +34,8 @@ def figures(*options: str) -> dict[str, Array]:
         )  # fmt: skip
         sailed = trial.sail_mission(one, trial.streams(seed), one.vessel.nominal(), one.evaluation)
         row: dict[str, list[float]] = {}
-        for metric in control_rows.metrics(sailed, "nominal"):
+        design = control_rows.design_metrics(sailed.design, "nominal")
+        for metric in [*control_rows.metrics(sailed, "nominal"), *design]:
             row.setdefault(metric.name, []).append(float(metric.value or 0.0))
         for name, values in row.items():
             found.setdefault(name, []).append(values)

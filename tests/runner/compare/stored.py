@@ -69,6 +69,10 @@ def tracking(value: float, model: str = "identified") -> Metric:
     return Metric("deployment", model, "position", "e_pos_mae", value, "m")
 
 
+def deployed(name: str, value: float, model: str = "identified", dof: str = "all") -> Metric:
+    return Metric("deployment", model, dof, name, value, "")
+
+
 def coefficient(
     term: str,
     value: float,

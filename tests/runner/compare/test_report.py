@@ -10,6 +10,7 @@ import pytest
 
 from runner.compare.report import ReportRequest, render_report
 from runner.compare.results import open_results
+from runner.database.records import Diagnostic
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.test_command_line import database
@@ -181,3 +182,24 @@ def test_figures_are_visible_and_legible_on_a_phone(browser: Any, page: Path) ->
         assert scale * 10.0 >= 9.0  # the 10 pt letters of the figures [CSS px]
     size = browser.execute_script("return getComputedStyle(document.body).fontSize")
     assert size == "16px"
+
+
+def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_path: Path) -> None:
+    text = "identified model: the closed loop's spectral radius is 1.0245, expected less than 1"
+    with stored.logbook_at(tmp_path) as logbook:
+        for seed in range(2):
+            warning = Diagnostic("warning", "all", None, None, text, None, "")
+            figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
+            stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        page = render_report(opened, ReportRequest())
+    assert "the closed loop&#39;s spectral radius is 1.0245" in page
+    assert "expected less than 1 (runs 1, 2)" in page
+    assert 'href="#warnings"' in page
+    assert "&#8225;" in page or "‡" in page  # and its figures are marked
+    _, out, _ = program("show", "2", "--database", f"sqlite:///{tmp_path}/results.db")
+    assert "spectral radius is 1.0245" in out
+
+
+def test_without_warnings_there_is_no_section_of_them(page: Path) -> None:
+    assert 'id="warnings"' not in page.read_text(encoding="utf-8")

@@ -232,3 +232,30 @@ def test_machine_formats_hold_every_fact_at_full_precision(results: Results) -> 
     failed = next(r for r in from_json if r["failed"])
     assert (failed["identifier"], failed["diverged"], failed["std"]) == ("ls", 1, None)
     assert from_csv[2]["unit"] == "N^2"
+
+
+def test_a_design_that_does_not_settle_marks_its_figures(tmp_path: Path) -> None:
+    """By run and model: the nominal design of `ls` is sound, its identified one is not."""
+    radius = {"none": (0.9, 0.9), "ls": (0.9, 1.025), "plsr": (0.9, 0.95)}
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier, (nominal, identified) in radius.items():
+            found = [stored.tracking(1.0), stored.tracking(2.0, "nominal")]
+            found.append(stored.force_mse(5.0))
+            found.append(stored.deployed("spectral_radius", nominal, "nominal"))
+            found.append(stored.deployed("spectral_radius", identified))
+            tight = float(identifier == "plsr")
+            found.append(stored.deployed("infeasible_limits", tight, dof="sway"))
+            stored.finish(logbook, stored.start(identifier), found)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        options = {"metrics": ["e_pos_mae"], "dofs": ["position"], "columns": "model"}
+        grid = table(opened, models=["all"], **options)
+        shown = {row[0].text: [cell.text for cell in row[1:]] for row in grid.rows}
+        assert shown["none"] == ["2.000 (n=1)", "1.000 (n=1)"]
+        assert shown["ls"] == ["2.000 (n=1)", "1.000 ‡ (n=1)"]
+        assert shown["plsr"] == ["2.000 (n=1)", "1.000 § (n=1)"]
+        assert any("spectral radius of 1 or more" in note for note in grid.notes)
+        assert any("infeasible_limits" in note for note in grid.notes)
+        flags = {(r["identifier"], r["model"]): r["unsettled"] for r in grid.as_records()}
+        assert [key for key, flag in flags.items() if flag] == [("ls", "identified")]
+        assert not any("‡" in cell.text for row in table(opened).rows for cell in row)
+        assert r"\ddag{}" in render(grid, Format.LATEX)
