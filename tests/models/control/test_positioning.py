@@ -1,5 +1,6 @@
 """The supply vessel positioned in constant wind and a slowly varying current, ten seeds.
 
+`experiment=positioning`, as the command line composes it.
 Bargouth (2022), section 4.7 with the repairs of the physical drag: schedule of appendix K, Q =
 diag(1e2, 1e2, 1e5), P = diag(1e-7, 1e-7, 1e-10) in SI, limits 2e5, 4e5 N and 1e7 Nm, Kalman filter,
 RK4 at 1 s. The source's claim that predictive control with integral action is superior holds for
@@ -15,10 +16,6 @@ from models.basis import Array
 from runner import control_rows, trial
 from tests.trials import composed
 
-WEATHER = (
-    "disturbance=rough", "disturbance.noise=null", "disturbance.waves=null",
-    "disturbance.wind.variation=constant",
-)  # fmt: skip
 SEEDS = range(10)
 STEADY = np.array([0.02, 0.02, 0.01])  # [m, m, deg]
 
@@ -28,10 +25,7 @@ def figures(*options: str) -> dict[str, Array]:
     """Metrics of the deployments, shape (seeds, 3) or (seeds, 1)."""
     found: dict[str, list[list[float]]] = {}
     for seed in SEEDS:
-        one = composed(
-            "vessel=supply_vessel", *WEATHER, "evaluation=setpoints", "sample_time_s=1.0",
-            "integration_step_s=1.0", "identifier=none", *options, f"seed={seed}",
-        )  # fmt: skip
+        one = composed("experiment=positioning", *options, f"seed={seed}")
         sailed = trial.sail_mission(one, trial.streams(seed), one.vessel.nominal(), one.evaluation)
         row: dict[str, list[float]] = {}
         design = control_rows.design_metrics(sailed.design, "nominal")
@@ -82,10 +76,11 @@ def test_the_sources_limit_in_sway_is_found_infeasible_before_sailing() -> None:
         "evaluation.duration_s=20",
     )  # fmt: skip
     sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
-    flags = {m.dof: m.value for m in control_rows.metrics(sailed, "nominal")
-             if m.name == "infeasible_limits"}  # fmt: skip
+    found = control_rows.design_metrics(sailed.design, "nominal")
+    flags = {m.dof: m.value for m in found if m.name == "infeasible_limits"}
     assert flags == {"surge": 0.0, "sway": 1.0, "yaw": 0.0}
-    assert any("sway needs up to 2.16e+05 N" in line for line in control_rows.warnings(sailed, "x"))
+    said = control_rows.warnings(sailed.design, "x")
+    assert any("sway needs up to 2.16e+05 N" in line for line in said)
 
 
 def test_an_unstable_design_is_said_to_be_one() -> None:
@@ -95,9 +90,11 @@ def test_an_unstable_design_is_said_to_be_one() -> None:
         "controller.error_weight=[1e2, 1.0, 1e3]", "evaluation.duration_s=20",
     )  # fmt: skip
     sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
-    radius = next(m.value for m in control_rows.metrics(sailed, "x") if m.name == "spectral_radius")
+    found = control_rows.design_metrics(sailed.design, "x")
+    radius = next(m.value for m in found if m.name == "spectral_radius")
     assert radius == pytest.approx(1.025, abs=5e-4)
-    assert any("spectral radius is 1.024" in line for line in control_rows.warnings(sailed, "x"))
+    said = control_rows.warnings(sailed.design, "x")
+    assert any("spectral radius is 1.024" in line for line in said)
 
 
 @pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
