@@ -83,6 +83,8 @@ def check(trial: Trial) -> None:
         named(trial, "evaluation", lambda: trial.evaluation.check(dofs))
     if trial.controller is not None:
         trial.controller.build(trial.vessel.nominal(), trial.sample_time_s)
+    if hasattr(trial.identifier, "period_s") and hasattr(trial.controller, "design"):
+        check_periods(trial)
     refuse = getattr(trial.identifier, "check", None)
     if refuse is not None:
         refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
@@ -114,6 +116,19 @@ def _check_force(trial: Trial, recorded: Recording | None) -> None:
         )
     if force == "actual" and recorded is not None:
         recorded.force(force)
+
+
+def check_periods(trial: Trial) -> None:
+    """Refuse a controller whose period is not a multiple of the model's it is to be built on."""
+    model, own = (
+        part.period_s or trial.sample_time_s for part in (trial.identifier, trial.controller)
+    )
+    times = round(own / model)
+    if times < 1 or abs(times * model - own) > 1e-9 * own:
+        raise ConfigurationError(
+            f"controller.period_s: got {own:g} s, expected a multiple of identifier.period_s, "
+            f"{model:g} s: a state-space model holds at its own sample time"
+        )
 
 
 def run(trial: Trial) -> Results:

@@ -14,7 +14,9 @@ import pytest
 from models.basis import Array
 from models.control.design import design_model, every
 from models.control.estimator import filter_gain
+from models.errors import ConfigurationError
 from models.statespace import StateSpace
+from runner import control_rows, sailing
 from runner import trial as trials
 from runner.database.records import Results
 from tests.trials import composed
@@ -76,6 +78,35 @@ def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     assert "no sampled continuous motion" in str(form[0].label)
 
 
+def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
+    """rand * 0.03 m/s^2 pushes with half of that, times the mass: more than the limits."""
+    mean = "+disturbance.force={_target_: models.disturbance.ConstantForce, "
+    mean += f"north_n: {0.015 * 2.4e7}, east_n: {0.015 * 4e7}, moment_nm: 0}}"
+    short = ("excitation.length_s=6", "evaluation.duration_s=60", "controller=lqi")
+    one = composed(*EXPERIMENT, FULL_NOISE, mean, *short)
+    design = sailing.prepare(one, trials.streams(0), one.vessel.nominal(), one.evaluation).design
+    assert design.infeasible.tolist() == [True, True, False]
+    assert len(control_rows.warnings(design, "nominal")) == 2
+
+
+@pytest.mark.slow
+def test_at_the_sources_noise_it_is_its_options_that_fail() -> None:
+    """Without a mean the noise alone is borne: L = 8 and J = 20 do as well as the true model."""
+    assert np.all(np.median(ratios("lqi", range(3), FULL_NOISE), axis=0) <= 1.5)
+
+
+def test_a_controller_faster_than_its_model_is_refused_before_any_work() -> None:
+    for controller, own in (("0.75", "0.75 s"), ("0.5", "0.5 s")):
+        one = composed(
+            *EXPERIMENT, "controller=lqi", "sample_time_s=0.25", "integration_step_s=0.25",
+            f"controller.period_s={controller}",
+        )  # fmt: skip
+        with pytest.raises(ConfigurationError, match=f"got {own}, expected a multiple of .* 1 s"):
+            trials.check(one)
+    trials.check(composed(*EXPERIMENT, "controller=lqi", "controller.period_s=2"))
+
+
+@pytest.mark.slow
 def test_its_options_are_worse_at_little_noise_too() -> None:
     printed = np.median(ratios("mpc_integral", range(3), *AS_PRINTED), axis=0)
     assert np.all(printed > 1.5)
@@ -86,13 +117,25 @@ def test_a_pid_takes_the_physical_form() -> None:
     assert np.all(errors(results, "identified") <= 1.5 * errors(results, "nominal"))
 
 
+SHORT_SEARCH = ["identifier.generations=5", "identifier.population_cap=100"]
+SLOW = [("least_squares", []), ("nsga2", SHORT_SEARCH)]
+
+
+@pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
 @pytest.mark.parametrize(
     ("identifier", "more"),
-    [("ls", ["identifier.basis=physical"]), ("plsr", []), ("ridge", [])],
+    [
+        ("ls", ["identifier.basis=physical"]),
+        ("plsr", []),
+        ("ridge", []),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW),
+    ],
 )
-def test_any_identified_table_serves_linear_control(identifier: str, more: list[str]) -> None:
+def test_any_identified_table_serves_linear_control(
+    identifier: str, more: list[str], controller: str
+) -> None:
     results = trials.run(
-        composed("controller=mpc_integral", f"identifier={identifier}", "disturbance=calm", *more)
+        composed(f"controller={controller}", f"identifier={identifier}", "disturbance=calm", *more)
     )
     found = {m.model: m.value for m in results.metrics if m.name == "e_pos_mae"}
     assert float(found["identified"] or 1.0) < float(found["nominal"] or 0.0)
