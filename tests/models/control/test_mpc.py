@@ -176,14 +176,6 @@ def test_line_of_sight_is_not_known_ahead_and_is_held() -> None:
     assert mpc("condensed", preview="none").preview_rows(1.0) == 0
 
 
-def test_time_a_step_of_a_limited_problem() -> None:
-    """Loop and all, on a core shared with other tests; alone it is a third (docs)."""
-    n = 600
-    for kind, horizon, limit_us in (("condensed", 10, 400.0), ("integral", 40, 1500.0)):
-        sailed, _ = voyage(mpc(kind, horizon=horizon), appendix_k(n))
-        assert np.median(sailed.step_times) * 1e6 < limit_us
-
-
 @pytest.mark.parametrize(
     ("kind", "changes", "message"),
     [
