@@ -28,7 +28,7 @@ VESSELS = {
     "surge_nonlinear_printed": ("surge",),
     "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
 }  # fmt: skip
-FLOATING = ("wind", "waves", "rough")  # disturbances of what floats
+FLOATING = ("wind", "wind_current", "waves", "rough")  # disturbances of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 
