@@ -28,7 +28,7 @@ def steady_state_error(error: Array, where: list[slice], period_s: float, ahead:
     """Largest |mean error| of a stand, over the 60 s that end before the next preview begins.
 
     `error` (N, n_dof), `ahead` the rows of the preview, which only a following step makes. NaN
-    where no stand is long enough: the mean lies in its second half.
+    where no stand is long enough: the mean lies in its last two thirds.
     """
     rows = round(STEADY_S / period_s)
     means = []

@@ -32,6 +32,7 @@ NAMES = {
 }
 MODELS = ("nominal", "identified", "adaptive")
 COLOURS = MODEL_COLOURS | {"adaptive": PALETTE[3]}
+SAME = 0.01  # of the instants
 NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
     "dotted: reference, where it is not the set-point"
@@ -104,7 +105,7 @@ def _reference(axes: Axes, series: Series, dof: str) -> None:
     wanted = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
     setpoint, reference = _pose(series, wanted), _pose(series, f"{name}_d")
     axes.plot(t, setpoint, "--", color=REFERENCE, linewidth=1.0, label="set-point")
-    if not np.array_equal(setpoint, reference):
+    if np.mean(setpoint != reference) > SAME:  # a step is not taken at the very same instant
         axes.plot(t, reference, ":", color=MUTED, linewidth=1.0, label="reference")
     unit = "deg" if series.units[name] == "rad" else series.units[name]
     axes.set_ylabel(with_unit(NAMES[dof], unit))
