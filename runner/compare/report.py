@@ -37,6 +37,8 @@ TABLES = (
     ("coefficient_error", "Largest relative error of a coefficient", False),
     ("e_pos_mae", "Position error when deployed", True),
     ("e_psi_mae", "Heading error when deployed", True),
+    ("error_mae", "Pose error by axis when deployed", False),
+    ("steady_state_error", "Steady-state error when deployed", False),
     ("tau_mean_abs", "Mean absolute force when deployed", False),
     ("power_mean", "Mean power when deployed", False),
     ("iaew", "Integral of absolute error times work", False),
