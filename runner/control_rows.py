@@ -148,9 +148,12 @@ def diagnostics(design: Design, model: str) -> list[Diagnostic]:
         found.append(
             Diagnostic("needed_force", dof, None, None, model, float(force), FORCE_UNIT[dof])
         )
-    return found + [
-        Diagnostic("warning", "all", None, None, text, None, "") for text in warnings(design, model)
-    ]
+    return [*found, *warning_rows(warnings(design, model))]
+
+
+def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
+    """Warnings as they are kept with a run."""
+    return [Diagnostic("warning", "all", None, None, text, None, "") for text in texts]
 
 
 def series(sailed: Sailed, model: str) -> Series:
