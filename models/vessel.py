@@ -36,6 +36,7 @@ from models.errors import ConfigurationError
 
 PLANAR = ("surge", "sway", "yaw")
 FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
+SQUARE_UNIT = {dof: "N^2" if dof in DOFS[:3] else "(Nm)^2" for dof in DOFS}
 POSE_NAMES = dict(zip(DOFS, ("x", "y", "z", "phi", "theta", "psi"), strict=True))
 
 

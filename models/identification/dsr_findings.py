@@ -24,7 +24,7 @@ def realisation_findings(found: Realisation) -> list[Finding]:
     """Order, singular values and what the predictor and the states are like."""
     model = found.model
     single = {
-        "order": model.order,
+        "selected_order": model.order,
         "spectral_radius": model.spectral_radius,
         "predictor_radius": model.predictor_radius,
         "gain_recomputed": found.gain_recomputed,
@@ -53,8 +53,8 @@ def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[
     if model.x0 is not None:
         listed += [Finding("x0", "all", float(v), i=i) for i, v in enumerate(model.x0, start=1)]
     for i, value in enumerate(model.eigenvalues, start=1):
-        listed.append(Finding("eigenvalue", "all", float(value.real), i=i, label="real"))
-        listed.append(Finding("eigenvalue", "all", float(value.imag), i=i, label="imaginary"))
+        listed.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
+        listed.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))
     for lag, matrix in enumerate(model.markov(lags)):
         listed += [
             Finding("markov", dofs[row], float(value), i=lag, j=j + 1, label=model.inputs[j])

@@ -129,7 +129,7 @@ class Nsga2(PredictionOptions):
         found = self._search(objectives, space, rng)
         chosen, rule = choose(found.front, self.decision, self.weights)
         findings = front_findings(predictor, objectives, found)
-        findings.append(Finding("chosen", "all", float(chosen), i=chosen, label=rule))
+        findings.append(Finding("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
         point, errors = found.points[chosen], None
         if self.polish is not None:
             box = (space.lower, space.upper)

@@ -32,7 +32,7 @@ from models.identification.selection import (
 )
 from models.identification.uncertainty import block_bootstrap, check_bootstrap
 from models.thruster import SecondOrderLag
-from models.vessel import FORCE_UNIT, Vessel
+from models.vessel import SQUARE_UNIT, Vessel
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def order_findings(
     """Left-out MSE of every order, and the chosen order, labelled by how it was chosen."""
     found = []
     for k, dof in enumerate(dofs):
-        unit = f"{FORCE_UNIT[dof]}^2"
+        unit = SQUARE_UNIT[dof]
         found += [
             Finding("order_mse", dof, float(value), unit, i=a + 1, label=selection)
             for a, value in enumerate(mse[:, k])

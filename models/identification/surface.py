@@ -35,7 +35,7 @@ from models.identification.lag import thruster_of
 from models.identification.plsr import PartialLeastSquares
 from models.identification.problem import Finding, Identified, Problem
 from models.identification.selection import Pair, Selection, left_out_mse, part, split
-from models.vessel import FORCE_UNIT, Vessel, coefficient_unit
+from models.vessel import SQUARE_UNIT, Vessel, coefficient_unit
 
 PARSIMONY = 1.1  # an order may cost this factor of the least MSE
 RESOLUTION = 1e-12  # of the output's mean square; below it, moments cannot tell two models apart
@@ -237,7 +237,7 @@ def surface_findings(
     suffix = f"_stage{stage + 1}" if stage else ""
     found = []
     for k, (dof, choice) in enumerate(zip(dofs, choices, strict=True)):
-        unit = f"{FORCE_UNIT[dof]}^2"
+        unit = SQUARE_UNIT[dof]
         for a, j in np.argwhere(~np.isnan(choice.surface_mse)):
             value = float(choice.surface_mse[a, j] * square[k])
             i, n = int(a) + 1, int(j) + 1
@@ -263,7 +263,7 @@ def stage_findings(samples: Samples, stages: list[Vessel]) -> tuple[Finding, ...
             rest = rest - samples.phi @ stages[stage - 1].theta
         for k, dof in enumerate(stages[0].dofs):
             mse = float(np.mean(rest[:, k] ** 2))
-            found.append(Finding("stage_mse", dof, mse, f"{FORCE_UNIT[dof]}^2", stage))
+            found.append(Finding("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
     for stage, table in enumerate(stages if len(stages) > 1 else [], start=1):
         for one, row in zip(table.terms, table.theta, strict=True):
             for dof, value in zip(table.dofs, row, strict=True):

@@ -57,11 +57,11 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
     try:
         results = trials.run(trial)
     except IdentificationError as error:
-        complaint = str(error)
+        said = str(error)
     else:
-        complaint = ""
-    if complaint:
-        assert any(words in complaint for words in REASONS[identifier].split("|")), complaint
+        said = ""
+    if said:
+        assert any(words in said for words in REASONS.get(identifier, "none").split("|")), said
         return
     found = [row for row in results.coefficients if row.model == "identified"]
     assert found

@@ -150,7 +150,7 @@ def test_front_choice_and_history_are_stored(identifier, make, signal):
     np.testing.assert_allclose(objectives(points), front, rtol=1e-12)
     better = np.all(front[:, None] <= front, axis=2) & np.any(front[:, None] < front, axis=2)
     assert not np.any(better)
-    chosen = next(one for one in found.findings if one.name == "chosen")
+    chosen = next(one for one in found.findings if one.name == "pareto_chosen")
     assert (chosen.i, chosen.label) == choose(front, "knee", None)
     np.testing.assert_allclose(found.model.theta[:, 0], points[chosen.i])
     one = [f for f in found.findings if f.name == "pareto_parameter" and f.i == 0]

@@ -1,0 +1,137 @@
+"""Every identifier in calm water, noise and a constant force, from the command line to the table."""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from runner.compare.plots import orders, pareto, spectrum, surface
+from tests.runner.programs import ended, program, rows
+
+IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "least_squares", "nsga2", "dsr")
+DISTURBANCES = ("calm", "noise", "constant")
+EXACT = tuple(one for one in IDENTIFIERS if one not in ("none", "dsr"))
+METRICS = (
+    *("force_mse", "force_mse_filtered", "coefficient_error"),
+    *(f"{what}_rmse_{ahead}" for what in ("pose", "velocity")
+      for ahead in ("one_step", "ten_step", "free_run")),
+)  # fmt: skip
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the sweep was run; trials that fail are kept, so its exit code is not looked at."""
+    place = tmp_path_factory.mktemp("comparison")
+    sweep = program(
+        "-m", "runner", "-m", f"identifier={','.join(IDENTIFIERS)}",
+        f"disturbance={','.join(DISTURBANCES)}", "evaluation=none", folder=place,
+    )  # fmt: skip
+    sweep.communicate(timeout=1700)
+    assert len(rows(place, "SELECT id FROM run")) == len(IDENTIFIERS) * len(DISTURBANCES)
+    yield place
+
+
+def compare(folder: Path, *arguments: str) -> str:
+    code, out, err = ended(program("-m", "runner.compare", *arguments, folder=folder))
+    assert code == 0, err
+    return out
+
+
+def cells(folder: Path, metric: str, dof: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """The table of a metric, by identifier and disturbance."""
+    found = compare(
+        folder, "table", "--rows", "identifier", "--columns", "disturbance", "--metric", metric,
+        "--dof", dof, "--stage", "validation", "--model", "identified", "--format", "json",
+    )  # fmt: skip
+    return {(one["identifier"], one["disturbance"]): one for one in json.loads(found)}
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_every_cell_holds_a_figure_or_its_reason(folder: Path, metric: str) -> None:
+    failed = dict(rows(folder, "SELECT identifier || ' ' || disturbance, error FROM run"))
+    unpredicted = rows(
+        folder,
+        "SELECT identifier, disturbance FROM diagnostic JOIN run ON run.id = run_id "
+        "WHERE diagnostic.name = 'no_prediction' AND label LIKE 'identified%'",
+    )
+    for dof in ("surge", "sway", "yaw"):
+        table = cells(folder, metric, dof)
+        assert set(table) == {(i, d) for i in IDENTIFIERS for d in DISTURBANCES}
+        for (identifier, disturbance), cell in table.items():
+            if cell["n"]:
+                assert math.isfinite(cell["mean"])
+            elif cell["failed"]:
+                assert failed[f"{identifier} {disturbance}"]
+            else:
+                assert (identifier, disturbance) in unpredicted
+
+
+def test_all_finish_and_those_that_know_the_structure_are_exact_in_calm_water(folder: Path) -> None:
+    assert rows(folder, "SELECT DISTINCT status FROM run") == [("finished",)]
+    for dof in ("surge", "sway", "yaw"):
+        filtered = cells(folder, "force_mse_filtered", dof)
+        free_run = cells(folder, "velocity_rmse_free_run", dof)
+        for identifier in EXACT:
+            assert filtered[identifier, "calm"]["mean"] < 1e-3 * filtered["none", "calm"]["mean"]
+            assert free_run[identifier, "calm"]["mean"] < 1e-3 * free_run["none", "calm"]["mean"]
+
+
+def test_a_fit_by_prediction_wins_under_noise_and_one_step_would_not_have_shown_it(
+    folder: Path,
+) -> None:
+    """31 free terms run away; a step ahead they look as good as the best."""
+    free_run = cells(folder, "velocity_rmse_free_run", "sway")
+    one_step = cells(folder, "velocity_rmse_one_step", "sway")
+    best, worst = free_run["least_squares", "noise"]["mean"], free_run["ls", "noise"]["mean"]
+    assert worst > 10.0 * best
+    assert one_step["ls", "noise"]["mean"] < 1.1 * one_step["least_squares", "noise"]["mean"]
+    shown = compare(folder, "table", "--metric", "velocity_rmse_one_step", "--dof", "sway")
+    assert "hides bias" in shown
+
+
+def test_least_squares_stands_beside_nsga2_and_finds_the_same(folder: Path) -> None:
+    for disturbance in ("calm", "noise"):
+        values = {
+            identifier: rows(
+                folder,
+                "SELECT dof, term, value, std_error FROM coefficient JOIN run ON run.id = run_id "
+                f"WHERE model = 'identified' AND identifier = '{identifier}' "
+                f"AND disturbance = '{disturbance}' ORDER BY dof, term",
+            )
+            for identifier in ("least_squares", "nsga2")
+        }
+        assert len(values["nsga2"]) > 20
+        for one, other in zip(values["least_squares"], values["nsga2"], strict=True):
+            assert one[:2] == other[:2]
+            error = one[3] or 0.0
+            assert other[2] == pytest.approx(one[2], rel=1e-2, abs=max(0.1 * error, 1e-3))
+
+
+def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Path) -> None:
+    found = rows(
+        folder,
+        "SELECT identifier, count(*), count(std_error) FROM coefficient JOIN run ON run.id = "
+        "run_id WHERE model = 'identified' AND value <> 0 GROUP BY identifier",
+    )
+    for identifier, many, known in found:
+        assert known == (0 if identifier == "none" else many), identifier
+    ((covariances,),) = rows(
+        folder,
+        "SELECT count(*) FROM diagnostic JOIN run ON run.id = run_id "
+        "WHERE name = 'covariance' AND identifier = 'least_squares' AND disturbance = 'calm'",
+    )
+    assert covariances == 23 * 24 / 2
+
+
+def test_the_figures_find_what_they_draw(folder: Path) -> None:
+    stored = {name for (name,) in rows(folder, "SELECT DISTINCT name FROM diagnostic")}
+    wanted = {pareto.OBJECTIVE, pareto.CHOSEN, spectrum.SINGULAR, spectrum.ORDER, spectrum.REAL}
+    wanted |= {spectrum.IMAGINARY, surface.SURFACE, surface.VARIABLES, *orders.NAMES}
+    assert wanted <= stored
+    for kind in ("pareto", "surface", "spectrum", "orders", "coefficients"):
+        assert ".png" in compare(folder, "plot", kind)
