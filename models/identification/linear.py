@@ -41,8 +41,10 @@ class Decomposition:
 
     @property
     def condition(self) -> float:
-        """Largest over smallest singular value."""
-        return float(self.s[0] / self.s[-1]) if len(self.s) else 1.0
+        """Largest over smallest singular value; infinite where columns are not independent."""
+        if not len(self.s):
+            return 1.0
+        return float(self.s[0] / self.s[-1]) if self.s[-1] > 0.0 else float("inf")
 
     def shrinkage(self, penalty: float) -> Array:
         """s^2 / (s^2 + penalty), whose sum is the effective number of parameters."""
@@ -86,10 +88,11 @@ class Decomposition:
         return np.asarray(np.average(targets, axis=0, weights=self.weights))
 
 
-def decompose(samples: Samples, weights: Array) -> Decomposition:
+def decompose(samples: Samples, weights: Array, penalised: bool = False) -> Decomposition:
     """Decompose the columns of a regression, weights (N,) positive.
 
-    Raises IdentificationError, naming the terms, when columns are not independent.
+    Raises IdentificationError, naming the terms, when columns are not independent, unless a
+    penalty shares their effect among them.
     """
     constant, columns = samples.constant, samples.varying
     if constant is None:
@@ -101,7 +104,7 @@ def decompose(samples: Samples, weights: Array) -> Decomposition:
     x = x - mean
     scale = np.sqrt(np.average(x**2, axis=0, weights=weights))
     u, s, vt = np.linalg.svd(np.sqrt(weights)[:, None] * (x / scale), full_matrices=False)
-    if len(s) and s[-1] <= SINGULAR * s[0]:
+    if len(s) and s[-1] <= SINGULAR * s[0] and not penalised:
         names = [str(samples.terms[columns[i]]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)]
         raise IdentificationError(
             f"the training part does not tell {', '.join(names)} from each other "
@@ -141,7 +144,7 @@ def fit(
     n, n_dof = y.shape
     ridge = np.zeros(n_dof) if penalties is None else penalties
     s = np.zeros((n_dof, n, 0)) if shared is None else shared
-    parts = decompositions(samples, weights)
+    parts = decompositions(samples, weights, bool(np.all(ridge > 0.0)))
     own = [p.coefficients(y[:, [k]], ridge[k])[:, 0] for k, p in enumerate(parts)]
     cross = np.array([p.coefficients(s[k], ridge[k]) for k, p in enumerate(parts)])
     left = weights.T[:, :, None] * (s - phi @ cross)
@@ -160,10 +163,15 @@ def fit(
     )
 
 
-def decompositions(samples: Samples, weights: Array) -> list[Decomposition]:
+def decompositions(
+    samples: Samples, weights: Array, penalised: bool = False
+) -> list[Decomposition]:
     """One decomposition a degree of freedom; those of equal weights are one."""
-    first = decompose(samples, weights[:, 0])
-    return [first if np.array_equal(w, weights[:, 0]) else decompose(samples, w) for w in weights.T]
+    first = decompose(samples, weights[:, 0], penalised)
+    return [
+        first if np.array_equal(w, weights[:, 0]) else decompose(samples, w, penalised)
+        for w in weights.T
+    ]
 
 
 def standard_errors(fitted: LinearFit, kind: ErrorKind) -> tuple[Array, Array]:

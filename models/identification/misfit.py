@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from models.basis import Array
+from models.errors import IdentificationError
 from models.identification.predictor import Predictor
 
 STEP = 1e-7  # of the finite differences, relative to the size of the unknown
@@ -69,17 +70,30 @@ class Misfit:
         return start, rest
 
     def jacobian(self, x: Array, start: Array, rest: Array) -> Array:
-        """Derivative of `rest` by forward differences, shape (N 2 n_dof, m)."""
+        """Derivative of `rest` by forward differences, shape (N 2 n_dof, m).
+
+        Where a step ahead leaves the positive definite inertias, it is taken back.
+        """
         columns = []
         for i in range(len(x)):
-            moved = x.copy()
-            moved[i] += STEP * max(abs(x[i]), 1.0)
-            columns.append((self._rest(moved, start) - rest) / (moved[i] - x[i]))
+            column = self._slope(x, i, start, rest, STEP)
+            ahead = np.isfinite(column[0, 0])
+            columns.append(column if ahead else self._slope(x, i, start, rest, -STEP))
         jacobian = np.stack(columns, axis=2)
+        if not np.all(np.isfinite(jacobian)):
+            raise IdentificationError(
+                "the fit has come to an inertia that is hardly positive definite: fewer "
+                "parameters, or bounds, keep it away from there"
+            )
         if self.estimated:
             slopes = self._slopes(x, start, rest)
             jacobian -= slopes @ self._explained(slopes, jacobian)[self.group]
         return np.asarray(jacobian.reshape(rest.size, -1))
+
+    def _slope(self, x: Array, i: int, start: Array, rest: Array, step: float) -> Array:
+        moved = x.copy()
+        moved[i] += step * max(abs(x[i]), 1.0)
+        return np.asarray((self._rest(moved, start) - rest) / (moved[i] - x[i]))
 
     def _rest(self, x: Array, start: Array) -> Array:
         predicted = self.predictor.predict(x * self.size, start)

@@ -161,7 +161,7 @@ class Ridge(LeastSquares):
         if shared is not None:
             f = fit(samples, weights, None, shared).shared
             targets = targets - np.einsum("knm,m->nk", shared, f)
-        parts = decompositions(samples, weights)
+        parts = decompositions(samples, weights, self.penalty != 0.0)
         n = len(samples)
         if self.penalty is not None:
             chosen = [self.penalty * n for _ in dofs]

@@ -1,8 +1,7 @@
-"""Every identifier in calm water, noise and a constant force, from the command line to the table."""
+"""Every identifier in calm water, noise and a constant force, from the command line to a table."""
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the sweep was run; trials that fail are kept, so its exit code is not looked at."""
     place = tmp_path_factory.mktemp("comparison")
     sweep = program(
@@ -33,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     )  # fmt: skip
     sweep.communicate(timeout=1700)
     assert len(rows(place, "SELECT id FROM run")) == len(IDENTIFIERS) * len(DISTURBANCES)
-    yield place
+    return place
 
 
 def compare(folder: Path, *arguments: str) -> str:

@@ -204,6 +204,28 @@ def test_ridge_equals_scikit_learn(calm, identifier, rng) -> None:
     np.testing.assert_allclose(found.residual.theta[0], peer.intercept_, rtol=1e-8)
 
 
+def test_a_ridge_shares_among_terms_that_cannot_be_told_apart(calm, identifier, rng) -> None:
+    """r^2 and |r|r of a vessel that turns one way: scikit-learn's answer, an equal share each."""
+    from sklearn.linear_model import Ridge
+
+    ridge = identifier("ridge", penalty=0.01, basis=["1", "r_dot", "r^2", "|r|r", "r"])
+    training = calm.problem.training
+    one_way = training.part(training.nu[:, 2] > 1e-3)
+    problem = type(calm.problem)(
+        one_way, calm.problem.validation, calm.problem.nominal, calm.thruster
+    )
+    found = ridge.identify(problem, rng)
+    samples = ridge.samples(one_way, problem.nominal, calm.thruster)
+    x = samples.phi[:, 1:]
+    scale = x.std(axis=0)
+    peer = Ridge(alpha=0.01 * len(x), solver="svd").fit(x / scale, samples.epsilon)
+    np.testing.assert_allclose(found.residual.theta[1:], peer.coef_.T / scale[:, None], rtol=1e-6)
+    np.testing.assert_allclose(found.residual.theta[2], found.residual.theta[3], rtol=1e-6)
+    assert np.all(np.isfinite(found.std_error))
+    by_validation = identifier("ridge", basis=["1", "r_dot", "r^2", "|r|r", "r"])
+    assert np.all(np.isfinite(by_validation.identify(problem, rng).residual.theta))
+
+
 def test_the_penalty_minimises_generalised_cross_validation(lap, identifier, rng) -> None:
     ridge = identifier("ridge", lowpass_hz=0.5)
     problem = lap("noise", 2).problem
