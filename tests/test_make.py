@@ -149,6 +149,27 @@ def test_the_slow_tests_include_those_of_ray(checkout: Path) -> None:
     assert not (checkout / ".venv-ray").exists()
 
 
+def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -> None:
+    folder, binaries = checkout / "conf" / "experiment", checkout / ".venv" / "bin"
+    for made in (folder, binaries):
+        made.mkdir(parents=True)
+    (folder / "simulated.yaml").write_text("identifier: {force: commanded}\n")
+    (folder / "measured.yaml").write_text("excitation: {path: $SEATRIAL_DATA/a.csv}\n")
+    grep = shutil.which("grep")
+    assert grep is not None
+    (checkout / "tools" / "grep").symlink_to(grep)
+    pretend_python(checkout, "stub", "3.11", venv=True)
+    shutil.copy(checkout / "tools" / "stub", binaries / "python")
+    answer = make(checkout, "published")
+    assert answer.returncode == 0, answer.stderr
+    assert "measured: skipped, SEATRIAL_DATA is not set" in answer.stdout
+    assert re.findall(r"experiment=(\w+)", asked(checkout)) == ["simulated"]
+    assert "-m runner.compare published" in asked(checkout)
+    assert make(checkout, "published", "SEATRIAL_DATA=/data").returncode == 0
+    ran = re.findall(r"experiment=(\w+)", asked(checkout))
+    assert sorted(ran) == ["measured", "simulated", "simulated"]
+
+
 @pytest.mark.parametrize("file", CONSTRAINTS)
 def test_constraints_are_names_and_versions_only(file: str) -> None:
     lines = (ROOT / file).read_text().splitlines()

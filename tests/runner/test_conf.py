@@ -19,6 +19,7 @@ OPTIONS = sorted(
 
 @pytest.fixture(autouse=True)
 def _environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SEATRIAL_DATA", "/data")  # composed, not read
     monkeypatch.setenv("SEATRIAL_DATABASE", "postgresql://sailor@localhost/seatrial")
     monkeypatch.chdir(tmp_path)
 

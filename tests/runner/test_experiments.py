@@ -1,5 +1,7 @@
 """Experiments: one file each, with the sweep in it; grids, variants and what replaces them."""
 
+import os
+
 import pytest
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
@@ -11,6 +13,13 @@ from runner.variation import jobs_of
 from tests.runner.command import Command
 
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+
+
+def needs_data(experiment: str) -> None:
+    """Skip an experiment on outside data where there are none."""
+    text = (CONF / "experiment" / f"{experiment}.yaml").read_text()
+    if "SEATRIAL_DATA" in text and not os.environ.get("SEATRIAL_DATA"):
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
 
 
 @pytest.fixture
@@ -51,18 +60,19 @@ def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     fake = seatrial.pretend()
     answer = seatrial("experiment=jervan_table_4_10")
     assert answer.code == 0
-    assert fake.ran == [0, 0, 0, 0]
+    assert fake.ran == [0, 0, 0]
     with Logbook.read("sqlite:///results/results.db") as logbook:
         (sweep,) = logbook.sweeps()
         runs = logbook.runs()
     assert sweep.name == "jervan_table_4_10"
-    assert sorted(run.identifier for run in runs) == ["ls", "ls", "plsr", "surface_plsr"]
+    assert sorted(run.identifier for run in runs) == ["ls", "ls", "surface_plsr"]
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_trial_of_every_experiment_passes_its_checks(
     seatrial: Command, experiment: str
 ) -> None:
+    needs_data(experiment)
     answer = seatrial(f"experiment={experiment}", "dry_run=true")
     assert answer.code == 0, answer.err
     states = {line.split()[0] for line in answer.out.splitlines()[:-1]}
