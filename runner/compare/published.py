@@ -8,6 +8,7 @@ newest sweep that meet the condition.
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -102,7 +103,8 @@ def by_table(judged: Sequence[Judged]) -> list[list[Judged]]:
 
 def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[Printed]]:
     """The printed figures by experiment; ConfigurationError for an unknown one or a bad file."""
-    files = {path.stem: path for path in sorted(folder.glob("*.csv")) if _is_ours(path)}
+    paths = sorted(folder.glob("*.csv"), key=lambda path: _in_parts(path.stem))
+    files = {path.stem: path for path in paths if _is_ours(path)}
     if not files:
         raise ConfigurationError(f"{folder}: no files of printed figures here")
     if experiment is not None:
@@ -112,6 +114,11 @@ def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[P
             )
         files = {experiment: files[experiment]}
     return {name: read_file(path) for name, path in files.items()}
+
+
+def _in_parts(name: str) -> list[tuple[str, int]]:
+    """A name to sort by: table_4_2 comes before table_4_10."""
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D+)(\d*)", name)]
 
 
 def _is_ours(path: Path) -> bool:

@@ -191,6 +191,13 @@ def test_a_bad_line_is_named(
     assert err.count("\n") == 1
 
 
+def test_tables_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    folder = written(tmp_path / "printed", LINE)
+    for name in ("table_4_10", "table_4_2", "table_12"):
+        (folder / f"{name}.csv").write_text((folder / "mine.csv").read_text())
+    assert list(read_folder(folder)) == ["mine", "table_4_2", "table_4_10", "table_12"]
+
+
 def test_unknown_experiments_and_empty_folders(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="got 'yours', expected one of mine"):
         read_folder(written(tmp_path / "printed", LINE), "yours")
