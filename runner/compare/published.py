@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
@@ -71,6 +72,7 @@ class Printed:
     statistic: str
     information: str
     note: str
+    rounding: float = 0.0  # half a unit of the last printed decimal
 
 
 @dataclass(frozen=True)
@@ -146,10 +148,11 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
     try:
         number = text.pop("printed")
         printed = float(number) if number else None
+        rounding = 0.5 * 10.0 ** min(int(Decimal(number or "0").as_tuple().exponent), 0)
         factor = float(text.pop("factor") or 1.0)
     except ValueError as error:
         raise ConfigurationError(f"{place}: {error}") from error
-    return Printed(experiment=experiment, printed=printed, factor=factor, **text)
+    return Printed(experiment=experiment, printed=printed, factor=factor, rounding=rounding, **text)
 
 
 def judged(results: Results, printed: Sequence[Printed]) -> list[Judged]:
@@ -277,13 +280,13 @@ def verdict_of(
 
     Beaten: the whole 95 % interval is better by more than the tolerance (an estimate: its worst
     end is nearer to the truth than the printed one). Reproduced: the printed figure lies within
-    the interval, or within 5 % of ours.
+    the interval, or within 5 % of ours, or is ours rounded to its decimals.
     """
     printed = one.printed
     if printed is None or one.compare == "none":
         return "ours"
     low, high = interval
-    margin = TOLERANCE * abs(printed)
+    margin = max(TOLERANCE * abs(printed), one.rounding * (1.0 + SAME))
     if one.compare == "lower" and high < printed - margin:
         return "beaten"
     if one.compare == "higher" and low > printed + margin:

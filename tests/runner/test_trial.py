@@ -144,8 +144,10 @@ def test_forces_that_the_thrusters_cannot_give_are_flagged(
     assert flag.value == np.mean(less) > 0.3
     scale = np.sum(given * asked, axis=1) / np.sum(asked**2, axis=1)
     np.testing.assert_allclose(given, scale[:, None] * asked, atol=1e-7)  # direction kept
-    weak = "[{kind: azimuth, position_m: [1.8, 0, 0], ahead_n: 60.0}, " \
+    weak = (
+        "[{kind: azimuth, position_m: [1.8, 0, 0], ahead_n: 60.0}, "
         "{kind: azimuth, position_m: [-1.8, 0, 0], ahead_n: 60.0}]"
+    )
     with caplog.at_level("WARNING"):
         trials.run(
             composed(

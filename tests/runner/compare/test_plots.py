@@ -21,7 +21,7 @@ from tests.runner.compare import stored
 # what several panels share stands at one of them
 PARTLY_LABELLED = (
     *("coefficients", "residual", "errors", "surface", "wind", "excitation"),
-    *("response", "controllers"),
+    *("response", "controllers", "topology"),
 )
 
 

@@ -130,6 +130,13 @@ def test_verdicts(
     assert verdict_of(replace(ONE, compare=compare), value, interval, truth) == verdict
 
 
+def test_what_rounds_to_the_printed_decimals_is_reproduced(tmp_path: Path) -> None:
+    folder = written(tmp_path / "printed", LINE.replace(",100,", ",-0.00,"))
+    ((one,),) = read_folder(folder).values()
+    assert verdict_of(one, -0.0049, (-0.0049, -0.0049), None) == "reproduced"
+    assert verdict_of(one, 0.0051, (0.0051, 0.0051), None) == "not reproduced"
+
+
 def written(folder: Path, *lines: str) -> Path:
     folder.mkdir(exist_ok=True)
     (folder / "mine.csv").write_text("\n".join([",".join(COLUMNS), *lines]) + "\n")
