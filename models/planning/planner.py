@@ -74,7 +74,7 @@ class Plan:
 
     legs: tuple[Leg, ...]
     start: Array
-    cost: int  # control instants, without the passage from the lattice to the goal
+    cost: int  # control instants, without the passage from the lattice to the goal, and the rest
     bound: int  # what the heuristic said of the start
 
     @property
@@ -217,7 +217,7 @@ def _why_none(setting: Setting) -> str:
 
 
 def _legs(setting: Setting, steps: Integers) -> list[Leg]:
-    """The primitives of a path in NED, headings unwrapped, and the passage to the goal."""
+    """The primitives of a path in NED, headings unwrapped, the passage to the goal and a rest."""
     task, board, lattice = setting.task, setting.board, setting.lattice
     place, pose, legs = setting.start, task.start.copy(), []
     for p in steps:
@@ -237,6 +237,8 @@ def _legs(setting: Setting, steps: Integers) -> list[Leg]:
         place = (int(board.to[p, h]) * lattice.shape[0] + row) * lattice.shape[1] + column
     end = task.goal.copy()
     end[2] = pose[2] + np.arctan2(np.sin(end[2] - pose[2]), np.cos(end[2] - pose[2]))
-    if np.max(np.abs(end - pose)) > 1e-9:
-        legs.append(Leg("arrival", False, task.pace.line(pose, end)))
+    rest = np.tile(end, (task.hold, 1))
+    passage = task.pace.line(pose, end) if np.max(np.abs(end - pose)) > 1e-9 else rest[:0]
+    if len(passage) + len(rest):
+        legs.append(Leg("arrival", False, np.vstack([passage, rest])))
     return legs

@@ -128,7 +128,7 @@ def fill_plain(logbook: Logbook) -> None:
 
 
 def fill_sailed(logbook: Logbook) -> None:
-    """Seven runs with everything that a figure can show."""
+    """Eight runs with everything that a figure can show."""
     for seed in range(2):
         for identifier in ("ls", "plsr"):
             finish(
@@ -145,7 +145,7 @@ def fill_sailed(logbook: Logbook) -> None:
     )
     finish(logbook, start("surface", "calm"), diagnostics=[*_surface(), *_times()])
     finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
-    finish(logbook, start("iv", "calm"), series=[_quality()])
+    finish(logbook, start("iv", "calm"), diagnostics=_mix(), series=[_quality(), *_planned()])
 
 
 def _excitation() -> list[Diagnostic]:
@@ -283,6 +283,36 @@ def _surface() -> list[Diagnostic]:
             value = 100.0 + 1e4 / order + 50.0 * (variables - 6) ** 2
             found.append(Diagnostic("surface_mse", "surge", order, variables, None, value, "N^2"))
     return found
+
+
+def _mix() -> list[Diagnostic]:
+    """Two manoeuvres that are sailed, one that is not, and how the plan was kept to."""
+    counts = {"zigzag_10": 2.0, "circle": 0.0, "multisine": 1.0}
+    found = [
+        Diagnostic("mix_count", "all", i, None, name, n, "")
+        for i, (name, n) in enumerate(counts.items())
+    ]
+    kept = {"plan_deviation": 0.25, "sailed_clearance": 1.5}
+    return found + [Diagnostic(k, "all", None, None, None, v, "m") for k, v in kept.items()]
+
+
+def _planned() -> list[Series]:
+    """A path of two zig-zags, a multisine that is held out, passages; obstacles; as sailed."""
+    t = np.arange(0.0, 80.0, 1.0)
+    what = np.repeat([-1.0, 0.0, -1.0, 2.0, 0.0, -1.0, -1.0, -1.0], 10)
+    path = {"x": 5.0 + 0.4 * t, "y": 5.0 + 3.0 * np.sin(t / 9.0), "psi": 0.02 * t}
+    role = np.where(what == 2.0, 2.0, np.where(what == 0.0, 1.0, 0.0))
+    units = {"t": "s", "x": "m", "y": "m", "psi": "rad"}
+    plan = {"t": t, **path, "manoeuvre": what, "role": role}
+    corners = np.array([[0, 0, -5], [0, 45, -5], [0, 45, 25], [0, 0, 25], [1, 10, 12], [1, 20, 12],
+                        [1, 20, 20], [2, 30, -2], [2, 35, -2], [2, 35, 1]])  # fmt: skip
+    waters = dict(zip(("polygon", "x", "y"), 1.0 * corners.T, strict=True))
+    waters["clearance"] = np.full(len(corners), 1.0)
+    return [
+        Series("plan", plan, units | {"manoeuvre": "", "role": ""}),
+        Series("waters", waters, {"polygon": "", "x": "m", "y": "m", "clearance": "m"}),
+        Series("recording", {"t": t, **path, "tau_surge": np.sin(t)}, units | {"tau_surge": "N"}),
+    ]
 
 
 def _spectrum() -> list[Diagnostic]:

@@ -24,6 +24,8 @@ PARTLY_LABELLED = (
     *("response", "controllers", "topology"),
 )
 
+VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
+
 
 @pytest.fixture
 def voyages(sailed: Path) -> Iterator[Results]:
@@ -201,7 +203,7 @@ def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Resu
 
 def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Results) -> None:
     for kind in ("track", "errors", "residual", "wind", "excitation"):
-        names = [one.name for one in drawings(kind, voyages, facet="seed")]
+        names = [one.name for one in drawings(kind, voyages, facet="seed", where=VOYAGES)]
         assert names == [f"{kind}-run-2", f"{kind}-run-4"]
         (one,) = drawings(kind, voyages, facet="identifier", where="seed=0 and identifier=ls")
         assert one.name == f"{kind}-run-1"
@@ -240,7 +242,7 @@ def test_vessels_are_not_averaged_in_one_mark(tmp_path: Path) -> None:
 
 
 def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:
-    (one,) = drawings("track", voyages)
+    (one,) = drawings("track", voyages, where=VOYAGES)
     assert one.name == "track-run-4"
     (one,) = drawings("track", voyages, where="identifier=ls")
     assert one.name == "track-run-3"
@@ -280,3 +282,23 @@ def test_times_of_each_way_with_and_without_compilation(voyages: Results) -> Non
     assert len(drawn_lines) == 4
     assert drawn_lines[2] == pytest.approx([5.0001, 5.001, 5.01])
     assert drawn_lines[3] == pytest.approx([1e-4, 1e-3, 1e-2])
+
+
+def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) -> None:
+    (axes,) = axes_of("plan", voyages)
+    _, labels = axes.get_legend_handles_labels()
+    assert sorted(labels) == ["goal", "multisine", "passage", "sailed", "start", "zigzag_10"]
+    width = {line.get_label(): line.get_linewidth() for line in axes.lines}
+    assert width["multisine"] < width["zigzag_10"]  # held out for testing
+    corners = [patch.get_xy() for patch in axes.patches if hasattr(patch, "get_xy")]
+    assert [len(one) for one in corners] == [5, 4, 4]  # closed: the area and two obstacles
+    assert axes.get_aspect() == 1.0
+    drawn_at = {line.get_label(): line.get_xydata() for line in axes.lines}
+    np.testing.assert_allclose(drawn_at["start"], [[5.0, 5.0]])  # east, north
+    (text,) = [one.get_text() for one in [axes.figure._supxlabel]]
+    assert "strayed by at most 0.25 m" in text
+
+
+def test_a_run_without_a_plan_has_no_such_figure(voyages: Results) -> None:
+    with pytest.raises(ConfigurationError, match="plot: run 1 has no series plan"):
+        drawings("plan", voyages, run=1)

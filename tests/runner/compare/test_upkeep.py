@@ -103,15 +103,15 @@ def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Pa
     arguments = ["prune", *database(voyage_copy), "--where", "identifier=plsr"]
     code, out, err = program(*arguments)
     assert code == 0
-    assert "2 runs with 6 files" in out
+    assert "2 runs with 8 files" in out
     assert "--yes deletes" in err
-    assert _count(voyage_copy, "run") == 7
+    assert _count(voyage_copy, "run") == 8
     code, _, err = program(*arguments, "--yes")
-    assert (code, err.strip()) == (0, "deleted 2 runs and 6 files")
-    assert _count(voyage_copy, "run") == 5
+    assert (code, err.strip()) == (0, "deleted 2 runs and 8 files")
+    assert _count(voyage_copy, "run") == 6
     assert _count(voyage_copy, "diagnostic WHERE run_id IN (2, 4)") == 0
     files = sorted(path.name for path in (voyage_copy / "series").iterdir())
-    assert len(files) == 6
+    assert len(files) == 12
     assert not any("000002" in name or "000004" in name for name in files)
     assert program("verify", *database(voyage_copy))[0] == 0
 
@@ -177,7 +177,7 @@ def test_export_writes_every_table_twice(program: Program, plain: Path, tmp_path
 def test_verify_of_a_whole_logbook_says_so(program: Program, sailed: Path) -> None:
     code, out, _ = program("verify", *database(sailed))
     assert code == 0
-    assert "checked 7 runs and 12 series files: all whole" in out
+    assert "checked 8 runs and 20 series files: all whole" in out
 
 
 def test_verify_names_what_is_damaged_missing_or_left_over(
