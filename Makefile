@@ -2,7 +2,7 @@
 # .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo readme published test slow ray check clean help
+.PHONY: demo comparison readme published test slow ray check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -28,6 +28,7 @@ endif
 
 help:
 	@echo 'make demo    a sweep of nine runs on the milliAmpere ferry, its table and its figures'
+	@echo 'make comparison   nine identifiers in calm water, noise and a constant force'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make check   ruff and mypy --strict'
@@ -42,8 +43,13 @@ demo: $(VENV)/demo.stamp
 	    $(BIN)/python -m runner.compare plot $$figure || exit 1; \
 	done
 
+comparison: $(VENV)/demo.stamp
+	$(BIN)/python -m runner -m \
+	    identifier=none,ls,ridge,iv,plsr,surface_plsr,least_squares,nsga2,dsr \
+	    disturbance=calm,noise,constant evaluation=none results_dir=results/comparison
+
 # The tables and the figure of README.md, made again from the demo's runs.
-readme: demo
+readme: demo comparison
 	$(BIN)/python docs/refresh.py
 	cp results/figures/bars-force_mse.svg docs/force_mse.svg
 

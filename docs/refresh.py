@@ -1,7 +1,7 @@
 """Make again what README.md shows: `make readme`.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
-prints. The commands read the logbook that `make demo` wrote.
+prints. The commands read the logbooks that `make demo` and `make comparison` wrote.
 """
 
 import re

@@ -2,14 +2,17 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from runner.compare.plots import orders, pareto, spectrum, surface
+from docs.refresh import BLOCK, README, output
 from tests.runner.programs import ended, program, rows
 
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "least_squares", "nsga2", "dsr")
 DISTURBANCES = ("calm", "noise", "constant")
 EXACT = tuple(one for one in IDENTIFIERS if one not in ("none", "dsr"))
@@ -134,3 +137,14 @@ def test_the_figures_find_what_they_draw(folder: Path) -> None:
     assert wanted <= stored
     for kind in ("pareto", "surface", "spectrum", "orders", "coefficients"):
         assert ".png" in compare(folder, "plot", kind)
+
+
+def test_the_readme_shows_its_predictions(folder: Path) -> None:
+    """A free run of a model that runs away is hardly the same to three digits elsewhere."""
+    (block,) = [one for one in BLOCK.finditer(README.read_text()) if "sqlite" in one["command"]]
+    now = output(block["command"], "--database", f"sqlite:///{folder}/results/results.db")
+    shown = block[0].split("-->\n", 1)[1].rsplit("<!--", 1)[0]
+    texts = [text.replace("**", "") for text in (now, shown)]  # the best two differ by rounding
+    assert NUMBER.sub("#", texts[0]).split() == NUMBER.sub("#", texts[1]).split()
+    values, expected = ([float(one) for one in NUMBER.findall(text)] for text in texts)
+    assert values == pytest.approx(expected, rel=0.02)
