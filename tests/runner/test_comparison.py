@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from runner.compare.plots import orders, pareto, spectrum, surface
 from docs.refresh import BLOCK, README, output
+from runner.compare.plots import orders, pareto, spectrum, surface
 from tests.runner.programs import ended, program, rows
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

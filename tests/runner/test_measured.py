@@ -1,5 +1,6 @@
 """Measured recordings through a whole trial: statistics, quality, and what makes them the same."""
 
+import json
 import os
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from models.errors import RecordingError
 from runner import trial as trials
 from runner.fingerprint import fingerprint
+from tests.runner.programs import ended, program
 from tests.trials import composed
 
 DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
@@ -87,3 +89,29 @@ def test_a_damaged_file_is_refused_before_any_work(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("0.5,", "oops,", 1))
     with pytest.raises(RecordingError, match="oops"):
         trials.check(composed(*SURGE, f"excitation.path={path}"))
+
+
+@needs_data
+@pytest.mark.slow
+def test_stats_prints_the_statistics_of_the_four_recordings(tmp_path: Path) -> None:
+    """From the command line: 18 columns of each equal the outside tables to two decimals."""
+    names = ["surge-1", "sway-1", "heave-1", "random-1"]
+    paths = ",".join(f"{DATA}/beluga/{name}.csv" for name in names)
+    sweep = program(
+        "-m", "runner", "-m", "vessel=surge_linear", "excitation=recording", "identifier=none",
+        f"excitation.path={paths}", folder=tmp_path,
+    )  # fmt: skip
+    assert ended(sweep)[0] == 0
+    for run, name in enumerate(names, start=1):
+        asked = ("-m", "runner.compare", "stats", f"{run}", "--format", "json")
+        stats = program(*asked, folder=tmp_path)
+        found = {row["column"]: row for row in json.loads(ended(stats)[1])}
+        rows = re.findall(
+            r"^(\w[\w\\]*) +&(.*)\\\\$",
+            (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text(), re.M,
+        )  # fmt: skip
+        assert len(rows) == 18
+        for column, cells in rows:
+            row = found[column.replace("\\", "")]
+            ours = [f"{row[stat]:.2f}" for stat in ("N", "mean", "std", "median", "min", "max")]
+            assert ours == [cell.strip() for cell in cells.split("&")], (name, column)

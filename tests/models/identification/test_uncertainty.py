@@ -87,7 +87,7 @@ def replicate(lap, ls, seeds: range) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bootstrap", [None, 200])
-def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap) -> None:
+def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap, capsys) -> None:
     ls = identifier("ls", lowpass_hz=0.5, basis="physical", bootstrap=bootstrap)
     error, reported = replicate(lap, ls, range(100))
     spread = np.std(error, axis=0, ddof=1)
@@ -95,12 +95,16 @@ def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap) -> No
     bias = np.mean(error, axis=0)
     covered = np.mean(np.abs(error) < 1.96 * reported, axis=0)
     about_mean = np.mean(np.abs(error - bias) < 1.96 * reported, axis=0)
-    for k, dof in enumerate(AXES):
-        print(
+    lines = [
+        (
             f"{dof}: bias {100 * bias[k]:+.2f} %, spread {100 * spread[k]:.3f} %, reported/spread "
             f"{ratio[k]:.2f}, 95 % intervals cover the truth in {100 * covered[k]:.0f} %, "
             f"the mean estimate in {100 * about_mean[k]:.0f} %"
         )
+        for k, dof in enumerate(AXES)
+    ]
+    with capsys.disabled():
+        print(f"\nbootstrap {bootstrap}", *lines, sep="\n")
     assert np.all((ratio > 0.5) & (ratio < 2.0))
     assert np.all(about_mean > 0.85)
 
