@@ -96,7 +96,10 @@ def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
     try:
         check()
     except ConfigurationError as error:
-        raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
+        name = f"{group}={trial.names[group]}"
+        if str(error).startswith(name):
+            raise
+        raise ConfigurationError(f"{name}: {error}") from error
 
 
 def longest_s(trial: Trial) -> float:
