@@ -58,9 +58,9 @@ def ratios(controller: str, seeds: range, *options: str) -> Array:
     return np.array(rows)
 
 
-@pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
-def test_a_model_from_data_controls_nearly_as_well(controller: str) -> None:
-    assert np.all(ratios(controller, range(2)) <= 1.5)
+@pytest.mark.parametrize(("controller", "seeds"), [("lqi", 2), ("mpc_integral", 1)])
+def test_a_model_from_data_controls_nearly_as_well(controller: str, seeds: int) -> None:
+    assert np.all(ratios(controller, range(seeds)) <= 1.5)
 
 
 @pytest.mark.slow
