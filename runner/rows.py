@@ -80,6 +80,10 @@ def validation(
         found += per_dof("validation", "identified", "below_true_model", 1.0 * flags, dofs, ones)
         found += _coefficient_errors(nominal, "nominal", truth)
         found += _coefficient_errors(identified.model, "identified", truth)
+        own = truth.on(nominal.terms)
+        found += _median_error(nominal, "nominal", own) + _median_error(
+            identified.model, "identified", own
+        )
     return found
 
 
@@ -95,6 +99,14 @@ def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]
         )
         if any_known
     ]
+
+
+def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
+    """Median relative error over the true coefficients of the vessel's own terms, wind's apart."""
+    errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
+    known = errors[~np.isnan(errors)]
+    middle = float(np.median(known)) if known.size else float("nan")
+    return [Metric("validation", name, "all", "coefficient_error_median", middle, "")]
 
 
 def _allocated(voyage: Voyage) -> bool:
