@@ -1,6 +1,8 @@
 """What is stored of an informative mix: its counts, its simulation error, its plan."""
 
+from dataclasses import replace
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,21 +13,22 @@ from models.identification.problem import Identified, Problem
 from models.planning.planner import Plan
 from models.recording import Recording
 from models.vessel import Vessel
-from runner.config import Trial
 from runner.database.records import Diagnostic, Metric, Results, Series
+
+if TYPE_CHECKING:
+    from runner.trial import Excited
 
 PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`
 ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
-def results(
-    trial: Trial, recording: Recording, problem: Problem, identified: Identified
-) -> Results:
+def results(mix: object, excited: "Excited", problem: Problem, identified: Identified) -> Results:
     """Rows of a mix; none of another excitation."""
-    mix = trial.excitation
     if not isinstance(mix, Mix):
         return Results()
     models = {"nominal": problem.nominal, "identified": identified.model}
+    if excited.truth is not None:
+        models["plant"] = excited.truth
     metrics = [
         Metric("validation", name, "all", "simulation_rmse", error, "")
         for name, model in models.items()
@@ -36,7 +39,7 @@ def results(
         return Results(metrics=metrics, diagnostics=found)
     return Results(
         metrics=metrics,
-        diagnostics=[*found, *_planned(mix, plan, recording)],
+        diagnostics=[*found, *_planned(mix, plan, excited.recording)],
         series=[_plan_series(mix, plan), _waters_series(mix)],
     )
 
@@ -44,11 +47,14 @@ def results(
 def simulation_error(held_out: Recording, model: Vessel) -> float | None:
     """sqrt((1/N) sum e_u^2 + e_v^2 + e_r^2) [m/s, rad/s]; Ljungberg (slides), "Results".
 
-    Of a simulation under the commanded force from the first measured state of every manoeuvre on,
-    against the measured velocities; None where the model cannot be simulated.
+    Of a simulation of every manoeuvre from rest, as it begins, under the commanded force, against
+    the measured velocities; None where the model cannot be simulated. (From the measured velocity
+    its noise is simulated too, which a hull that does not keep its course never forgets.)
     """
+    begins = np.diff(held_out.t, prepend=-np.inf) > 1.5 * held_out.period_s
+    resting = replace(held_out, nu=np.where(begins[:, None], 0.0, held_out.nu))
     try:
-        motion, _ = simulated_motion(held_out, model, None, None)
+        motion, _ = simulated_motion(resting, model, None, None)
     except IdentificationError:
         return None
     return float(np.sqrt(np.mean(np.sum((motion.nu - held_out.nu) ** 2, axis=1))))

@@ -149,7 +149,7 @@ def run(trial: Trial) -> Results:
     predicted, reasons = prediction_rows.metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
-    mixed = mix_rows.results(trial, excited.recording, problem, identified)
+    mixed = mix_rows.results(trial.excitation, excited, problem, identified)
     results = Results(
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[
