@@ -88,8 +88,12 @@ def about(experiment: str) -> str:
 
 
 def ratios(judged: Sequence[Judged]) -> Figure | None:
-    """Ours over the printed figure with its interval, a line each; None where there is nothing."""
-    shown = [one for one in judged if math.isfinite(one.ratio) and one.ratio > 0.0][:MOST_ROWS]
+    """Ours over the printed figure with its interval, a line each; None where there is nothing.
+
+    Without estimates that the truth judges: beside a printed one that is wrong, 1 is not the aim.
+    """
+    compared = [one for one in judged if one.printed.compare != "truth"]
+    shown = [one for one in compared if math.isfinite(one.ratio) and one.ratio > 0.0][:MOST_ROWS]
     if not shown:
         return None
     made = figure(7.0, 1.3 + ROW_INCH * len(shown))
