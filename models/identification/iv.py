@@ -83,7 +83,8 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     if z.shape[1] == phi.shape[1]:
         _check_rank(zr, names, "instruments")
     scale = _size(phi)
-    u, s, vt = np.linalg.svd(zq.T @ (phi / scale), full_matrices=False)
+    seen = zr if z is phi else zq.T @ (phi / scale)  # of least squares: Q'Q R = R
+    u, s, vt = np.linalg.svd(seen, full_matrices=False)
     _check_singular(s, vt, names, "instruments")
     share = (u / s) @ vt / scale
     theta = share.T @ (zq.T @ y)
@@ -302,8 +303,9 @@ def _solved(samples: Samples, z: Array) -> Estimate:
     if not kept:
         raise IdentificationError("the recorded force moves the simulated vessel in no term")
     names = [str(samples.terms[i]) for i in kept]
-    columns = list(kept)
-    solution = solve(z[:, columns], samples.phi[:, columns], samples.epsilon, names)
+    phi = samples.phi if len(kept) == len(samples.terms) else samples.phi[:, list(kept)]
+    instruments = phi if z is samples.phi else z[:, list(kept)]
+    solution = solve(instruments, phi, samples.epsilon, names)
     return Estimate(samples, kept, solution, ())
 
 
