@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 UNREACHED = "unreached_share: the thrusters cannot give {:.1%} of the forces, and give less"
+MATRICES = ("A", "B", "C", "D", "K", "F", "x0")  # of a state-space model
 SPEED_UNIT = {"N": "m/s", "Nm": "rad/s"}
 POSE_UNIT = {"N": "m", "Nm": "rad"}
 
@@ -205,10 +206,23 @@ def _standard_errors(identified: Identified) -> dict[tuple[Term, str], float]:
 
 
 def diagnostics(identified: Identified) -> list[Diagnostic]:
-    """The identifier's findings."""
+    """The identifier's findings, but for the matrix entries, which are coefficients."""
     return [
-        Diagnostic(f.name, f.dof, f.i, f.j, f.label, f.value, f.unit) for f in identified.findings
+        Diagnostic(f.name, f.dof, f.i, f.j, f.label, f.value, f.unit)
+        for f in identified.findings
+        if f.name not in MATRICES
     ]
+
+
+def state_space_coefficients(identified: Identified) -> list[Coefficient]:
+    """Every matrix entry of a state-space model, as model `state_space`, term `A[1,2]`."""
+    found = []
+    for f in identified.findings:
+        if f.name in MATRICES:
+            place = f"[{f.i},{f.j}]" if f.j else f"[{f.i}]"
+            term = f"{f.name}{place}"
+            found.append(Coefficient("state_space", f.dof, term, f.value, None, None, f.unit))
+    return found
 
 
 def stage_coefficients(identified: Identified) -> list[Coefficient]:

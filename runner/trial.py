@@ -155,6 +155,7 @@ def run(trial: Trial) -> Results:
         coefficients=[
             *rows.coefficients(problem.nominal, identified, excited.truth),
             *rows.stage_coefficients(identified),
+            *rows.state_space_coefficients(identified),
         ],
         diagnostics=[
             *rows.diagnostics(identified),
