@@ -112,9 +112,10 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
     reader = results.reader
     run = reader.run(run_id)
     configuration = [[key, _config_text(value)] for key, value in flat(run.config).items()]
-    warned = results.warnings(Comparison("id", "=", run_id))
     properties = _properties(run)
-    properties[3:3] = [["warning", text] for text, _ in warned]
+    at = next(i for i, (name, _) in enumerate(properties) if name == "vessel")
+    warned = results.warnings(Comparison("id", "=", run_id))
+    properties[at:at] = [["warning", text] for text, _ in warned]
     grids = [
         grid_of(f"run {run_id}", ("property", "value"), properties, labels=2),
         grid_of("configuration", ("key", "value"), configuration, labels=2),

@@ -53,7 +53,8 @@ def main() -> None:
     print(f"{'controller, horizon':32} {'median':>8} {'at limits':>9} {'99 %':>8}")
     for name, controller in CONTROLLERS.items():
         median, at_limit, most = microseconds(controller)
-        print(f"{name:32} {median:8.1f} {at_limit:9.1f} {most:8.1f}")
+        limited = "-" if np.isnan(at_limit) else f"{at_limit:.1f}"
+        print(f"{name:32} {median:8.1f} {limited:>9} {most:8.1f}")
 
 
 if __name__ == "__main__":
