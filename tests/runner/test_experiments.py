@@ -77,3 +77,10 @@ def test_every_trial_of_every_experiment_passes_its_checks(
     assert answer.code == 0, answer.err
     states = {line.split()[0] for line in answer.out.splitlines()[:-1]}
     assert states <= {"new"}, answer.out
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_names_one_option_of_each_group(experiment: str) -> None:
+    """Hydra does not tell which options a list took, so the logbook could not name them."""
+    text = (CONF / "experiment" / f"{experiment}.yaml").read_text()
+    assert not [line for line in text.splitlines() if "override /" in line and "[" in line]
