@@ -54,6 +54,7 @@ FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
     ("spectrum", {}, "Singular values and eigenvalues"),
     ("coefficients", {}, "Identified against true coefficients"),
     ("track", {}, "Track of the newest deployed run"),
+    ("plan", {}, "Planned path of the newest mix"),
     ("errors", {}, "Tracking error of the newest deployed run"),
     ("response", {}, "Response of the newest deployed run"),
     ("controllers", {"rows": "controller"}, "Controllers on one mission"),
