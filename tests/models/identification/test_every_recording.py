@@ -23,7 +23,7 @@ SMALL = {
     "least_squares": ["horizons=[30]", "horizon=100"],
     "nsga2": ["population=8", "generations=2", "polish=null"],
     "plsr": ["bootstrap=null"],
-    "surface_plsr": ["bootstrap=null"],
+    "surface_plsr": ["bootstrap=null", "folds=2"],
     "auto": ["candidates.plsr.bootstrap=null"],
 }
 # What a recording of a minute may not determine, and the words of the reason.
