@@ -10,7 +10,6 @@ import pytest
 
 from docs.refresh import BLOCK, README, output
 from runner.compare.plots import orders, pareto, spectrum, surface
-from docs.refresh import BLOCK, README, output
 from tests.runner.programs import ended, program, rows
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
