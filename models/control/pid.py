@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import N_VARIABLES, Array, features_kernel
+from models.basis import DOFS, N_VARIABLES, Array, features_kernel
 from models.compiled import lean_kernel
+from models.control.design import Remark, closed_loop_radius, design_model
 from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
 from models.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
@@ -165,6 +166,26 @@ class PidFeedforward:
             self._lead_s / period_s, z, np.empty(len(table.codes)), np.empty(len(model.dofs)),
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
+
+    def remarks(self, model: Vessel, period_s: float) -> list[Remark]:
+        """The closed loop's spectral radius on the linearised model, on axes of the plane.
+
+        x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta; without the feedback, or
+        without a position gain on some axis, nothing is to settle.
+        """
+        if not self.feedback or min(self.kp) <= 0.0 or set(model.dofs) & set(DOFS[3:5]):
+            return []
+        try:
+            linear = design_model(model, (1.0,) * len(model.dofs), period_s).model
+        except ConfigurationError:  # a model that is not linear in its accelerations
+            return []
+        held = np.array(self.ki) > 0.0
+        rows, n = np.eye(len(held))[held], linear.order
+        A = np.block([[linear.A, np.zeros((n, len(rows)))], [-period_s * rows @ linear.C,
+                      np.eye(len(rows))]])  # fmt: skip
+        B = np.vstack([linear.B, np.zeros((len(rows), len(held)))])
+        gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
+        return [Remark("spectral_radius", "all", closed_loop_radius(A, B, gain))]
 
     def adapt(
         self, parameters: PidTable, state: Array, model: Vessel, log: Log, k: int

@@ -107,3 +107,30 @@ def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
     assert not np.any(shares[True])
     with pytest.raises(ConfigurationError, match="deployed_feedback and feedforward are both off"):
         PidFeedforward(NONE, NONE, NONE, feedforward=False, deployed_feedback=False)
+
+
+def test_the_spectral_radius_is_that_of_the_sampled_loop() -> None:
+    """A mass in surge, by the written recursion; no number where nothing is to settle."""
+    m, h, kp, ki, kd = 10.0, 0.5, 4.0, 0.5, 8.0
+    vessel = from_derivatives("box", ("surge",), np.array([[m]]), {}, False)
+    (found,) = PidFeedforward((kp,), (ki,), (kd,)).remarks(vessel, h)
+    state, sizes = np.array([1.0, 0.0, 0.0]), []  # eta, nu, integral
+    for _ in range(400):
+        tau = -kp * state[0] + ki * state[2] - kd * state[1]
+        pose = state[0] + h * state[1] + 0.5 * h**2 * tau / m
+        state = np.array([pose, state[1] + h * tau / m, state[2] - h * state[0]])
+        sizes.append(float(np.linalg.norm(state)))
+    decay = (max(sizes[300:]) / max(sizes[200:300])) ** 0.01
+    assert found.value == pytest.approx(decay, abs=5e-3)
+    assert found.value < 1.0
+    (fast,) = PidFeedforward((kp,), (ki,), (100.0,)).remarks(vessel, h)
+    assert fast.value > 1.0  # too much damping for the sample time
+    assert PidFeedforward((kp,), (ki,), (kd,), feedback=False).remarks(vessel, h) == []
+    assert PidFeedforward((0.0,), (ki,), (kd,)).remarks(vessel, h) == []
+
+
+@pytest.mark.parametrize("vessel", ["milliampere", "supply_vessel", "modulus_ship"])
+def test_the_vessels_own_gains_settle(vessel: str) -> None:
+    one = composed("controller=pid_ff", f"vessel={vessel}")
+    (found,) = one.controller.remarks(one.vessel.nominal(), one.sample_time_s)
+    assert 0.5 < found.value < 1.0
