@@ -86,6 +86,7 @@ def metrics(sailed: Sailed, model: str) -> list[Metric]:
     itae = response.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
     add("itae", itae, [f"{unit} s^2" for unit in pose])
     _steps(sailed, scale, pose, add)
+    add("tau_max_abs", np.max(np.abs(log.tau), axis=0), force)
     add("tau_rms", response.root_mean_square(log.tau), force)
     add("tau_tv", response.total_variation(log.tau), force)
     if sailed.design.limits is not None:

@@ -55,6 +55,7 @@ def values() -> dict[tuple[str, str], tuple[float, str]]:
         ("iae", "surge", 4.0 * H, "m s"),
         ("itae", "surge", (1.0 * 1.0 + 1.0 * 1.0) * H**2, "m s^2"),  # of the last set-point
         ("tau_rms", "surge", np.sqrt(22500.0 / 6.0), "N"),
+        ("tau_max_abs", "surge", 100.0, "N"),
         ("tau_tv", "surge", 100.0 + 200.0 + 150.0 + 50.0, "N"),
         ("tau_tv", "yaw", 16.0, "Nm"),
         ("limit_hits", "surge", 2.0, ""),
