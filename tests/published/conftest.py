@@ -7,12 +7,12 @@ import pytest
 
 from runner import trial as trials
 from runner.database.records import Metric, Results
-from tests.trials import composed
+from tests.trials import asked_for
 
 
 @cache
 def run_once(*overrides: str) -> Results:
-    trial = composed(*overrides)
+    trial = asked_for(*overrides)
     trials.check(trial)
     return trials.run(trial)
 
