@@ -28,7 +28,13 @@ VESSELS = {
     "surge_nonlinear_printed": ("surge",),
     "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
 }  # fmt: skip
-FLOATING = ("wind", "wind_current", "waves", "rough")  # disturbances of what floats
+FLOATING = (
+    "wind",
+    "wind_current",
+    "wind_current_process",
+    "waves",
+    "rough",
+)  # disturbances of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 
