@@ -2,7 +2,9 @@
 
 The same equations as `prediction.predict`, for blocks of LANES candidates side by side: every
 innermost loop runs over the lanes of contiguous rows and so vectorises, and a block's rows stay
-in the first-level cache. Errors are summed as the prediction goes; no trajectory is stored.
+in the first-level cache. Errors are summed as the prediction goes; no trajectory is stored. What
+moves along one axis against a polynomial of its speed takes a whole step in one such loop, see
+`one_axis`.
 """
 
 from typing import NamedTuple
@@ -11,12 +13,10 @@ import numpy as np
 
 from models.basis import Array
 from models.compiled import kernel, lean_kernel
+from models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE
+from models.identification.one_axis import DRAG, ERRORS, INVERSE, LIMITED, SIZE, run_one_axis
 from models.identification.prediction import Course, size_of_z_kernel
 from models.identification.structure import IN_PLANE, IN_SPACE, Structure
-
-LANES = 128
-METRICS = ("mae", "mse", "smape", "mean_error")
-MAE, MSE, SMAPE, MEAN_ERROR = range(4)
 
 
 class Block(NamedTuple):
@@ -210,6 +210,31 @@ def _run(table: Structure, block: Block, course: Course, metric: int) -> None:
 
 
 @kernel
+def _errors_on_one_axis(
+    table: Structure, entries: Array, inverse: Array, course: Course, metric: int, errors: Array,
+    limited: Array,
+) -> None:  # fmt: skip
+    """`prediction_errors` of vessels with one axis and a polynomial drag."""
+    n, samples = inverse.shape[2], course.measured.shape[0]
+    linear = True
+    for coefficient in table.drag:
+        linear = linear and coefficient < 2
+    work = np.empty(SIZE)
+    for begin in range(0, n, LANES):
+        size = min(LANES, n - begin)
+        work[:] = 0.0
+        work[INVERSE : INVERSE + size] = inverse[0, 0, begin : begin + size]
+        for e in range(table.drag.shape[0]):
+            row = DRAG + LANES * table.drag[e]
+            work[row : row + size] += entries[e, begin : begin + size]
+        run_one_axis(work, course, metric, table.rk4, linear)
+        for m in range(size):
+            limited[begin + m] = work[LIMITED + m]
+            errors[begin + m, 0] = abs(work[ERRORS + m]) / samples
+            errors[begin + m, 1] = abs(work[ERRORS + LANES + m]) / samples
+
+
+@kernel
 def prediction_errors(
     table: Structure, entries: Array, inverse: Array, course: Course, metric: int, errors: Array,
     limited: Array,
@@ -219,6 +244,9 @@ def prediction_errors(
     entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables. The mean
     error is the magnitude of the mean.
     """
+    if table.drag.shape[0] > 0:
+        _errors_on_one_axis(table, entries, inverse, course, metric, errors, limited)
+        return
     n_dof, n = inverse.shape[1], inverse.shape[2]
     scratch = np.empty((5, 2 * n_dof, LANES))
     block = Block(

@@ -20,8 +20,9 @@ import numpy as np
 
 from models.basis import Array
 from models.errors import ConfigurationError, IdentificationError
+from models.identification.lanes import METRICS
 from models.identification.nothing import NoIdentifier
-from models.identification.population import METRICS, prediction_errors
+from models.identification.population import prediction_errors
 from models.identification.prediction import Course, course_of, predict
 from models.identification.problem import Finding, Identified, Problem
 from models.identification.structure import Structure, layout

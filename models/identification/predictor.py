@@ -9,7 +9,8 @@ from models import basis
 from models.basis import Array
 from models.errors import ConfigurationError
 from models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
-from models.identification.population import METRICS, prediction_errors
+from models.identification.lanes import METRICS
+from models.identification.population import prediction_errors
 from models.identification.prediction import Course, course_of, predict
 from models.identification.problem import Problem, check_force
 from models.identification.structure import Flags, Integrator, Layout, layout

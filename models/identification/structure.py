@@ -47,6 +47,7 @@ class Structure(NamedTuple):
     air: Codes  # velocities along surge and sway, -1 for none; empty where no term is in the air
     kinematics: int  # IN_AXES, IN_PLANE or IN_SPACE
     rk4: bool
+    drag: Codes  # (n_entries,) coefficient of `one_axis` that each entry is; empty: it is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +120,22 @@ def layout(
         air=np.array(horizontal if airborne else [], dtype=np.int64),
         kinematics=kinematics,
         rk4=integrator == "rk4",
+        drag=np.array(drag_of_one_axis(factors) if n == 1 else [], dtype=np.int64),
     )
     return Layout(structure, np.array(rows, dtype=np.int64), inertia)
+
+
+def drag_of_one_axis(factors: Sequence[tuple[int, ...]]) -> list[int]:
+    """Which coefficient each term is of a polynomial of the speed, see `one_axis`.
+
+    c_0 to c_3 are those of u^0 to u^3, c_4 to c_6 those of |u|, |u|u and |u|u^2. Empty where a term
+    has other factors than 1, u and |u|, rows 0 to 2 of z.
+    """
+    if any(row > 2 for rows in factors for row in rows):
+        return []
+    powers = [sum(row > 0 for row in rows) for rows in factors]
+    odd = [rows.count(2) % 2 for rows in factors]  # |u|^2 is u^2
+    return [3 + power if magnitude else power for power, magnitude in zip(powers, odd, strict=True)]
 
 
 def _rows_of_z(one: Term, dofs: tuple[str, ...]) -> tuple[int, ...] | None:

@@ -5,8 +5,8 @@ import pytest
 
 from models.basis import terms
 from models.identification.free_parameters import free_parameters
+from models.identification.lanes import LANES, METRICS
 from models.identification.objectives import Objectives
-from models.identification.population import LANES, METRICS
 from models.identification.prediction import course_of
 from models.identification.predictor import Predictor
 from models.identification.structure import layout
@@ -37,6 +37,12 @@ def example(vessel, make):
         t = 0.1 * np.arange(400)[:, None]
         if name == "surge":
             return vessel("surge_nonlinear"), make.forced(30.0 * np.sin(t), ("surge",))
+        if name in ("linear surge", "any drag"):
+            names = "u" if name == "linear surge" else "1 u uu |u| |u|u u^3 |u|uu"
+            drag = np.linspace(20.0, 1.0, len(names.split()))[:, None]
+            model = Vessel("drag", ("surge",), terms(["u_dot", *names.split()]),
+                           np.vstack([[[60.0]], drag]))  # fmt: skip
+            return model, make.forced(30.0 * np.sin(t), ("surge",))
         if name == "beluga":
             tau = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0]) * np.sin(t * np.arange(1.0, 7.0))
             return vessel("beluga_diagonal"), make.driven(
@@ -55,7 +61,9 @@ def example(vessel, make):
 
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
-@pytest.mark.parametrize("name", ["surge", "ferry", "blown ferry", "beluga"])
+@pytest.mark.parametrize(
+    "name", ["linear surge", "surge", "any drag", "ferry", "blown ferry", "beluga"]
+)
 def test_population_equals_one_at_a_time(example, name, integrator, metric):
     one = predictor(*example(name), integrator, horizon=150)
     rng = np.random.default_rng(1)
