@@ -73,7 +73,7 @@ def test_every_trial_of_every_experiment_passes_its_checks(
     seatrial: Command, experiment: str
 ) -> None:
     needs_data(experiment)
-    answer = seatrial(f"experiment={experiment}", "dry_run=true")
+    answer = seatrial(f"experiment={experiment}", "seed=0", "dry_run=true")
     assert answer.code == 0, answer.err
     states = {line.split()[0] for line in answer.out.splitlines()[:-1]}
     assert states <= {"new"}, answer.out
