@@ -20,6 +20,7 @@ from models.thruster import SecondOrderLag
 from models.vessel import Vessel
 
 AXES = ("topology_first", "topology_second")
+MOST_NAMED = 6  # of the parameters, in a complaint
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,10 @@ class Grid(PredictionOptions):
         """Refuse other than two parameters, and parameters without bounds."""
         free = self.free(nominal)
         if len(free) != len(AXES):
+            some = ", ".join(free.labels[:MOST_NAMED])
+            more = ", ..." if len(free) > MOST_NAMED else ""
             raise ConfigurationError(
-                f"identifier.parameters: got {len(free)} ({', '.join(free.labels)}), expected two"
+                f"identifier.parameters: got {len(free)} ({some}{more}), expected two"
             )
         lower, upper = self.box(free)
         for label, low, high in zip(free.labels, lower, upper, strict=True):
