@@ -10,7 +10,7 @@ whose rows stand in one flat array at distances known when it is compiled, so th
 from models.basis import Array
 from models.compiled import lean_kernel
 from models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE
-from models.identification.prediction import Course
+from models.identification.prediction import Course, limited
 
 COEFFICIENTS = 7
 # first lane of each row of the work array
@@ -19,13 +19,6 @@ INVERSE = DRAG + COEFFICIENTS * LANES
 LIMITED = INVERSE + LANES
 ERRORS = LIMITED + LANES
 SIZE = ERRORS + 2 * LANES
-
-
-@lean_kernel
-def _limited(rate: float, limit: float) -> float:
-    """The rate within +- limit; the limit where it is not a number."""
-    below = rate if rate < limit else limit
-    return below if below > -limit else -limit
 
 
 @lean_kernel
@@ -52,7 +45,7 @@ def _euler(work: Array, force: Array, h: float, limit: float, linear: bool) -> N
     for m in range(LANES):
         u = work[U + m]
         wanted = _wanted(work, m, tau, u, linear)
-        speed, rate = _limited(u, limit), _limited(wanted, limit)
+        speed, rate = limited(u, limit), limited(wanted, limit)
         work[LIMITED + m] += _changed(speed, u) + _changed(rate, wanted)
         work[X + m] += h * speed
         work[U + m] = u + h * rate
@@ -65,16 +58,16 @@ def _rk4(work: Array, force: Array, h: float, limit: float, linear: bool) -> Non
     for m in range(LANES):
         u1 = work[U + m]
         w1 = _wanted(work, m, first, u1, linear)
-        v1, r1 = _limited(u1, limit), _limited(w1, limit)
+        v1, r1 = limited(u1, limit), limited(w1, limit)
         u2 = u1 + 0.5 * h * r1
         w2 = _wanted(work, m, middle, u2, linear)
-        v2, r2 = _limited(u2, limit), _limited(w2, limit)
+        v2, r2 = limited(u2, limit), limited(w2, limit)
         u3 = u1 + 0.5 * h * r2
         w3 = _wanted(work, m, middle, u3, linear)
-        v3, r3 = _limited(u3, limit), _limited(w3, limit)
+        v3, r3 = limited(u3, limit), limited(w3, limit)
         u4 = u1 + h * r3
         w4 = _wanted(work, m, last, u4, linear)
-        v4, r4 = _limited(u4, limit), _limited(w4, limit)
+        v4, r4 = limited(u4, limit), limited(w4, limit)
         count = _changed(v1, u1) + _changed(v2, u2) + _changed(v3, u3) + _changed(v4, u4)
         count += _changed(r1, w1) + _changed(r2, w2) + _changed(r3, w3) + _changed(r4, w4)
         work[LIMITED + m] += count

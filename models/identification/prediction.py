@@ -48,7 +48,7 @@ class Course(NamedTuple):
 
 
 @lean_kernel
-def _limited(rate: float, limit: float) -> float:
+def limited(rate: float, limit: float) -> float:
     """The rate within +- limit; the limit where it is not a number."""
     below = rate if rate < limit else limit
     return below if below > -limit else -limit
@@ -117,7 +117,7 @@ def _rates(
     count = 0.0
     for i in range(2 * n):
         wanted = rate[i]
-        rate[i] = _limited(wanted, limit)
+        rate[i] = limited(wanted, limit)
         count += 1.0 if rate[i] != wanted else 0.0
     return count
 
