@@ -36,11 +36,20 @@ CONNECT_TIMEOUT_S = 10
 _to_json = partial(json.dumps, allow_nan=False, ensure_ascii=False)
 
 
-def writer(address: Address, *, foreign_keys: bool = True) -> Engine:
-    """An engine whose every transaction may write; migrations switch `foreign_keys` off."""
+def writer(address: Address) -> Engine:
+    """An engine whose every transaction may write; a file that has gone is not made anew."""
     if address.path is None:
         return _postgresql(address, read_only=False)
-    return _sqlite(partial(_open_to_write, address.path, foreign_keys), "BEGIN IMMEDIATE")
+    connect = partial(_open_to_write, address.path, "mode=rw", foreign_keys=True)
+    return _sqlite(connect, "BEGIN IMMEDIATE")
+
+
+def maker(address: Address) -> Engine:
+    """A writer that makes a missing file, and rebuilds tables: foreign keys are not enforced."""
+    if address.path is None:
+        return _postgresql(address, read_only=False)
+    connect = partial(_open_to_write, address.path, "mode=rwc", foreign_keys=False)
+    return _sqlite(connect, "BEGIN IMMEDIATE")
 
 
 def reader(address: Address) -> Engine:
@@ -88,11 +97,8 @@ def _sqlite(connect: Any, begin: str) -> Engine:
     return engine
 
 
-def _open_to_write(path: Path, foreign_keys: bool) -> sqlite3.Connection:
-    # isolation_level None: Python's own BEGIN would come too late, and deferred.
-    connection = sqlite3.connect(
-        path, timeout=BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False
-    )
+def _open_to_write(path: Path, option: str, *, foreign_keys: bool) -> sqlite3.Connection:
+    connection = _open_uri(path, option)
     try:
         _use_wal(connection, path)
         connection.execute("PRAGMA synchronous = NORMAL")
@@ -134,24 +140,18 @@ def checkpoint(path: Path) -> None:
 def open_to_read(path: Path) -> sqlite3.Connection:
     """A connection that cannot write, also where the folder cannot be written."""
     try:
-        return _open_uri(path, "mode=ro")
+        return _open_read_only(path, "mode=ro")
     except sqlite3.OperationalError:
         # A reader of a WAL file makes a file beside it. Where it may not, and no log is waiting
         # to be read, nobody can be writing either, and the file can be taken as it stands.
         log = path.with_name(path.name + "-wal")
         if os.access(path.parent, os.W_OK) or (log.exists() and log.stat().st_size > 0):
             raise
-        return _open_uri(path, "immutable=1")
+        return _open_read_only(path, "immutable=1")
 
 
-def _open_uri(path: Path, option: str) -> sqlite3.Connection:
-    connection = sqlite3.connect(
-        f"file:{quote(str(path))}?{option}",
-        uri=True,
-        timeout=BUSY_TIMEOUT_S,
-        isolation_level=None,
-        check_same_thread=False,
-    )
+def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
+    connection = _open_uri(path, option)
     try:
         connection.execute("PRAGMA query_only = ON")
         with closing(connection.execute("SELECT count(*) FROM sqlite_master")) as rows:
@@ -160,6 +160,17 @@ def _open_uri(path: Path, option: str) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _open_uri(path: Path, option: str) -> sqlite3.Connection:
+    # isolation_level None: Python's own BEGIN would come too late, and deferred.
+    return sqlite3.connect(
+        f"file:{quote(str(path))}?{option}",
+        uri=True,
+        timeout=BUSY_TIMEOUT_S,
+        isolation_level=None,
+        check_same_thread=False,
+    )
 
 
 def _postgresql(address: Address, *, read_only: bool) -> Engine:

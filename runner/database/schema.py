@@ -120,7 +120,7 @@ def condition(connection: Connection, address: Address) -> Condition:
 
 def _bring_up_to_date(address: Address) -> None:
     """Create, upgrade or renew the views in one transaction, after a second look under its lock."""
-    engine = engines.writer(address, foreign_keys=False)  # a table may be rebuilt
+    engine = engines.maker(address)
     try:
         with engines.explained(address), engine.begin() as connection:
             if not address.sqlite:

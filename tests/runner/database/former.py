@@ -13,7 +13,7 @@ def migrated(url: str, revision: str) -> None:
     address = parse(url)
     if address.path is not None:
         address.path.parent.mkdir(parents=True, exist_ok=True)
-    writer = engine.writer(address, foreign_keys=False)
+    writer = engine.maker(address)
     with writer.begin() as connection:
         schema.migrate(connection, revision)
         if revision == "0001":

@@ -1,9 +1,11 @@
 """A run that shows no sign of life is given up; one that does is left alone."""
 
 import os
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -139,15 +141,31 @@ def test_a_heartbeat_that_fails_does_not_end_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 0.05)
+    path = tmp_path / "results.db"
+    with Logbook.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
         run = logbook.begin_run(make_start()).run_id
-        (tmp_path / "results.db").rename(tmp_path / "away.db")
-        logbook._writer.dispose()
-        (tmp_path / "results.db").mkdir()
-        until = time.monotonic() + 10
-        while not caplog.records and time.monotonic() < until:
-            time.sleep(0.02)
-        (tmp_path / "results.db").rmdir()
-        (tmp_path / "away.db").rename(tmp_path / "results.db")
+        with closing(sqlite3.connect(path, isolation_level=None, timeout=30)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            assert _complains(caplog)
+            other.execute("ROLLBACK")
+        logbook._writer.dispose()  # its connections give up after 50 ms; those to come do not
+        monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 30.0)
         logbook.finish_run(run, Results())
-    assert "no heartbeat for runs [1]" in caplog.text
+    assert "no heartbeat for runs [1]: database is locked" in caplog.text
+
+
+def _complains(caplog: pytest.LogCaptureFixture, patience_s: float = 30.0) -> bool:
+    until = time.monotonic() + patience_s
+    while not caplog.records and time.monotonic() < until:
+        time.sleep(0.02)
+    return bool(caplog.records)
+
+
+def test_a_database_that_vanishes_is_not_made_anew(tmp_path: Path) -> None:
+    path = tmp_path / "results.db"
+    with Logbook.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
+        path.unlink()
+        with pytest.raises(LogbookError, match=r"results\.db: cannot open the database file"):
+            logbook.begin_run(make_start())
+        assert not path.exists()

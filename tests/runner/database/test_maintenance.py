@@ -33,7 +33,7 @@ def filled(logbook: Logbook) -> Logbook:
 
 def change(url: str, statement: object) -> None:
     """Change rows behind the logbook's back, foreign keys or not."""
-    writer = engine.writer(parse(url), foreign_keys=False)
+    writer = engine.maker(parse(url))
     with writer.begin() as connection:
         connection.execute(statement)  # type: ignore[call-overload]
     writer.dispose()
