@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from runner.compare.__main__ import run as run_program
 from runner.compare.results import Results, open_results
 from tests.runner.compare import stored
+from tests.runner.compare.browsers import start_browser
 
 
 @pytest.fixture(scope="session")
@@ -52,3 +54,13 @@ def program(capsys: pytest.CaptureFixture[str]) -> Program:
         return code, said.out, said.err
 
     return call
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, started once."""
+    started = start_browser()
+    try:
+        yield started
+    finally:
+        started.quit()

@@ -2,9 +2,11 @@
 
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +16,7 @@ from runner.compare.published import COLUMNS, FOLDER, Printed, judged, read_fold
 from runner.compare.results import Results, open_results
 from runner.complaints import CONF
 from tests.runner.compare import stored
+from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
 
 ONE = Printed(
@@ -171,6 +174,26 @@ def test_the_command_prints_and_writes_the_page(
         "source,table,experiment,beaten,ours",
         "Somebody (2020),Table 1,mine,2,1",
     ]
+
+
+@pytest.mark.parametrize(("width", "mobile"), [(390, True), (1280, False)])
+def test_the_page_of_all_printed_figures_opens_in_a_browser(
+    browser: Any, book: Path, tmp_path: Path, program: Program, width: int, mobile: bool
+) -> None:
+    """Without complaints or requests, and with nothing that makes a phone scroll sideways."""
+    printed = Path(shutil.copytree(FOLDER, tmp_path / "printed"))
+    written(printed, LINE)  # one experiment that has run
+    page = tmp_path / "index.html"
+    options = ("--printed", printed, "--database", book / "results.db", "--page", page)
+    assert program("published", *options, "--summary")[0] == 0
+    open_page(browser, page, width, mobile)
+    assert complaints(browser) == []
+    assert browser.execute_script("return performance.getEntriesByType('resource').length") == 0
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert browser.execute_script("return innerWidth") == width
+    text = browser.execute_script("return document.body.textContent")
+    assert "Somebody (2020)" in text
+    assert all(name in text for name in read_folder(printed))
 
 
 @pytest.mark.parametrize(

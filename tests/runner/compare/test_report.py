@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +11,9 @@ from runner.compare.report import ReportRequest, render_report
 from runner.compare.results import open_results
 from runner.database.records import Diagnostic
 from tests.runner.compare import stored
+from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.test_command_line import database
-
-INSTALL = "apt-get install chromium chromium-driver, and pip install selenium"
-FLAGS = (
-    *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    "--no-first-run",
-)
 
 
 @pytest.fixture(scope="session")
@@ -98,32 +91,6 @@ def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> Non
     assert "Not drawn: Force residual of the newest run" in text
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    webdriver = pytest.importorskip("selenium.webdriver", reason=f"no selenium: {INSTALL}")
-    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if program is None or driver is None:
-        pytest.skip(f"no chromium: {INSTALL}")
-    options = webdriver.ChromeOptions()
-    options.binary_location = program
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    service = webdriver.chrome.service.Service(driver)
-    started = webdriver.Chrome(options=options, service=service)
-    try:
-        yield started
-    finally:
-        started.quit()
-
-
-def _open(browser: Any, page: Path, width: int, mobile: bool = False) -> None:
-    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": mobile}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    browser.get_log("browser")
-    browser.get(page.as_uri())
-
-
 def _column(browser: Any, table: int, column: int) -> list[str]:
     script = (
         "return [...document.querySelectorAll('#tables table')[arguments[0]].tBodies[0].rows]"
@@ -134,15 +101,15 @@ def _column(browser: Any, table: int, column: int) -> list[str]:
 
 
 def test_the_page_opens_without_complaints_or_requests(browser: Any, page: Path) -> None:
-    _open(browser, page, 1280)
-    assert browser.get_log("browser") == []
+    open_page(browser, page, 1280)
+    assert complaints(browser) == []
     assert browser.title == "Sea trials"
     entries = browser.execute_script("return performance.getEntriesByType('resource').length")
     assert entries == 0
 
 
 def test_tables_sort_by_a_click_and_back(browser: Any, page: Path) -> None:
-    _open(browser, page, 1280)
+    open_page(browser, page, 1280)
     identifiers = _column(browser, 0, 1)
     headings = browser.find_elements("css selector", "#tables table:first-of-type thead button")
     calm = next(i for i, heading in enumerate(headings) if heading.text == "calm")
@@ -161,7 +128,7 @@ def test_tables_sort_by_a_click_and_back(browser: Any, page: Path) -> None:
 def test_nothing_but_wide_tables_and_figures_scrolls_sideways(
     browser: Any, page: Path, width: int, mobile: bool
 ) -> None:
-    _open(browser, page, width, mobile)
+    open_page(browser, page, width, mobile)
     browser.execute_script("document.querySelectorAll('details').forEach((d) => { d.open = true })")
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
     assert browser.execute_script("return document.body.scrollWidth") <= width
@@ -169,7 +136,7 @@ def test_nothing_but_wide_tables_and_figures_scrolls_sideways(
 
 
 def test_figures_are_visible_and_legible_on_a_phone(browser: Any, page: Path) -> None:
-    _open(browser, page, 390, mobile=True)
+    open_page(browser, page, 390, mobile=True)
     sizes = browser.execute_script(
         "return [...document.querySelectorAll('figure svg')].map((svg) => {"
         " const box = svg.getBoundingClientRect();"
