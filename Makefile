@@ -1,8 +1,8 @@
-# seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`; each sets up
+# seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`, `make bench`; each sets up
 # .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo comparison readme published test slow ray check clean help
+.PHONY: demo comparison readme published bench test slow ray check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -33,6 +33,7 @@ help:
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make check   ruff and mypy --strict'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
+	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json and the README'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 demo: $(VENV)/demo.stamp
@@ -69,6 +70,12 @@ published: $(VENV)/demo.stamp
 	$(BIN)/python -m runner.compare published --database results/published/results.db \
 	    --page results/published/index.html --summary
 
+bench: $(VENV)/bench.stamp
+	mkdir -p results
+	$(BIN)/python -m pytest tests/benchmarks -o python_files='bench_*.py' -m '' -W default \
+	    --timeout 3600 --benchmark-json results/bench.json
+	$(BIN)/python docs/refresh.py docs.benchmarks
+
 test: $(VENV)/test.stamp
 	$(BIN)/python -m pytest
 
@@ -91,6 +98,7 @@ clean:
 # The stamps: installed again only when the packages asked for, or their versions, changed.
 $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
+$(VENV)/bench.stamp: EXTRAS := [test,bench]
 $(VENV)/check.stamp: EXTRAS := [test,check]
 
 $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python

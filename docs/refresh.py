@@ -1,7 +1,8 @@
-"""Make again what README.md shows: `make readme`.
+"""Make again what README.md shows: `make readme`; `python docs/refresh.py WORD` only some of it.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
-prints. The commands read the logbooks that `make demo` and `make comparison` wrote.
+prints; with a WORD, only the blocks whose command holds it. The commands read what `make demo`,
+`make comparison`, `make published` and `make bench` wrote.
 """
 
 import re
@@ -23,10 +24,16 @@ def output(command: str, *more: str) -> str:
     return done.stdout
 
 
-def refreshed(text: str) -> str:
-    """The text with every block made again."""
-    return BLOCK.sub(lambda found: f"{found[1]}\n{output(found['command'])}\n{found[3]}", text)
+def refreshed(text: str, word: str = "") -> str:
+    """The text with every block made again whose command holds `word`."""
+
+    def block(found: re.Match[str]) -> str:
+        if word not in found["command"]:
+            return found[0]
+        return f"{found[1]}\n{output(found['command'])}\n{found[3]}"
+
+    return BLOCK.sub(block, text)
 
 
 if __name__ == "__main__":
-    README.write_text(refreshed(README.read_text()))
+    README.write_text(refreshed(README.read_text(), *sys.argv[1:2]))

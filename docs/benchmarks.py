@@ -1,0 +1,102 @@
+"""The tables of benchmarks in README.md: `python -m docs.benchmarks`, after `make bench`.
+
+Read from `results/bench.json`, which pytest-benchmark writes; `tests/benchmarks/conftest.py` says
+what is measured, and how. A ratio is that of the medians, the other's time over ours.
+"""
+
+import json
+import sys
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+BENCH = Path(__file__).parents[1] / "results" / "bench.json"
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+Row = dict[str, Any]
+
+
+def read(file: Path) -> tuple[list[Row], str]:
+    """What was measured, in the order of the issue's items, and the machine."""
+    held = json.loads(file.read_text())
+    rows = [one["extra_info"] | {"stats": one["stats"]} for one in held["benchmarks"]]
+    rows.sort(key=lambda row: (int(row["item"].rstrip("abcdefgh")), row["item"]))
+    info = held["machine_info"]
+    cpu = info["cpu"]
+    loads = [row["load"] for row in rows]
+    machine = (
+        f"{cpu.get('brand_raw', info['machine'])}, {cpu.get('count', '?')} cores,"
+        f" {info['system']}, Python {info['python_version']}, load {min(loads):.1f} to"
+        f" {max(loads):.1f}, {held['datetime'][:10]}"
+    )
+    return rows, machine
+
+
+def shown_seconds(value: float) -> str:
+    """A time in a unit that leaves it at least 1."""
+    size, unit = next((u for u in UNITS if value >= u[0]), UNITS[-1])
+    return f"{value / size:.3g} {unit}"
+
+
+def ratio_of(row: Row) -> tuple[float, float, float]:
+    """Ours [s], the other's [s], and how many times longer the other takes (medians)."""
+    ours = row["stats"]["median"] / row["calls"]
+    peer = median(row["peer_seconds"])
+    return ours, peer, peer / ours
+
+
+def ratio_row(row: Row) -> list[str]:
+    """The cells of one comparison."""
+    ours, peer, ratio = ratio_of(row)
+    wanted = row["wanted"]
+    return [
+        row["what"],
+        f"{row['ours']}: {shown_seconds(ours)}",
+        f"{row['peer']}: {shown_seconds(peer)}",
+        f"{ratio:.3g}",
+        "" if wanted is None else f"{wanted:g}",
+        remark(row, short=wanted is not None and ratio < wanted, by=f"{ratio:.3g} of {wanted}"),
+    ]
+
+
+def remark(row: Row, *, short: bool, by: str) -> str:
+    """By how much and why a figure falls short, and what else must be known."""
+    parts = [f"short: {by}; {row['why'] or 'not explained yet'}"] if short else []
+    return "; ".join([*parts, *([row["note"]] if row["note"] else [])])
+
+
+def figure_rows(row: Row) -> list[list[str]]:
+    """The cells of figures that are no ratio."""
+    return [
+        [
+            f"{row['what']}: {name}" if len(row["found"]) > 1 else row["what"],
+            str(one["shown"]),
+            str(one.get("limit", "")),
+            remark(row, short=bool(one.get("short")), by=str(one.get("short", ""))),
+        ]
+        for name, one in row["found"].items()
+    ]
+
+
+def table(headers: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table; nothing where there are no rows."""
+    if not rows:
+        return ""
+    lines = [headers, ["---"] * len(headers), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def main() -> None:
+    """Print the tables, and the machine."""
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH
+    if not file.exists():
+        sys.exit(f"docs.benchmarks: {file}: not found; `make bench` writes it")
+    rows, machine = read(file)
+    ratios = [ratio_row(row) for row in rows if row["kind"] == "ratio"]
+    figures = [cells for row in rows if row["kind"] == "figures" for cells in figure_rows(row)]
+    print(f"Medians, measured in turn on {machine}.\n")
+    print(table(["what", "ours", "other", "times faster", "asked", "remark"], ratios))
+    print(table(["what", "figure", "asked", "remark"], figures), end="")
+
+
+if __name__ == "__main__":
+    main()

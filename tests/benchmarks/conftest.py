@@ -1,0 +1,99 @@
+"""Benchmarks: what a user would pick instead, measured in turn with ours in the same run.
+
+`make bench` runs the files `bench_*.py` here; `make test` does not see them. A benchmark never
+fails for being slow: whether a result is right is for the tests to say, and what a ratio is, for
+the table that `docs/benchmarks.py` makes of `results/bench.json`.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+Work = Callable[[], object]
+
+
+def seconds(work: Work, calls: int = 1) -> float:
+    """Wall-clock time of one of `calls` calls in a row [s]."""
+    begun = time.perf_counter()
+    for _ in range(calls):
+        work()
+    return (time.perf_counter() - begun) / calls
+
+
+@pytest.fixture
+def in_turn(benchmark: Any) -> Callable[..., None]:
+    """Measures `ours` and `peer` turn by turn, so that other work on the machine meets both.
+
+    Both are called once before, which compiles what is compiled. `calls` and `peer_calls` are how
+    many calls in a row make one measurement, where one is too short for the clock. `wanted` is
+    the ratio of the medians, peer over ours, that the table compares with; `why` explains there
+    what falls short, `note` says in every case what a reader must know.
+    """
+
+    def measure(
+        ours: Work,
+        peer: Work,
+        *,
+        item: str,
+        what: str,
+        name: str,
+        peer_name: str,
+        wanted: float | None = None,
+        rounds: int = 7,
+        calls: int = 1,
+        peer_calls: int = 1,
+        why: str = "",
+        note: str = "",
+    ) -> None:
+        ours()
+        peer()
+        peers: list[float] = []
+        benchmark.pedantic(
+            lambda: seconds(ours, calls),
+            setup=lambda: peers.append(seconds(peer, peer_calls)),
+            rounds=rounds,
+        )
+        benchmark.extra_info.update(
+            kind="ratio", item=item, what=what, ours=name, peer=peer_name, wanted=wanted,
+            why=why, note=note, calls=calls, peer_seconds=peers, load=os.getloadavg()[0],
+        )  # fmt: skip
+
+    return measure
+
+
+@pytest.fixture
+def stated(benchmark: Any) -> Callable[..., None]:
+    """Keeps figures that are no ratio: `work` is run once and gives them by name.
+
+    Each is a mapping with `shown`, the text of the table, `limit`, what was asked, where something
+    was, and `short`, by how much it falls short, where it does; any other entry is kept for the
+    figures that `docs/growth.py` draws. Of `growth`, entries are size [-], seconds and MB.
+    """
+
+    def keep(
+        work: Callable[[], dict[str, dict[str, Any]]],
+        *,
+        item: str,
+        what: str,
+        why: str = "",
+        note: str = "",
+    ) -> None:
+        found = benchmark.pedantic(work, rounds=1)
+        benchmark.extra_info.update(
+            kind="figures", item=item, what=what, why=why, note=note, found=found,
+            load=os.getloadavg()[0],
+        )  # fmt: skip
+
+    return keep
+
+
+def growth(
+    sizes: list[int], times: list[float], peaks: list[float] | None = None
+) -> dict[str, Any]:
+    """A curve of time [s] (and peak memory [MB]) over size, with its slope on logarithmic axes."""
+    slope = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+    return {"slope": slope, "sizes": sizes, "seconds": times, "megabytes": peaks or []}

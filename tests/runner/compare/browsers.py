@@ -1,0 +1,43 @@
+"""A real browser for the tests of pages, and what they do with it."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+INSTALL = "apt-get install chromium chromium-driver, and pip install selenium"
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    "--no-first-run",
+)
+
+
+def start_browser() -> Any:
+    """Chromium without a window; the test skips where there is none."""
+    webdriver = pytest.importorskip("selenium.webdriver", reason=f"no selenium: {INSTALL}")
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip(f"no chromium: {INSTALL}")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.chrome.service.Service(driver)
+    return webdriver.Chrome(options=options, service=service)
+
+
+def open_page(browser: Any, page: Path, width: int, mobile: bool = False) -> None:
+    """Show a page as wide as a desk's or a phone's window."""
+    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+
+
+def complaints(browser: Any) -> list[Any]:
+    """What the browser's console says of the page that is open."""
+    log: list[Any] = browser.get_log("browser")
+    return log
