@@ -20,26 +20,7 @@ from .app import (
     split,
 )
 from .formats import Format
-
-PlotKind = Literal[
-    "bars",
-    "orders",
-    "residual",
-    "track",
-    "errors",
-    "coefficients",
-    "pareto",
-    "surface",
-    "spectrum",
-    "wind",
-    "excitation",
-    "response",
-    "controllers",
-    "quality",
-    "topology",
-    "times",
-    "plan",
-]
+from .kinds import PlotKind
 
 
 @app.command()

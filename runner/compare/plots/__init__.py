@@ -2,17 +2,15 @@
 
 from importlib import import_module
 from pathlib import Path
+from typing import get_args
 
 from models.errors import LogbookError
 
+from ..kinds import PlotKind
 from ..results import Results
 from .request import PlotRequest
 
-KINDS = (
-    *("bars", "orders", "residual", "track", "errors", "coefficients"),
-    *("pareto", "surface", "spectrum", "wind", "excitation", "plan"),
-    *("response", "controllers", "quality", "topology", "times"),
-)
+KINDS = get_args(PlotKind)
 
 
 def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> list[Path]:
