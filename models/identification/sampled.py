@@ -65,7 +65,7 @@ def sampled(
         pose = body_pose(eta, recording.dofs) if output == "body_pose" else eta - eta[0]
         rows = len(part) // every
         y.append(pose[: rows * every : every])
-        u.append(acting[part][: rows * every].reshape(rows, every, -1).mean(axis=1))
+        u.append(acting[part][: rows * every].reshape(rows, every, acting.shape[1]).mean(axis=1))
         stretch.append(np.full(rows, number))
     names = poses_of(recording.dofs)
     body = output == "body_pose" and turns

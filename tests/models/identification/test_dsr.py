@@ -358,3 +358,11 @@ def test_what_cannot_work_is_refused_before_any_work(
         replace(dsr, force="filtered").check(milliampere, None, False)
     with pytest.raises(ConfigurationError, match="expected at most L x outputs = 6"):
         replace(dsr, order=8, L=2, physical_form="optional").check(milliampere, None, False)
+
+
+def test_a_stretch_shorter_than_a_period_is_left_out() -> None:
+    recording = steady_recording(60, np.random.default_rng(0))
+    kept = (recording.t < 20.0) | (recording.t > 28.4)  # the last is of two samples, 1 s
+    data = sampled(recording.part(kept), None, (), "body_pose", 2.0, 1.0)
+    assert set(data.stretch) == {0}
+    assert len(data.y) == len(data.u) == 10
