@@ -81,6 +81,29 @@ def linearise(
     )
 
 
+def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
+    """The table made linear in the body velocity: F(nu_0) + dF/dnu (nu - nu_0).
+
+    Terms with a velocity, shape of `nu` (n_dof,) [m/s, rad/s], become u, v, ... and, with
+    `offset`, the constant that the tangent has at rest; attitude in them is level north. Terms
+    without one, and those of the motion through the air, stay as they are.
+    """
+    n = len(vessel.dofs)
+    codes = basis.codes(vessel.terms) % N_VARIABLES
+    moves = np.any(np.isin(codes, [INDEX[one] for one in basis.VELOCITIES]), axis=1)
+    blown = np.any(np.isin(codes, [INDEX[one] for one in basis.AIR]), axis=1)
+    terms = tuple(vessel.terms[i] for i in np.flatnonzero(moves & ~blown))
+    kept = tuple(one for one in vessel.terms if one not in terms)
+    x = vessel.variables(np.zeros((1, n)), nu[None, :])
+    theta = vessel.on(terms).theta
+    columns = [INDEX[name] for name in vessel.velocities]
+    slope = gradient(basis.codes(terms), x[0])[:, columns].T @ theta
+    rest = basis.evaluate(terms, x) @ theta - nu @ slope
+    names = [*vessel.velocities, *(["1"] if offset and np.any(rest != 0.0) else [])]
+    linear = np.vstack([slope, rest])[: len(names)]
+    return vessel.on(kept) + Vessel(vessel.name, vessel.dofs, basis.terms(names), linear)
+
+
 def _variables_by_state(dofs: tuple[str, ...], x: Array, attitude: Array, wind: Array) -> Array:
     """dx / d(eta, nu), shape (N_VARIABLES, 2 n_dof), of the variables that are no accelerations."""
     n = len(dofs)
