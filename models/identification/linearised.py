@@ -1,0 +1,158 @@
+"""The believed model made linear about one velocity, beside what the vessel itself does.
+
+Nothing is identified: the model is the tangent of the nominal one, sampled with a zero-order hold,
+
+    x_{k+1} = A x_k + B (tau_k + F_w,k),    y_k = [I 0] x_k,    x = (pose in body axes, nu)
+
+with the force F_w of the measured wind as a known input. Its free run over the held-out part is
+the comparison of a linear with a non-linear model: Bargouth (2022), sections 3.2, 4.2 and 4.3.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models import basis
+from models.basis import AIR, N_VARIABLES, VARIABLES, Array
+from models.errors import ConfigurationError, IdentificationError
+from models.identification.block_hankel import stretches
+from models.identification.dsr_findings import fit, model_findings
+from models.identification.prediction import sample_time
+from models.identification.problem import Finding, Identified, Problem, check_force
+from models.identification.sampled import GAP, Sampled, sampled
+from models.linearisation import linearise, operating_force, tangent
+from models.recording import Recording
+from models.statespace import StateSpace
+from models.thruster import SecondOrderLag
+from models.vessel import FORCE_UNIT, PLANAR, Vessel
+from models.wind import WindForce
+
+ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The tangent of the nominal model at `velocity` [m/s, rad/s], by degree of freedom.
+
+    `operating_force: false` keeps the slopes and leaves out the force at that velocity, as
+    Bargouth (2022), (3.27)-(3.28): damping about a current that pushes nowhere. `wind` is the
+    wind's force on the vessel, used where the wind is measured.
+    """
+
+    velocity: dict[str, float] | None
+    operating_force: bool
+    wind: WindForce | None
+    force: str | None
+    hold_s: float | None
+
+    def __post_init__(self) -> None:
+        check_force(self.force)
+        if self.hold_s is not None and not self.hold_s > 0.0:
+            raise ConfigurationError(f"hold_s must be positive, got {self.hold_s}")
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Refuse a velocity that the vessel does not have."""
+        unknown = [dof for dof in self.velocity or {} if dof not in nominal.dofs]
+        if unknown:
+            raise ConfigurationError(
+                f"identifier.velocity: got {unknown[0]}, but {nominal.name} moves in "
+                f"{', '.join(nominal.dofs)}"
+            )
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The linear table and its sampled state-space model, with how well that one runs."""
+        nominal, held_out = problem.nominal, problem.validation
+        at = np.array([(self.velocity or {}).get(dof, 0.0) for dof in nominal.dofs])
+        table = tangent(nominal, at, self.operating_force)
+        blown = nominal.dofs == PLANAR and held_out.wind is not None
+        if self.wind is not None and blown and not nominal.force_table().aerodynamic:
+            table = table + self.wind.table(nominal.dofs)
+        motion, still = parted(table)
+        data = sampled(held_out, self.force, still.terms, "body_pose", self.hold_s, np.inf)
+        model = replace(sampled_model(motion, still, data.period_s), outputs=data.outputs)
+        findings = (
+            *order_findings(model),
+            *model_findings(model, 0, nominal.dofs),
+            *free_run_findings(model, data, held_out),
+        )
+        table = replace(table, name="identified")
+        return Identified(table, table - nominal, findings=findings)
+
+
+def parted(table: Vessel) -> tuple[Vessel, Vessel]:
+    """What a linear model holds, and what is a known input to it: wind and constant forces.
+
+    The attitude restores about level north; what it asks for there is a constant force.
+    """
+    known = [
+        one.name == "1" or bool({VARIABLES[c % N_VARIABLES] for c in one.codes} & set(AIR))
+        for one in table.terms
+    ]
+
+    def part(flag: bool) -> Vessel:
+        rows = [i for i, is_known in enumerate(known) if is_known == flag]
+        terms = tuple(table.terms[i] for i in rows)
+        return Vessel(table.name, table.dofs, terms, table.theta[rows])
+
+    motion, still = part(False), part(True)
+    n = len(table.dofs)
+    level = operating_force(motion, np.zeros(n), np.zeros(3), np.zeros(2))
+    if np.any(level != 0.0):
+        still = still + Vessel("level", table.dofs, basis.terms(["1"]), level[None, :])
+    return motion, still
+
+
+def sampled_model(motion: Vessel, still: Vessel, period_s: float) -> StateSpace:
+    """The zero-order hold of the motion about rest, inputs (tau, terms of `still`)."""
+    model = linearise(motion)
+    B = np.hstack([model.B, -model.B @ still.theta.T])
+    D = np.zeros((len(model.C), B.shape[1]))
+    inputs = (*model.inputs, *(one.name for one in still.terms))
+    return replace(model, B=B, D=D, inputs=inputs).discretised(period_s)
+
+
+def order_findings(model: StateSpace) -> list[Finding]:
+    """Orders and stability, Bargouth (2022), section 4.3."""
+    single: dict[str, float] = {
+        "spectral_radius": model.spectral_radius,
+        "controllable_order": model.controllable_order,
+        "observable_order": model.observable_order,
+        "eigenvalues_at_one": int(np.sum(np.abs(model.eigenvalues - 1.0) < ONE)),
+    }
+    return [Finding(name, "all", value) for name, value in single.items()]
+
+
+def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Finding]:
+    """Fit [%] and root mean square error of a free run from the measured state, and the drift.
+
+    The drift is the way that the vessel has gone at the end, in its own axes: |y_N - y_0|.
+    """
+    if not len(held_out.y):
+        raise IdentificationError(
+            f"identifier.hold_s: got {held_out.period_s:g} s, expected at most the "
+            f"{len(recording)} samples that are held out"
+        )
+    first = np.flatnonzero(np.diff(recording.t, prepend=-np.inf) > GAP * sample_time(recording))
+    first = first[np.unique(held_out.stretch)]
+    free, drift = [], np.zeros(len(recording.dofs))
+    ys, us = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
+    for start, y, u in zip(first, ys, us, strict=True):
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may run away
+            free.append(model.simulate(u, np.concatenate([y[0], recording.nu[start]])))
+        drift = np.maximum(drift, np.abs(y[-1] - y[0]))
+    return _listed(held_out.y, np.vstack(free), drift, recording.dofs)
+
+
+def _listed(y: Array, free: Array, drift: Array, dofs: tuple[str, ...]) -> list[Finding]:
+    units = ["m" if FORCE_UNIT[dof] == "N" else "rad" for dof in dofs]
+    with np.errstate(over="ignore", invalid="ignore"):
+        rmse = np.sqrt(np.mean(np.square(y - free), axis=0))
+    return [
+        Finding(name, dof, float(value), unit)
+        for name, values, named in (
+            ("fit_free_run", fit(y, free), ["%"] * len(dofs)),
+            ("body_pose_rmse_free_run", rmse, units),
+            ("body_drift", drift, units),
+        )
+        for dof, value, unit in zip(dofs, values, named, strict=True)
+    ]
