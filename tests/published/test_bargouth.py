@@ -40,3 +40,50 @@ def test_three_formulations_of_predictive_control_are_one(
     ]
     for other in errors[1:]:
         assert other == pytest.approx(errors[0], rel=1e-5)
+
+
+def test_with_the_printed_drag_the_linear_model_drifts_as_the_vessel_but_does_not_turn_so(
+    run: Callable[..., Results],
+) -> None:
+    """Section 4.2: two double integrators in surge and sway; what is left goes with the step."""
+    errors = {}
+    for period in (1.0, 0.5):
+        one = run(
+            "experiment=bargouth_section_4_2", "vessel.parameters=as_printed",
+            f"sample_time_s={period}", f"integration_step_s={period}",
+        )  # fmt: skip
+        errors[period] = diagnostic(one, "body_pose_rmse_free_run")
+    for dof in ("surge", "sway"):
+        assert errors[0.5][dof] == pytest.approx(0.5 * errors[1.0][dof], rel=0.05)
+        assert diagnostic(one, "fit_free_run")[dof] > 99.0
+    assert diagnostic(one, "fit_free_run")["yaw"] < 0.0
+
+
+def diagnostic(results: Results, name: str) -> dict[str, float | None]:
+    """Value by degree of freedom."""
+    return {row.dof: row.value for row in results.diagnostics if row.name == name}
+
+
+@pytest.mark.parametrize(
+    ("options", "at_one"),
+    [
+        (["vessel.parameters=as_printed"], 6),
+        (["vessel.parameters=physical"], 6),
+        (
+            ["vessel.parameters=physical", "identifier.velocity={surge:0.024,sway:0.009}",
+             "identifier.operating_force=false"],
+            4,
+        ),
+    ],
+)  # fmt: skip
+def test_the_linear_model_is_controllable_and_observable_but_not_stable(
+    run: Callable[..., Results], options: list[str], at_one: int
+) -> None:
+    """Section 4.3: ranks 6 and 6; eigenvalues of 0.999 belong to a current of some cm/s."""
+    one = run("experiment=bargouth_section_4_3", *options)
+    assert diagnostic(one, "controllable_order") == diagnostic(one, "observable_order")
+    assert diagnostic(one, "controllable_order")["all"] == 6.0
+    assert diagnostic(one, "spectral_radius")["all"] == pytest.approx(1.0)
+    assert diagnostic(one, "eigenvalues_at_one")["all"] == at_one
+    values = [row.value for row in one.diagnostics if row.name == "eigenvalue_real"]
+    assert sum(round(value or 0.0, 3) == 0.999 for value in values) == 6 - at_one
