@@ -16,6 +16,10 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# Files of tests run side by side; the tests of one stay together, for they share what they prepare.
+WORKERS := 2
+PYTEST = $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile -p no:benchmark
+
 # Small matrices: a second BLAS thread costs more than it brings.
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
@@ -77,11 +81,11 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python docs/refresh.py docs.benchmarks
 
 test: $(VENV)/test.stamp
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
-	$(BIN)/python -m pytest -m slow --timeout 1800 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(PYTEST) -m slow --timeout 1800 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 	$(MAKE) ray
 
 ray: $(RAY)/ray.stamp
