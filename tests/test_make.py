@@ -141,7 +141,7 @@ def test_the_slow_tests_include_those_of_ray(checkout: Path) -> None:
         binaries.mkdir(parents=True)
         shutil.copy(checkout / "tools" / folder, binaries / "python")
     assert make(checkout, "slow").returncode == 0
-    assert ".venv -m pytest -m slow --timeout" in asked(checkout)
+    assert "-p no:benchmark -m slow --timeout" in asked(checkout)
     assert ".venv-ray -m pytest -m slow and ray" in asked(checkout)
     answer = make(checkout, "clean")
     assert answer.returncode == 0, answer.stderr
