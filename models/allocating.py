@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 from numba.extending import overload
 
 from models.basis import Array
-from models.compiled import lean_kernel
-from models.dynamics import LEAN
+from models.compiled import LEAN, lean_kernel
 
 ALLOCATIONS: dict[type, Callable[..., None]] = {}
 

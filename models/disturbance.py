@@ -14,10 +14,10 @@ from models import basis
 from models.basis import DOFS, Array
 from models.current import Current
 from models.derivatives import derivative_table
-from models.dynamics import Weather
 from models.errors import ConfigurationError
 from models.vessel import PLANAR, Vessel
 from models.waves import Waves
+from models.weather import Weather
 from models.wind import Wind
 
 

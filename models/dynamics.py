@@ -9,8 +9,8 @@ water, seen from the water (Fossen (2011), section 8.3.1). A table without Corio
 this out as it leaves them out. A current that varies is taken as constant over a control period:
 the forces of accelerated water are neglected.
 
-The kinematics J are chosen by the type of a named tuple (`Axes`, `Planar`), so that each is
-compiled without the others.
+The kinematics J are chosen by the type of a named tuple of `models.pose`, so that each is compiled
+without the others.
 """
 
 from collections.abc import Callable
@@ -19,101 +19,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.extending import overload
 
-from models.basis import DOFS, INDEX, N_VARIABLES, Array, features_kernel
-from models.compiled import lean_kernel
+from models.basis import INDEX, N_VARIABLES, Array, features_kernel
+from models.compiled import LEAN, lean_kernel
 from models.kinematics import (
     angle_rate_kernel,
-    angles_of_frame_kernel,
     fill_attitude_kernel,
     frame_of_angles_kernel,
     frame_of_quaternion_kernel,
-    quaternion_of,
     quaternion_rate_kernel,
 )
+from models.pose import Axes, Euler, Planar, Quaternion, normalise
 from models.thruster import LagTable, step_lag_kernel
 from models.vessel import (
-    PLANAR,
     PlantTable,
     fill_air_kernel,
     fill_variables_kernel,
     weighted_sum_kernel,
 )
+from models.weather import Weather
 
 COS_PSI = INDEX["cos(psi)"]
 SIN_PSI = INDEX["sin(psi)"]
 
 RATES: dict[type, Callable[..., None]] = {}
-
-
-class Axes(NamedTuple):
-    """Every velocity is integrated along its own axis, the vessel level and heading north."""
-
-    north: int  # the degree of freedom along north and the one along east; -1 is none
-    east: int
-
-
-class Planar(NamedTuple):
-    """Surge, sway and yaw; the pose is (x, y, psi) in NED."""
-
-    heading: int = 2
-
-
-class Quaternion(NamedTuple):
-    """Six degrees of freedom; the state is (x, y, z) in NED and a unit quaternion."""
-
-    first: int = 3
-
-
-class Euler(NamedTuple):
-    """Six degrees of freedom; the state is (x, y, z, phi, theta, psi), singular at 90 degrees."""
-
-    first: int = 3
-
-
-Kinematics = Axes | Planar | Quaternion | Euler
-
-
-def kinematics_of(dofs: tuple[str, ...], attitude: str | None = None) -> Kinematics:
-    """The kinematics of a vessel; `attitude` (quaternion, euler) is of six degrees of freedom."""
-    if dofs == PLANAR:
-        return Planar()
-    if dofs == DOFS and attitude is not None:
-        return Quaternion() if attitude == "quaternion" else Euler()
-    return Axes(*(dofs.index(dof) if dof in dofs else -1 for dof in ("surge", "sway")))
-
-
-def state_of(kinematics: Kinematics, pose: Array) -> Array:
-    """The state that is integrated, of a pose over the degrees of freedom."""
-    if isinstance(kinematics, Quaternion):
-        return np.concatenate([pose[:3], quaternion_of(pose[3:])])
-    return np.array(pose, dtype=np.float64)
-
-
-class Weather(NamedTuple):
-    """Realised disturbances, one row a control instant; SI units. What is absent has no rows."""
-
-    pose_noise: Array  # (N, n_dof), added to the measured pose
-    velocity_noise: Array  # (N, n_dof)
-    acceleration_noise: Array  # (N, n_dof), in the log only
-    force_ned: Array  # (N, n_dof), NED [N, N, Nm]; along the axis where there is no heading
-    current_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the water, north and east
-    wind_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the air
-    wind_noise: Array = np.zeros((0, 2))  # (N, 2), added to the measured wind, body axes
-    process: Array = np.zeros((0, 0))  # (N, n_dof) accelerations [m/s^2, rad/s^2]
-    wave_motion: Array = np.zeros((0, 0))  # (N, n_dof), the part of pose_noise that waves make
-
-    def sailed(self) -> "Weather":
-        """The same with zeros for what the equations of motion need and is absent."""
-        n, n_dof = self.force_ned.shape
-        return self._replace(
-            current_ned=_rows(self.current_ned, n, 2),
-            wind_ned=_rows(self.wind_ned, n, 2),
-            process=_rows(self.process, n, n_dof),
-        )
-
-
-def _rows(values: Array, n: int, columns: int) -> Array:
-    return values if len(values) else np.zeros((n, columns))
 
 
 class Scratch(NamedTuple):
@@ -149,9 +77,6 @@ def rates(
 ) -> None:  # fmt: skip
     """Write eta_dot and nu_dot under the force tau and row k of the weather."""
     RATES[type(kinematics)](kinematics, plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
-
-
-LEAN: Any = {"_nrt": False, "forceinline": True}  # as `lean_kernel`: it is the innermost call
 
 
 @overload(rates, jit_options=LEAN)
@@ -308,75 +233,6 @@ def _euler_rates(
 
 
 RATES[Euler] = _euler_rates
-
-
-@lean_kernel
-def _copy_pose(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
-    for i in range(pose.shape[0]):
-        pose[i] = eta[i]
-
-
-@lean_kernel
-def _quaternion_pose(kinematics: Quaternion, eta: Array, frame: Array, pose: Array) -> None:
-    for i in range(3):
-        pose[i] = eta[i]
-    frame_of_quaternion_kernel(eta[3:], frame)
-    angles_of_frame_kernel(frame, pose[3:])
-
-
-POSES: dict[type, Callable[..., None]] = {
-    Axes: _copy_pose, Planar: _copy_pose, Euler: _copy_pose, Quaternion: _quaternion_pose,
-}  # fmt: skip
-
-
-def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
-    """Write the pose over the degrees of freedom of a state.
-
-    Angles become the turns that are nearest to those that stand in `pose` before.
-    """
-    POSES[type(kinematics)](kinematics, eta, frame, pose)
-
-
-@overload(pose_of, jit_options=LEAN)
-def _pose_of(kinematics: Any, eta: Any, frame: Any, pose: Any) -> Any:
-    step = POSES[kinematics.instance_class]
-
-    def chosen(kinematics: Any, eta: Any, frame: Any, pose: Any) -> None:
-        step(kinematics, eta, frame, pose)
-
-    return chosen
-
-
-@lean_kernel
-def _leave(kinematics: Any, eta: Array) -> None:
-    pass
-
-
-@lean_kernel
-def _to_unit(kinematics: Quaternion, eta: Array) -> None:
-    size = np.sqrt(eta[3] * eta[3] + eta[4] * eta[4] + eta[5] * eta[5] + eta[6] * eta[6])
-    for i in range(3, 7):
-        eta[i] /= size
-
-
-NORMS: dict[type, Callable[..., None]] = {
-    Axes: _leave, Planar: _leave, Euler: _leave, Quaternion: _to_unit,
-}  # fmt: skip
-
-
-def normalise(kinematics: Any, eta: Array) -> None:
-    """Give the quaternion of a state, where it has one, its length of one."""
-    NORMS[type(kinematics)](kinematics, eta)
-
-
-@overload(normalise, jit_options=LEAN)
-def _normalise(kinematics: Any, eta: Any) -> Any:
-    step = NORMS[kinematics.instance_class]
-
-    def chosen(kinematics: Any, eta: Any) -> None:
-        step(kinematics, eta)
-
-    return chosen
 
 
 @lean_kernel

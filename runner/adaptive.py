@@ -14,13 +14,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.dynamics import Weather
 from models.errors import ConfigurationError, IdentificationError
 from models.identification.problem import Problem, lack_of_fit
 from models.recording import Recording
 from models.simulation import Log, Voyage, Watch, recording_of
 from models.thruster import SecondOrderLag
 from models.vessel import Vessel, coefficient_unit
+from models.weather import Weather
 from runner.database.records import Coefficient, Diagnostic
 
 TINY = 1e-300  # a force of nothing

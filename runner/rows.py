@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from models import metrics as measure
 from models.allocation import reached
 from models.basis import Array, Term
-from models.dynamics import Weather
 from models.excitation.persistence import Persistence
 from models.identification.problem import Identified, lack_of_fit
 from models.recording import Recording
@@ -23,6 +22,7 @@ from models.vessel import (
     poses_of,
     velocities_of,
 )
+from models.weather import Weather
 from runner.database.records import Coefficient, Diagnostic, Metric, Series, Stage
 
 if TYPE_CHECKING:

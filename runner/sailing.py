@@ -8,13 +8,13 @@ import numpy as np
 from models.basis import Array
 from models.control.limits import largest_disturbance
 from models.disturbance import Disturbance
-from models.dynamics import Weather
 from models.excitation.mission import Mission, accompanied, added_force, start_of, steering
 from models.kinematics import in_body
 from models.recording import attitude_of
 from models.simulation import Log, Outlook, Plant, Voyage, Watch, outlook, sail
 from models.statespace import StateSpace
 from models.vessel import Vessel
+from models.weather import Weather
 from runner.adaptive import Adapter
 from runner.config import Trial
 from runner.control_rows import Design, Sailed

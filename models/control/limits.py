@@ -3,9 +3,9 @@
 import numpy as np
 
 from models.basis import Array
-from models.dynamics import Weather
 from models.kinematics import in_body
 from models.vessel import PLANAR, Vessel
+from models.weather import Weather
 
 HEADINGS = 72  # tried where the heading is not known in advance
 

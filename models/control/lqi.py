@@ -38,7 +38,8 @@ from models.control.estimator import (
     seen,
 )
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS, NO_OUTLOOK, Outlook
+from models.registry import CONTROLLERS
+from models.simulation import NO_OUTLOOK, Outlook
 from models.statespace import StateSpace
 from models.vessel import FORCE_UNIT, Vessel
 from models.wind import WindForce

@@ -43,7 +43,8 @@ from models.control.horizon import Horizon, Quadratic
 from models.control.lqi import samples, si_weights
 from models.control.quadratic import Solver
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS, NO_OUTLOOK, Outlook
+from models.registry import CONTROLLERS
+from models.simulation import NO_OUTLOOK, Outlook
 from models.statespace import StateSpace
 from models.vessel import Vessel
 from models.wind import WindForce

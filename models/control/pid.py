@@ -16,7 +16,8 @@ from models.control.design import Remark, closed_loop_radius, design_model
 from models.dynamics import COS_PSI, SIN_PSI
 from models.errors import ConfigurationError
 from models.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
-from models.simulation import CONTROLLERS, Log
+from models.registry import CONTROLLERS
+from models.simulation import Log
 from models.thruster import SecondOrderLag
 from models.vessel import (
     PLANAR,

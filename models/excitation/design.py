@@ -9,7 +9,6 @@ import numpy as np
 
 from models import basis
 from models.basis import Array, Term
-from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.excitation.information import (
@@ -25,6 +24,7 @@ from models.excitation.information import (
 from models.excitation.sequence import Gains, Manoeuvre, Part, Role, Schedule
 from models.simulation import Plant, Voyage, sail
 from models.vessel import Vessel
+from models.weather import Weather
 
 STEP_S = 0.1  # longest integration step of the design's simulations
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from models.basis import Array
 from models.compiled import lean_kernel
 from models.errors import ConfigurationError
-from models.simulation import GUIDANCE, FilterTable
+from models.registry import GUIDANCE, FilterTable
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from models.basis import Array
 from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 from models.excitation.guidance import Timetable, step_setpoints
-from models.simulation import REFERENCES
+from models.registry import REFERENCES
 from models.vessel import PLANAR
 
 

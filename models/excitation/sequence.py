@@ -16,7 +16,7 @@ from models.compiled import lean_kernel
 from models.errors import ConfigurationError
 from models.excitation.steering import OpenLoop, ZigZagTable
 from models.kinematics import in_body
-from models.simulation import CONTROLLERS
+from models.registry import CONTROLLERS
 from models.splits import Mask
 
 OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3

@@ -6,7 +6,7 @@ import numpy as np
 
 from models.basis import Array
 from models.compiled import lean_kernel
-from models.simulation import CONTROLLERS, control_step
+from models.registry import CONTROLLERS, control_step
 
 
 class OpenLoop(NamedTuple):

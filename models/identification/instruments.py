@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from models.basis import Array
 from models.compiled import lean_kernel
-from models.dynamics import Weather
 from models.errors import ConfigurationError, Diverged, IdentificationError
 from models.kinematics import in_body
 from models.recording import Recording
-from models.simulation import CONTROLLERS, GUIDANCE, REFERENCES, Plant, sail
+from models.registry import CONTROLLERS, GUIDANCE, REFERENCES
+from models.simulation import Plant, sail
 from models.vessel import Vessel
+from models.weather import Weather
 
 RUNAWAY = 20.0  # a velocity this many times the largest measured one has run away
 STEP_S = 0.1  # longest integration step

@@ -14,8 +14,10 @@ import numpy as np
 
 from models.basis import Array
 from models.compiled import kernel
-from models.dynamics import Scratch, Weather, kinematics_of, rates, scratch, state_of
+from models.dynamics import Scratch, rates, scratch
+from models.pose import kinematics_of, state_of
 from models.vessel import PlantTable
+from models.weather import Weather
 from tests.trials import composed
 
 VESSELS = (

@@ -14,7 +14,6 @@ from models.basis import DOFS, Array
 from models.control.pid import PidFeedforward
 from models.derivatives import coriolis, from_derivatives
 from models.disturbance import ConstantForce
-from models.dynamics import Weather
 from models.errors import ConfigurationError
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.kinematics import (
@@ -30,6 +29,7 @@ from models.kinematics import (
 from models.rigid_body import RigidBody, cross_matrix
 from models.simulation import Plant, Voyage, sail
 from models.vessel import Vessel
+from models.weather import Weather
 from tests.trials import composed
 
 angles = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))

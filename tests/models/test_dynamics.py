@@ -9,11 +9,11 @@ from models.basis import Array
 from models.control.pid import PidFeedforward
 from models.derivatives import derivative_table, from_derivatives
 from models.disturbance import Disturbance
-from models.dynamics import Weather
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.kinematics import in_body, through_water
 from models.simulation import Plant, Voyage, recording_of, sail
 from models.vessel import PLANAR, Vessel
+from models.weather import Weather
 from models.wind import Windage
 
 PERIOD_S = 0.1

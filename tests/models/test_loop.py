@@ -9,7 +9,8 @@ from models.basis import Array
 from models.compiled import lean_kernel
 from models.control.lqi import LqiTable
 from models.derivatives import from_derivatives
-from models.simulation import CONTROLLERS, Watch
+from models.registry import CONTROLLERS
+from models.simulation import Watch
 from models.vessel import PLANAR, Vessel
 from tests.models.control.sailing import (
     WINDAGE,

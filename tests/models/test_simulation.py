@@ -9,17 +9,8 @@ from models.derivatives import from_derivatives
 from models.disturbance import ConstantForce, Disturbance, MeasurementNoise
 from models.errors import ConfigurationError, Diverged
 from models.excitation.guidance import LineOfSight, ReferenceFilter, Timetable
-from models.simulation import (
-    CONTROLLERS,
-    GUIDANCE,
-    Plant,
-    Voyage,
-    Weather,
-    control_step,
-    guide_step,
-    recording_of,
-    sail,
-)
+from models.registry import CONTROLLERS, GUIDANCE, control_step, guide_step
+from models.simulation import Plant, Voyage, Weather, recording_of, sail
 from models.thruster import SecondOrderLag
 from models.vessel import PLANAR, Vessel
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from models.dynamics import Weather
 from models.errors import ConfigurationError
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.excitation.steering import open_loop
 from models.simulation import Plant, sail
 from models.thruster import FirstOrderLag, SecondOrderLag, acting_force, no_lag, step_lag
 from models.vessel import PLANAR, Vessel
+from models.weather import Weather
 
 
 @pytest.mark.parametrize("period", [0.01, 0.1, 0.5])

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from models import basis
-from models.dynamics import Weather
 from models.excitation.guidance import ReferenceFilter, Timetable
 from models.excitation.steering import open_loop
 from models.simulation import Plant, sail
 from models.vessel import PLANAR, Vessel
+from models.weather import Weather
 
 LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81
 SCALE = np.diag([1.0, 1.0, LENGTH])

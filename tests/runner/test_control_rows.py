@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from models.control.design import Remark
-from models.dynamics import Weather
 from models.simulation import Log, Voyage
 from models.vessel import PLANAR
+from models.weather import Weather
 from runner import control_rows, rows
 from runner.control_rows import Design, Sailed
 

@@ -9,11 +9,11 @@ from models.control.estimator import Kalman
 from models.control.lqi import Lqi
 from models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
 from models.derivatives import from_derivatives
-from models.dynamics import Weather
 from models.excitation.guidance import Timetable
 from models.excitation.missions import Step
 from models.simulation import Plant, Voyage, Watch, outlook, sail
 from models.vessel import PLANAR, Vessel
+from models.weather import Weather
 from models.wind import Windage
 
 LIMITS = (2e5, 4e5, 1e7)

@@ -11,7 +11,7 @@ from models.control.design import design_model
 from models.control.lqi import lqi_gain
 from models.derivatives import from_derivatives
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS
+from models.registry import CONTROLLERS
 from models.statespace import StateSpace, spectral_radius
 from tests.models.control.sailing import (
     ERROR_WEIGHT,

@@ -9,7 +9,7 @@ import pytest
 from models.control import mpc as module
 from models.control.quadratic import Solver
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS, REFERENCES
+from models.registry import CONTROLLERS, REFERENCES
 from models.vessel import PLANAR
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,

@@ -8,7 +8,8 @@ import pytest
 from models.control.pid import PidFeedforward
 from models.derivatives import from_derivatives
 from models.errors import ConfigurationError
-from models.simulation import CONTROLLERS, Log, Voyage
+from models.registry import CONTROLLERS
+from models.simulation import Log, Voyage
 from models.thruster import SecondOrderLag, acting_force
 from models.vessel import PLANAR, Vessel
 from runner import trial

@@ -14,7 +14,7 @@ from models.excitation.guidance import (
     straight_line_setpoints,
 )
 from models.excitation.mission import Operation, Replay, Waypoints
-from models.simulation import GUIDANCE
+from models.registry import GUIDANCE
 from models.vessel import PLANAR
 
 POINTS = np.array([[0.0, -15.0, -np.pi / 2], [15.0, -15.0, 0.0], [15.0, -15.0, np.pi]])

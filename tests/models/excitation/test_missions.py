@@ -9,7 +9,8 @@ import pytest
 from models.errors import ConfigurationError
 from models.excitation.guidance import ReferenceFilter
 from models.excitation.missions import AccelerationLimited, Setpoints, Step
-from models.simulation import REFERENCES, Plant, outlook
+from models.registry import REFERENCES
+from models.simulation import Plant, outlook
 from models.vessel import PLANAR
 from tests.models.control.sailing import lqi, ship, voyage, weather
 

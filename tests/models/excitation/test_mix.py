@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from models import basis
-from models.dynamics import Weather
 from models.errors import ConfigurationError
 from models.excitation.information import log_det
 from models.excitation.mix import Mix
 from models.simulation import recording_of, sail
+from models.weather import Weather
 from runner.trial import check
 from tests.models.excitation.test_information import by_slsqp
 from tests.trials import composed

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from models.dynamics import Weather
 from models.errors import ConfigurationError
 from models.simulation import Voyage, sail
 from models.vessel import Vessel
+from models.weather import Weather
 from runner.trial import check
 from tests.trials import composed
 

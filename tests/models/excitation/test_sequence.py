@@ -16,7 +16,7 @@ from models.excitation.sequence import (
     body_velocities,
 )
 from models.excitation.steering import open_loop, zigzag
-from models.simulation import CONTROLLERS
+from models.registry import CONTROLLERS
 
 DOFS = ("surge", "sway", "yaw")
 GAINS = Gains((10.0, 10.0, 5.0), (20.0, 30.0, 4.0))
