@@ -268,8 +268,8 @@ def _loop(
     """
     compiled: Any = _sail
     block = BLOCK
-    if not all(hasattr(step, "py_func") for step in steps):
-        compiled, block = compiled.py_func, 1
+    if not all(hasattr(step, "py_func") for step in steps):  # none has with numba disabled
+        compiled, block = getattr(compiled, "py_func", compiled), 1
     edges = {*range(0, n, block), n}
     if watch is not None:
         edges |= set(range(watch.every, n, watch.every))

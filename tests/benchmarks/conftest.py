@@ -28,7 +28,8 @@ def seconds(work: Work, calls: int = 1) -> float:
 def in_turn(benchmark: Any) -> Callable[..., None]:
     """Measures `ours` and `peer` turn by turn, so that other work on the machine meets both.
 
-    Both are called once before, which compiles what is compiled. `calls` and `peer_calls` are how
+    Both are called once before, which compiles what is compiled; not so with `warm=False`, where
+    the benchmark has called them to compare what they give. `calls` and `peer_calls` are how
     many calls in a row make one measurement, where one is too short for the clock. `wanted` is
     the ratio of the medians, peer over ours, that the table compares with; `why` explains there
     what falls short, `note` says in every case what a reader must know.
@@ -46,11 +47,13 @@ def in_turn(benchmark: Any) -> Callable[..., None]:
         rounds: int = 7,
         calls: int = 1,
         peer_calls: int = 1,
+        warm: bool = True,
         why: str = "",
         note: str = "",
     ) -> None:
-        ours()
-        peer()
+        if warm:
+            ours()
+            peer()
         peers: list[float] = []
         benchmark.pedantic(
             lambda: seconds(ours, calls),

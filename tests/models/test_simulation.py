@@ -1,5 +1,11 @@
 """The closed loop against exact solutions and laws."""
 
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -159,6 +165,28 @@ def test_python_and_compiled_loop_agree(milliampere: Vessel) -> None:
 
 def _readable_pid(parameters, state, *signals) -> None:  # type: ignore[no-untyped-def]
     CONTROLLERS[type(parameters)].py_func(parameters, state, *signals)  # type: ignore[attr-defined]
+
+
+def short_voyage() -> list[Array]:
+    """The log of a ferry's few seconds in wind, with thrusters that lag."""
+    ferry = from_derivatives(
+        "ferry", PLANAR, np.diag([2000.0, 2500.0, 5000.0]), {"X_u": -30.0, "Y_|v|v": -100.0}
+    )
+    wind = Disturbance(noise=None, force=ConstantForce(200.0, 100.0, 30.0))
+    goal, lag = np.array([4.0, 2.0, 1.0]), SecondOrderLag(2.0, 0.8)
+    return list(sail_timetable(ferry, goal, 5.0, weather=wind, thruster=lag, gains=50.0).log)
+
+
+def test_the_loop_without_a_compiler_is_the_compiled_loop() -> None:
+    code = "import pickle, sys; from tests.models import test_simulation as test; " \
+           "pickle.dump(test.short_voyage(), sys.stdout.buffer)"  # fmt: skip
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], env=environment,
+        capture_output=True, check=True,
+    )  # fmt: skip
+    for compiled, readable in zip(short_voyage(), pickle.loads(done.stdout), strict=True):
+        np.testing.assert_allclose(compiled, readable, rtol=1e-12, atol=1e-12)
 
 
 def test_line_of_sight_in_python_equals_the_compiled_step() -> None:
