@@ -1,7 +1,5 @@
 """Surface PLSR against scikit-learn one by one, and against the thesis."""
 
-import time
-
 import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
@@ -121,17 +119,10 @@ def test_the_whole_surface_beside_scikit_learn_one_by_one(calm, identifier) -> N
                 mse[order - 1, count - 1] = np.mean((z.y[:, k] - x @ theta) ** 2)
         return found
 
-    ours()  # compiled
-    seconds, surfaces = [], []
-    for run in (ours, theirs):
-        start = time.perf_counter()
-        surfaces.append(run())
-        seconds.append(time.perf_counter() - start)
-    for our, their in zip(*surfaces, strict=True):
+    for our, their in zip(ours(), theirs(), strict=True):
         known = ~np.isnan(their)
         assert np.sum(known) == 464
         np.testing.assert_allclose(our[known], their[known], rtol=1e-5, atol=1e-9)
-    print(f"3 x 464 models: {seconds[0]:.3f} s, scikit-learn one by one {seconds[1]:.2f} s")
 
 
 def test_filtered_force_makes_the_fit_exact(calm, identifier, rng) -> None:
