@@ -10,13 +10,24 @@ moves along one axis against a polynomial of its speed takes a whole step in one
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.basis import Array
 from models.compiled import kernel, lean_kernel
 from models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE
-from models.identification.one_axis import DRAG, ERRORS, INVERSE, LIMITED, SIZE, run_one_axis
+from models.identification.one_axis import (
+    DRAG,
+    ERRORS,
+    INVERSE,
+    LIMITED,
+    SIZE,
+    run_one_axis,
+    stayed_within,
+)
 from models.identification.prediction import Course, size_of_z_kernel
 from models.identification.structure import IN_PLANE, IN_SPACE, Structure
+
+Indices = NDArray[np.int64]
 
 
 class Block(NamedTuple):
@@ -210,28 +221,32 @@ def _run(table: Structure, block: Block, course: Course, metric: int) -> None:
 
 
 @kernel
-def _errors_on_one_axis(
-    table: Structure, entries: Array, inverse: Array, course: Course, metric: int, errors: Array,
-    limited: Array,
-) -> None:  # fmt: skip
-    """`prediction_errors` of vessels with one axis and a polynomial drag."""
-    n, samples = inverse.shape[2], course.measured.shape[0]
+def _on_one_axis(
+    table: Structure, entries: Array, inverse: Array, course: Course, metric: int, which: Indices,
+    free: bool, errors: Array, limited: Array,
+) -> Indices:  # fmt: skip
+    """Errors of some candidates with one axis and a polynomial drag; those still to be limited."""
+    samples = course.measured.shape[0]
     linear = True
     for coefficient in table.drag:
         linear = linear and coefficient < 2
-    work = np.empty(SIZE)
-    for begin in range(0, n, LANES):
-        size = min(LANES, n - begin)
+    work, left, rest = np.empty(SIZE), 0, np.empty_like(which)
+    for begin in range(0, len(which), LANES):
+        lanes = which[begin : begin + LANES]
         work[:] = 0.0
-        work[INVERSE : INVERSE + size] = inverse[0, 0, begin : begin + size]
-        for e in range(table.drag.shape[0]):
-            row = DRAG + LANES * table.drag[e]
-            work[row : row + size] += entries[e, begin : begin + size]
-        run_one_axis(work, course, metric, table.rk4, linear)
-        for m in range(size):
-            limited[begin + m] = work[LIMITED + m]
-            errors[begin + m, 0] = abs(work[ERRORS + m]) / samples
-            errors[begin + m, 1] = abs(work[ERRORS + LANES + m]) / samples
+        for m in range(len(lanes)):
+            work[INVERSE + m] = inverse[0, 0, lanes[m]]
+            for e in range(table.drag.shape[0]):
+                work[DRAG + LANES * table.drag[e] + m] += entries[e, lanes[m]]
+        run_one_axis(work, course, metric, table.rk4, linear, free)
+        for m in range(len(lanes)):
+            if free and not stayed_within(work, m, course.limit):
+                rest[left] = lanes[m]
+                left += 1
+            limited[lanes[m]] = 0.0 if free else work[LIMITED + m]
+            errors[lanes[m], 0] = abs(work[ERRORS + m]) / samples
+            errors[lanes[m], 1] = abs(work[ERRORS + LANES + m]) / samples
+    return rest[:left]
 
 
 @kernel
@@ -245,7 +260,11 @@ def prediction_errors(
     error is the magnitude of the mean.
     """
     if table.drag.shape[0] > 0:
-        _errors_on_one_axis(table, entries, inverse, course, metric, errors, limited)
+        which = np.arange(inverse.shape[2])
+        for free in (True, False):  # once more, limited, those whose rates leave the limits
+            which = _on_one_axis(
+                table, entries, inverse, course, metric, which, free, errors, limited
+            )
         return
     n_dof, n = inverse.shape[1], inverse.shape[2]
     scratch = np.empty((5, 2 * n_dof, LANES))
