@@ -7,7 +7,7 @@ from models.basis import terms
 from models.identification.free_parameters import free_parameters
 from models.identification.lanes import LANES, METRICS
 from models.identification.objectives import Objectives
-from models.identification.prediction import course_of
+from models.identification.prediction import course_of, predict
 from models.identification.predictor import Predictor
 from models.identification.structure import layout
 from models.vessel import DOFS, PLANAR, Vessel
@@ -82,6 +82,31 @@ def test_limited_rates_are_counted_alike(make, signal):
     _, limited, _ = one.errors(points, "mae")
     assert limited[0] == 0.0
     assert limited[1] > 0.1
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+@pytest.mark.parametrize("drag", ["linear", "square"])
+def test_those_that_reach_a_limit_equal_one_at_a_time(make, signal, drag, integrator, metric):
+    """A block first runs without limits: some of its candidates reach them, and run away."""
+    truth = make.surge(60.0, 20.0, *(("uu", 2.0) if drag == "square" else ()))
+    recording = make.forced(signal("many_sine"), ("surge",))
+    one = predictor(truth, recording, integrator, horizon=150, limit=2.0)
+    m = len(one.free)
+    box = np.array([[10.0, 1.0, 0.0], [120.0, 40.0, 10.0]])[:, :m]
+    points = np.random.default_rng(3).uniform(*box, (2 * LANES + 9, m))
+    points[5, 0] = 1e-300  # overflows without limits
+    errors, limited, _ = one.errors(points, metric)
+    assert 0.1 < np.mean(limited > 0.0) < 0.9
+    states, stages = np.empty_like(one.course.measured), 4 if integrator == "rk4" else 1
+    for i, point in enumerate(points):
+        table = one.free.tables(point[None])
+        entries = one.plan.entries(table)[:, 0].copy()
+        inverse = one.plan.inverse_inertia(table)[0][..., 0].copy()
+        count = predict(one.plan.structure, entries, inverse, one.course, states)
+        assert limited[i] == count / (stages * states.size)
+        expected = errors_of(one.course.measured, states, metric)
+        np.testing.assert_allclose(errors[i], expected, rtol=1e-12, atol=1e-12)
 
 
 def test_square_drag_runs_away_in_44_percent_of_the_box_and_is_penalised(make, signal):
