@@ -25,6 +25,7 @@ from models.identification.one_axis import (
     stayed_within,
 )
 from models.identification.prediction import Course, size_of_z_kernel
+from models.identification.sine import cosine_and_sine
 from models.identification.structure import IN_PLANE, IN_SPACE, Structure
 
 Indices = NDArray[np.int64]
@@ -73,8 +74,8 @@ def _set_work_array(table: Structure, block: Block, wind: Array, state: Array) -
             block.z[1 + n + i, m] = abs(state[n + i, m])
     for i in table.angles:
         for m in range(LANES):
-            block.z[1 + 2 * n + 2 * i, m] = np.cos(state[i, m])
-            block.z[2 + 2 * n + 2 * i, m] = np.sin(state[i, m])
+            cosine, sine = cosine_and_sine(state[i, m])
+            block.z[1 + 2 * n + 2 * i, m], block.z[2 + 2 * n + 2 * i, m] = cosine, sine
     if table.air.shape[0] > 0:
         _blow(table, block, wind, state)
 

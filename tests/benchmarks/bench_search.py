@@ -141,7 +141,7 @@ def beside(in_turn: Any, way: Way, **says: Any) -> None:
     np.testing.assert_allclose(limited, count / predictor.course.measured.size, rtol=1e-9)
     in_turn(
         lambda: predictor.errors(points, "mae"), lambda: way(predictor, points),
-        what="NSGA-II evaluation, 10,000 candidates x 3,000 steps", name="blocks of candidates",
+        what="NSGA-II evaluation, surge by Euler, 10,000 candidates x 3,000 steps", name="blocks of candidates",
         wanted=8.0, **says,
     )  # fmt: skip
 
@@ -180,9 +180,9 @@ def test_blocks_of_ferries(in_turn: Any) -> None:
     np.testing.assert_allclose(predictor.errors(points, "mae")[0], one_by_one(), rtol=1e-9)
     in_turn(
         lambda: predictor.errors(points, "mae"), one_by_one, item="3c", rounds=3,
-        what=f"the same, milliAmpere by RK4, {FERRIES} candidates x 3,000 steps",
-        name="blocks of candidates", peer_name="numba, one candidate at a time",
-        note="the other is the readable equation, compiled for any table",
+        what=f"NSGA-II evaluation, milliAmpere by RK4, {FERRIES} candidates x 3,000 steps",
+        name="blocks of candidates", peer_name="numba, one candidate at a time", wanted=8.0,
+        note="the other is the readable equation, compiled for any table; errors agree to 1e-9",
     )  # fmt: skip
 
 
@@ -243,7 +243,6 @@ def test_whole_identification(in_turn: Any) -> None:
     ours, peer = identifications()
     mine, other = ours(), peer()
     volumes = hypervolumes(front_of(mine), front_of(other))
-    print("hypervolume", volumes)
     assert abs(volumes[0] - volumes[1]) <= 0.005 * volumes[1]
     np.testing.assert_allclose(mine.model.theta, other.model.theta, rtol=1e-6)
     in_turn(
