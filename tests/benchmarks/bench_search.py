@@ -141,8 +141,8 @@ def beside(in_turn: Any, way: Way, **says: Any) -> None:
     np.testing.assert_allclose(limited, count / predictor.course.measured.size, rtol=1e-9)
     in_turn(
         lambda: predictor.errors(points, "mae"), lambda: way(predictor, points),
-        what="NSGA-II evaluation, surge by Euler, 10,000 candidates x 3,000 steps", name="blocks of candidates",
-        wanted=8.0, **says,
+        what="NSGA-II evaluation, surge by Euler, 10,000 candidates x 3,000 steps",
+        name="blocks of candidates", wanted=8.0, **says,
     )  # fmt: skip
 
 
