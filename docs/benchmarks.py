@@ -65,15 +65,16 @@ def remark(row: Row, *, short: bool, by: str) -> str:
 
 
 def figure_rows(row: Row) -> list[list[str]]:
-    """The cells of figures that are no ratio."""
+    """The cells of figures that are no ratio; what must be known of all stands in the first."""
+    rest = row | {"note": ""}
     return [
         [
             f"{row['what']}: {name}" if len(row["found"]) > 1 else row["what"],
             str(one["shown"]),
             str(one.get("limit", "")),
-            remark(row, short=bool(one.get("short")), by=str(one.get("short", ""))),
+            remark(rest if i else row, short=bool(one.get("short")), by=str(one.get("short", ""))),
         ]
-        for name, one in row["found"].items()
+        for i, (name, one) in enumerate(row["found"].items())
     ]
 
 
