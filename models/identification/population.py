@@ -21,6 +21,7 @@ from models.identification.one_axis import (
     INVERSE,
     LIMITED,
     SIZE,
+    kind_of,
     run_one_axis,
     stayed_within,
 )
@@ -227,10 +228,7 @@ def _on_one_axis(
     free: bool, errors: Array, limited: Array,
 ) -> Indices:  # fmt: skip
     """Errors of some candidates with one axis and a polynomial drag; those still to be limited."""
-    samples = course.measured.shape[0]
-    linear = True
-    for coefficient in table.drag:
-        linear = linear and coefficient < 2
+    samples, kind = course.measured.shape[0], kind_of(table.drag)
     work, left, rest = np.empty(SIZE), 0, np.empty_like(which)
     for begin in range(0, len(which), LANES):
         lanes = which[begin : begin + LANES]
@@ -239,7 +237,7 @@ def _on_one_axis(
             work[INVERSE + m] = inverse[0, 0, lanes[m]]
             for e in range(table.drag.shape[0]):
                 work[DRAG + LANES * table.drag[e] + m] += entries[e, lanes[m]]
-        run_one_axis(work, course, metric, table.rk4, linear, free)
+        run_one_axis(work, course, metric, table.rk4, free, kind)
         for m in range(len(lanes)):
             if free and not stayed_within(work, m, course.limit):
                 rest[left] = lanes[m]

@@ -37,8 +37,10 @@ def example(vessel, make):
         t = 0.1 * np.arange(400)[:, None]
         if name == "surge":
             return vessel("surge_nonlinear"), make.forced(30.0 * np.sin(t), ("surge",))
-        if name in ("linear surge", "any drag"):
-            names = "u" if name == "linear surge" else "1 u uu |u| |u|u u^3 |u|uu"
+        drags = {"linear surge": "u", "pushed surge": "1 u", "quadratic surge": "|u|u",
+                 "any drag": "1 u uu |u| |u|u u^3 |u|uu"}  # fmt: skip
+        if name in drags:
+            names = drags[name]
             drag = np.linspace(20.0, 1.0, len(names.split()))[:, None]
             model = Vessel("drag", ("surge",), terms(["u_dot", *names.split()]),
                            np.vstack([[[60.0]], drag]))  # fmt: skip
@@ -62,7 +64,17 @@ def example(vessel, make):
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize(
-    "name", ["linear surge", "surge", "any drag", "ferry", "blown ferry", "beluga"]
+    "name",
+    [
+        "linear surge",
+        "pushed surge",
+        "quadratic surge",
+        "surge",
+        "any drag",
+        "ferry",
+        "blown ferry",
+        "beluga",
+    ],
 )
 def test_population_equals_one_at_a_time(example, name, integrator, metric):
     one = predictor(*example(name), integrator, horizon=150)
