@@ -185,8 +185,8 @@ def test_blocks_of_ferries(in_turn: Any) -> None:
         what=f"NSGA-II evaluation, milliAmpere by RK4, {FERRIES} candidates x 3,000 steps",
         name="blocks of candidates", peer_name="numba, one candidate at a time", wanted=8.0,
         note="the other is the readable equation, compiled for any table; errors agree to 1e-9",
-        why="every term and every state of a table of any size is a row of the block's work "
-        "space, read and written once a stage, where one candidate stays in registers",
+        why="it was 5.4 before sine and cosine vectorised; to limit two rows of rates in one loop "
+        "gained nothing, and where the rest goes is not known",
     )  # fmt: skip
 
 
