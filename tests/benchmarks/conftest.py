@@ -95,8 +95,15 @@ def stated(benchmark: Any) -> Callable[..., None]:
 
 
 def growth(
-    sizes: list[int], times: list[float], peaks: list[float] | None = None
+    sizes: list[int], times: list[float], peaks: list[float] | None = None, of: str = ""
 ) -> dict[str, Any]:
-    """A curve of time [s] (and peak memory [MB]) over size, with its slope on logarithmic axes."""
+    """A curve of time [s] (and peak memory [MB]) over size, with its slope on logarithmic axes.
+
+    `of` is what the size counts, for the axis of the figure: "samples of the recording".
+    """
     slope = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
-    return {"slope": slope, "sizes": sizes, "seconds": times, "megabytes": peaks or []}
+    shown = f"slope {slope:.2f}, {sizes[0]:,} to {sizes[-1]:,} {of}".rstrip()
+    return {
+        "shown": shown, "slope": slope, "sizes": sizes, "seconds": times,
+        "megabytes": peaks or [], "of": of,
+    }  # fmt: skip

@@ -1,19 +1,17 @@
 """Wall-clock time a step of every controller on one core, loop, filter and vessel included.
 
-    python tests/benchmarks/controllers.py
-
-The supply vessel on the set-points of Bargouth (2022), appendix K, at 1 Hz. The machine's load is
-printed too; the least of several voyages is what the step takes when nothing else runs. Nothing
-is asserted. A step that compiles is timed over blocks of instants, one that solves a program by
-itself: median and 99 % are over those, "at limits" over the steps with a command at its limit.
+The supply vessel on the set-points of Bargouth (2022), appendix K, at 1 Hz. The least of several
+voyages is what the step takes when nothing else runs. A step that compiles is timed over blocks of
+instants, one that solves a program by itself: median and 99 % are over those, "at limits" over
+the steps with a command at its limit. About 20 seconds.
 """
 
-import os
 from typing import Any
 
 import numpy as np
 
 from models.control.pid import PidFeedforward
+from tests.benchmarks.programs import AT_LIMIT
 from tests.models.control.sailing import LIMITS, appendix_k, lqi, mpc, ship, voyage
 
 N = 1200
@@ -40,7 +38,7 @@ def microseconds(controller: Any) -> tuple[float, float, float]:
     for _ in range(VOYAGES):
         sailed, _ = voyage(controller, appendix_k(N), model=ship())
         times = 1e6 * sailed.step_times
-        limited = np.any(np.abs(sailed.log.tau) >= (1.0 - 1e-6) * np.array(LIMITS), axis=1)
+        limited = np.any(np.abs(sailed.log.tau) >= AT_LIMIT * np.array(LIMITS), axis=1)
         single = len(times) == N and bool(np.any(limited))
         at_limit = np.median(times[limited]) if single else np.nan
         found.append([np.median(times), at_limit, np.percentile(times, 99)])
@@ -48,14 +46,14 @@ def microseconds(controller: Any) -> tuple[float, float, float]:
     return median, at_limit, most
 
 
-def main() -> None:
-    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; microseconds a step")
-    print(f"{'controller, horizon':32} {'median':>8} {'at limits':>9} {'99 %':>8}")
-    for name, controller in CONTROLLERS.items():
-        median, at_limit, most = microseconds(controller)
-        limited = "-" if np.isnan(at_limit) else f"{at_limit:.1f}"
-        print(f"{name:32} {median:8.1f} {limited:>9} {most:8.1f}")
+def shown(controller: Any) -> dict[str, Any]:
+    median, at_limit, most = microseconds(controller)
+    limited = "" if np.isnan(at_limit) else f", {at_limit:.3g} us at limits"
+    return {"shown": f"{median:.3g} us{limited}, 99 % below {most:.3g} us", "median_us": median}
 
 
-if __name__ == "__main__":
-    main()
+def test_a_step_of_every_controller(stated: Any) -> None:
+    stated(
+        lambda: {name: shown(one) for name, one in CONTROLLERS.items()},
+        item="4", what="closed-loop step",
+    )  # fmt: skip
