@@ -134,10 +134,10 @@ class StateSpace:
         zero = np.zeros(self.order)
         gain = np.zeros_like(self.C.T) if free_run else self._gain()
         forced = self.simulate(u, zero) if free_run else self.predict(y, u, 1, zero)
-        free = replace(self, A=self.A - gain @ self.C)
-        silent = np.zeros_like(u)
-        unit = [free.simulate(silent, start).ravel() for start in np.eye(self.order)]
-        found = np.linalg.lstsq(np.array(unit).T, (y - forced).ravel(), rcond=None)[0]
+        free = np.empty((len(u), *self.C.shape))
+        _free(self.A - gain @ self.C, self.C, free)
+        rows = free.reshape(-1, self.order)
+        found = np.linalg.lstsq(rows, (y - forced).ravel(), rcond=None)[0]
         return np.asarray(found, dtype=np.float64)
 
     def discretised(self, period_s: float) -> "StateSpace":
@@ -250,6 +250,27 @@ def _add_product(matrix: Array, vector: Array, out: Array) -> None:
         for j in range(matrix.shape[1]):
             total += matrix[i, j] * vector[j]
         out[i] += total
+
+
+@kernel
+def _free(A: Array, C: Array, y: Array) -> None:
+    """y_k = C A^k, shape (N, m, n): the outputs of every first state without inputs."""
+    n, m = A.shape[0], C.shape[0]
+    x, following = np.eye(n), np.empty((n, n))
+    for k in range(y.shape[0]):
+        for i in range(m):
+            for c in range(n):
+                y[k, i, c] = 0.0
+            for j in range(n):
+                for c in range(n):
+                    y[k, i, c] += C[i, j] * x[j, c]
+        for i in range(n):
+            for c in range(n):
+                following[i, c] = 0.0
+            for j in range(n):
+                for c in range(n):
+                    following[i, c] += A[i, j] * x[j, c]
+        x[:] = following
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 Rows of the matrices here are windows in time, columns the samples in a window: the transpose of
 the literature's. Windows never reach across a gap in the data, and a bootstrap may repeat them.
+Only some rows are in memory at a time, so that a long record needs no more than a short one.
 """
 
 from typing import NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from models.basis import Array, Codes
 from models.errors import IdentificationError
+from models.identification.tall import triangle, turns
 
 EXCITED = 1e-11  # smallest to largest singular value of the inputs' Hankel matrix
 
@@ -36,26 +38,37 @@ def starts(record: Record, length: int) -> Codes:
     return np.asarray(kept[whole[kept]])
 
 
-def hankel(x: Array, rows: Codes, first: int, count: int) -> Array:
-    """Transposed block Hankel matrix: x_{k+first} ... x_{k+first+count-1} for k in `rows`."""
-    window = rows[:, None] + np.arange(first, first + count)
-    return np.asarray(x[window].reshape(len(rows), count * x.shape[1]))
+class Window(NamedTuple):
+    """A block of the Hankel matrix: x_{k+first} ... x_{k+first+length-1} for a window from k on."""
+
+    x: Array  # (N, m)
+    first: int
+    length: int
 
 
-def triangular(blocks: list[Array]) -> Array:
+def hankel(blocks: list[Window], rows: Codes) -> Array:
+    """Transposed block Hankel matrices beside each other, of the windows that start at `rows`."""
+    return np.hstack([
+        x[rows[:, None] + np.arange(first, first + length)].reshape(len(rows), length * x.shape[1])
+        for x, first, length in blocks
+    ])  # fmt: skip
+
+
+def triangular(blocks: list[Window], rows: Codes) -> Array:
     """R, lower triangular, of the LQ factorisation of the stacked block Hankel matrices.
 
     Raises IdentificationError when there are too few windows, or the inputs (the first block) do
     not excite every direction.
     """
-    rows, columns = len(blocks[0]), sum(block.shape[1] for block in blocks)
-    if rows < columns:
+    columns = sum(length * x.shape[1] for x, _, length in blocks)
+    if len(rows) < columns:
         raise IdentificationError(
-            f"got {rows} windows of data, expected at least {columns}: "
+            f"got {len(rows)} windows of data, expected at least {columns}: "
             f"use a longer recording, a shorter period, or smaller L and J"
         )
-    R = np.asarray(np.linalg.qr(np.hstack(blocks), mode="r"), dtype=np.float64).T
-    excitation = np.linalg.svd(R[: blocks[0].shape[1], : blocks[0].shape[1]], compute_uv=False)
+    R = triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows))).T
+    inputs = blocks[0].length * blocks[0].x.shape[1]
+    excitation = np.linalg.svd(R[:inputs, :inputs], compute_uv=False)
     if excitation[-1] < EXCITED * excitation[0]:
         raise IdentificationError(
             f"the inputs do not excite all {len(excitation)} directions of L samples: "
@@ -69,21 +82,20 @@ def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record
 
     The first J samples of every stretch are lost.
     """
-
-    def regressors(rows: Codes) -> Array:
-        past = [hankel(record.u, rows, 0, J), hankel(record.y, rows, 0, J)]
-        return np.hstack([*past, record.u[rows + J]] if feedthrough else past)
-
+    known = [Window(record.u, 0, J), Window(record.y, 0, J)]
+    known += [Window(record.u, J, 1)] if feedthrough else []
+    count = sum(one.length * one.x.shape[1] for one in known)
     rows = starts(record, J + 1)
-    chosen = regressors(rows)
-    if len(rows) <= chosen.shape[1]:
+    if len(rows) <= count:
         raise IdentificationError(
-            f"got {len(rows)} windows of {J} past samples, expected more than {chosen.shape[1]}"
+            f"got {len(rows)} windows of {J} past samples, expected more than {count}"
         )
-    coefficients = np.linalg.lstsq(chosen, record.y[rows + J], rcond=1e-12)[0]
+    both = [*known, Window(record.y, J, 1)]
+    R = triangle(hankel(both, rows[turn]) for turn in turns(len(rows)))
+    coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
     every = starts(record._replace(times=np.arange(len(record.y))), J + 1)
-    y = record.y[every + J]
-    explained = regressors(every) @ coefficients
+    parts = [hankel(known, every[turn]) @ coefficients for turn in turns(len(every))]
+    explained, y = np.vstack(parts), record.y[every + J]
     position = np.full(len(record.y), -1)
     position[every + J] = np.arange(len(every))
     times = position[record.times]

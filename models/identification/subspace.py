@@ -17,6 +17,7 @@ Di Ruscio (2009), "A bootstrap subspace identification method", Modeling, Identi
 Control 30; as used by Bargouth (2022), section 3.7. He writes D for C and E for D.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -27,13 +28,14 @@ from models.compiled import kernel
 from models.errors import ConfigurationError, IdentificationError
 from models.identification.block_hankel import (
     Record,
+    Window,
     explained_by_past,
-    hankel,
     starts,
     stretches,
     triangular,
 )
 from models.identification.predictor_gain import observer_gain, with_gain
+from models.identification.tall import triangle, turns
 from models.statespace import StateSpace, spectral_radius
 
 Variant = Literal["open", "closed"]
@@ -102,10 +104,11 @@ def _identify_open(
     """The future inputs projected away, the past as instruments; B and D by output error."""
     m = record.y.shape[1]
     rows = starts(record, J + L + 1)
-    inputs = hankel(record.u, rows, J, L + int(feedthrough))
-    past = np.hstack([hankel(record.u, rows, 0, J), hankel(record.y, rows, 0, J)])
-    R = triangular([inputs, past, hankel(record.y, rows, J, L + 1)])
-    a, b = inputs.shape[1], inputs.shape[1] + past.shape[1]
+    inputs, ahead = L + int(feedthrough), Window(record.y, J, L + 1)
+    past = [Window(record.u, 0, J), Window(record.y, 0, J)]
+    R = triangular([Window(record.u, J, inputs), *past, ahead], rows)
+    a = inputs * record.u.shape[1]
+    b = a + J * (record.u.shape[1] + m)
     A, C, values = realise(R[b:, a:b], m, order)
     observer = observer_gain(A, C)
     gain = np.zeros_like(observer) if spectral_radius(A) < 1.0 else observer
@@ -126,8 +129,8 @@ def _identify_closed(
     explained, e = explained_by_past(record, J, False)
     noise, scale = _innovation_inputs(e.y)
     rows = starts(explained, L + 1)
-    inputs = [hankel(explained.u, rows, 0, L), hankel(noise, rows, 0, L)]
-    R = triangular([*inputs, hankel(explained.y, rows, 0, L + 1)])
+    known = [Window(explained.u, 0, L), Window(noise, 0, L)]
+    R = triangular([*known, Window(explained.y, 0, L + 1)], rows)
     a = L * (r + noise.shape[1])
     A, C, values = realise(R[a:, a:], m, order)
     v = np.hstack([explained.u, noise])
@@ -171,17 +174,29 @@ def input_matrices(
     G that of a predictor. What the inputs `record.u` add through `known` is taken off before.
     """
     n, m, p = len(A), len(C), v.shape[1]
-    stretch = record.stretch - record.stretch[0]
     n_direct = m * p if direct else 0
-    phi = np.zeros((len(v), m, n * p + n_direct + n * (int(stretch[-1]) + 1)))
-    _responses(A - gain @ C, C, gain, np.ascontiguousarray(v), stretch, direct, phi)
     target = record.y - _known_part(record, A, C, gain, known)
-    rows = record.times
-    flat = np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[rows].ravel()])
-    R = np.asarray(np.linalg.qr(flat, mode="r"), dtype=np.float64)
+    R = triangle(_regressors(record, target, v, (A, C, gain), direct))
     found = _solved(R, n * p + n_direct)
     B = found[: n * p].reshape(p, n).T
     return B, found[n * p :].reshape(-1, m).T if direct else np.zeros((m, p))
+
+
+def _regressors(
+    record: Record, target: Array, v: Array, model: tuple[Array, Array, Array], direct: bool
+) -> Iterator[Array]:
+    """The columns that `input_matrices` fits, and its target beside them, some rows at a time."""
+    A, C, gain = model
+    n, m, p = len(A), len(C), v.shape[1]
+    stretch, chosen = record.stretch - record.stretch[0], np.sort(record.times)
+    v, states = np.ascontiguousarray(v), n * (int(stretch[-1]) + 1)
+    x = np.zeros((n, n * p + (m * p if direct else 0) + states))
+    for turn in turns(len(v)):
+        phi = np.zeros((len(v[turn]), m, x.shape[1]))
+        _responses(A - gain @ C, C, gain, v, stretch, direct, turn.start, x, phi)
+        among = slice(*np.searchsorted(chosen, [turn.start, turn.start + len(phi)]))
+        rows = chosen[among] - turn.start
+        yield np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[turn][rows].ravel()])
 
 
 def _solved(R: Array, count: int) -> Array:
@@ -208,13 +223,17 @@ def _known_part(record: Record, A: Array, C: Array, gain: Array, known: StateSpa
 
 @kernel
 def _responses(
-    A: Array, C: Array, G: Array, v: Array, stretch: Codes, direct: bool, phi: Array
-) -> None:
-    """d y_k / d (B, D, first states), columns of B and D by input; phi (N, m, q) is zero before."""
+    A: Array, C: Array, G: Array, v: Array, stretch: Codes, direct: bool, begin: int, x: Array,
+    phi: Array,
+) -> None:  # fmt: skip
+    """d y_k / d (B, D, first states), columns of B and D by input, for the rows k from `begin`.
+
+    phi (rows, m, q) is zero before; x (n, q) are the states' derivatives, kept from row to row.
+    """
     n, m, p, q = A.shape[0], C.shape[0], v.shape[1], phi.shape[2]
     first = n * p + (m * p if direct else 0)
-    x, following = np.zeros((n, q)), np.zeros((n, q))
-    for k in range(v.shape[0]):
+    following = np.zeros((n, q))
+    for k in range(begin, begin + phi.shape[0]):
         if k == 0 or stretch[k] != stretch[k - 1]:
             x[:] = 0.0
             for i in range(n):
@@ -222,7 +241,7 @@ def _responses(
         for i in range(m):
             for j in range(n):
                 for c in range(q):
-                    phi[k, i, c] += C[i, j] * x[j, c]
+                    phi[k - begin, i, c] += C[i, j] * x[j, c]
         following[:] = 0.0
         for i in range(n):
             for j in range(n):
@@ -232,7 +251,7 @@ def _responses(
             for i in range(n):
                 following[i, n * c + i] += v[k, c]
             for i in range(m if direct else 0):
-                phi[k, i, n * p + m * c + i] += v[k, c]
+                phi[k - begin, i, n * p + m * c + i] += v[k, c]
                 for j in range(n):
                     following[j, n * p + m * c + i] -= G[j, i] * v[k, c]
         x[:] = following

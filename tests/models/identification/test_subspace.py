@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.errors import ConfigurationError, IdentificationError
+from models.identification import tall
 from models.identification.predictor_gain import observer_gain
 from models.identification.subspace import identify_innovations, largest_gap
 from models.statespace import StateSpace
@@ -251,6 +252,34 @@ def test_a_resampled_record_gives_the_same_model_without_noise(rng: np.random.Ge
     times = np.concatenate([blocks[i] for i in rng.integers(20, size=20)])
     found = identify_innovations(y, u, 8, 10, 6, "closed", times=times)
     np.testing.assert_allclose(found.model.markov(40), truth.markov(40), atol=1e-8)
+
+
+@pytest.mark.parametrize("variant", ["open", "closed"])
+def test_a_record_in_pieces_is_the_record_at_once(
+    variant: str, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Gaps, rows that a bootstrap repeats, and pieces shorter than a window are wide."""
+    plant = random_plant(rng)
+    truth = replace(plant, K=kalman_gain(plant, np.eye(6), np.eye(3)))
+    y, u, _ = open_loop(truth, 1500, 0.3, rng)
+    stretch = np.repeat([0, 1], [600, 900])
+    times = np.concatenate([np.arange(300), np.arange(200, 1500), np.arange(700, 900)])
+    found = []
+    for together in (10**6, 97, 20):
+        monkeypatch.setattr(tall, "TOGETHER", together)
+        model = identify_innovations(
+            y,
+            u,
+            8,
+            10,
+            6,
+            variant,
+            stretch=stretch,
+            times=times,  # type: ignore[arg-type]
+        ).model
+        noise = replace(model, B=model.K, D=np.eye(3), inputs=())
+        found.append(np.concatenate([model.markov(20), noise.markov(20)]))
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
 
 
 def test_data_that_do_not_determine_a_model_are_refused(rng: np.random.Generator) -> None:
