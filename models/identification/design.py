@@ -7,6 +7,7 @@ begins with the same samples of Phi and epsilon (`Samples`).
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -38,11 +39,11 @@ class Samples:
     def __len__(self) -> int:
         return len(self.phi)
 
-    @property
+    @cached_property
     def varying(self) -> NDArray[np.int64]:
         """Indices of the terms that vary; the others cannot be told from the constant."""
-        spread = np.ptp(self.phi, axis=0)
-        return np.flatnonzero(spread > 1e-12 * np.max(np.abs(self.phi), axis=0, initial=0.0))
+        low, high = np.min(self.phi, axis=0), np.max(self.phi, axis=0)
+        return np.flatnonzero(high - low > 1e-12 * np.maximum(-low, high))
 
     @property
     def constant(self) -> int | None:

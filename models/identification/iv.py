@@ -25,6 +25,7 @@ import numpy as np
 from models import basis
 from models.basis import Array, Term
 from models.errors import ConfigurationError, IdentificationError
+from models.identification import tall
 from models.identification.design import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
 from models.identification.instruments import simulated_motion
 from models.identification.lag import thruster_of
@@ -79,11 +80,11 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
         raise IdentificationError(
             f"got {z.shape[1]} instruments for {phi.shape[1]} terms, expected at least as many"
         )
-    zq, zr = np.linalg.qr(_scaled(z))
+    zq, zr = tall.qr(_scaled(z))
     if z.shape[1] == phi.shape[1]:
         _check_rank(zr, names, "instruments")
     scale = _size(phi)
-    seen = zr if z is phi else zq.T @ (phi / scale)  # of least squares: Q'Q R = R
+    seen = zr if z is phi else (zq.T @ phi) / scale  # of least squares: Q'Q R = R
     u, s, vt = np.linalg.svd(seen, full_matrices=False)
     _check_singular(s, vt, names, "instruments")
     share = (u / s) @ vt / scale
@@ -92,7 +93,7 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
 
 
 def _size(columns: Array) -> Array:
-    size = np.sqrt(np.mean(columns**2, axis=0))
+    size = np.sqrt(np.einsum("nj,nj->j", columns, columns) / len(columns))
     return np.where(size > 0.0, size, 1.0)
 
 
@@ -274,10 +275,12 @@ class InstrumentalVariables(ResidualOptions):
         used = ~np.isin(motion.t, starts)
         terms = self.terms(problem.nominal)
         z = basis.evaluate(terms, motion.variables())
-        means = np.mean(z[used], axis=0)
+        means = np.mean(z, axis=0, where=used[:, None])
         means[[i for i, one in enumerate(terms) if one == CONSTANT]] = 0.0
         same_sign = np.maximum(np.mean(motion.nu > 0.0, axis=0), np.mean(motion.nu < 0.0, axis=0))
-        return np.where(used[:, None], z - means, 0.0), same_sign
+        z -= means
+        z[~used] = 0.0
+        return z, same_sign
 
 
 def _refuse_nonsense(model: Vessel) -> None:
@@ -338,7 +341,8 @@ def _standard_errors(solution: Solution, kind: ErrorKind) -> Array:
     n, n_terms = solution.gains.shape
     rest = solution.rest * np.sqrt(n / max(n - n_terms, 1))
     if kind == "hac":
-        variances = [hac_variance(solution.gains * column[:, None]) for column in rest.T]
+        columns = [hac_variance(solution.gains * column[:, None]) for column in rest.T]
+        variances = np.stack(columns, axis=1)
     else:
-        variances = [stationary_variance(solution.gains, column) for column in rest.T]
-    return np.sqrt(np.clip(np.stack(variances, axis=1), 0.0, None))
+        variances = stationary_variance(solution.gains, rest)
+    return np.sqrt(np.clip(variances, 0.0, None))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from models.basis import Array
 from models.errors import IdentificationError
+from models.identification import tall
 from models.identification.design import Samples
 from models.identification.uncertainty import (
     ErrorKind,
@@ -74,13 +75,15 @@ class Decomposition:
 
         The coefficients of targets are gains' targets.
         """
-        root = np.sqrt(self.weights)[:, None]
-        scaled = (root * self.u * (self.shrinkage(penalty) / self.s)) @ self.vt / self.scale
-        g = np.zeros((len(scaled), self.n_terms))
-        g[:, self.columns] = scaled
+        share = np.zeros((len(self.s), self.n_terms))
+        share[:, self.columns] = (self.shrinkage(penalty) / self.s)[:, None] * self.vt / self.scale
         if self.constant is not None:
-            g[:, self.constant] = self.weights / np.sum(self.weights) - scaled @ self.mean
-        return g
+            share[:, self.constant] = -share[:, self.columns] @ self.mean
+        g = self.u @ share
+        g *= np.sqrt(self.weights)[:, None]
+        if self.constant is not None:
+            g[:, self.constant] += self.weights / np.sum(self.weights)
+        return np.asarray(g)
 
     def _offset(self, targets: Array) -> Array:
         if self.constant is None:
@@ -97,13 +100,15 @@ def decompose(samples: Samples, weights: Array, penalised: bool = False) -> Deco
     constant, columns = samples.constant, samples.varying
     if constant is None:
         columns = np.flatnonzero(np.any(samples.phi != 0.0, axis=0))
-    x = samples.phi[:, columns]
+    x = samples.phi[:, columns]  # a copy, changed in place: it is the largest thing there is
     mean = np.zeros(len(columns))
     if constant is not None:
         mean = np.average(x, axis=0, weights=weights)
-    x = x - mean
-    scale = np.sqrt(np.average(x**2, axis=0, weights=weights))
-    u, s, vt = np.linalg.svd(np.sqrt(weights)[:, None] * (x / scale), full_matrices=False)
+    x -= mean
+    scale = np.sqrt(np.einsum("n,nj,nj->j", weights, x, x) / np.sum(weights))
+    x /= scale
+    x *= np.sqrt(weights)[:, None]
+    u, s, vt = tall.svd(x)
     if len(s) and s[-1] <= SINGULAR * s[0] and not penalised:
         names = [str(samples.terms[columns[i]]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)]
         raise IdentificationError(
@@ -115,21 +120,34 @@ def decompose(samples: Samples, weights: Array, penalised: bool = False) -> Deco
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """A fit of every degree of freedom, and the gains that its errors follow from."""
+    """A fit of every degree of freedom, and what the gains follow from that its errors need."""
 
     theta: Array  # (n_terms, n_dof)
     shared: Array  # (m,)
     rest: Array  # (N, n_dof) what the fit leaves
-    own_gains: tuple[Array, ...]  # a degree of freedom: (N, n_terms), what makes theta of epsilon
+    parts: tuple[Decomposition, ...]  # of each degree of freedom; those of equal weights are one
+    penalties: Array  # (n_dof,)
     cross: Array  # (n_dof, n_terms, m): the same of the shared columns
     shared_gains: Array  # (n_dof, N, m): what makes the shared unknowns of epsilon
     condition: Array  # (n_dof,)
     parameters: Array  # (n_dof,) effective number fitted
 
+    def own_gains(self, dof: int) -> Array:
+        """What makes theta of a degree of freedom of its epsilon, (N, n_terms)."""
+        return self.parts[dof].gains(float(self.penalties[dof]))
+
     def gains(self, source: int, dof: int) -> Array:
         """Weight of each sample's residual in `source` in theta of `dof`, (N, n_terms)."""
         indirect = -self.shared_gains[source] @ self.cross[dof].T
-        return np.asarray(self.own_gains[dof] + indirect if source == dof else indirect)
+        return np.asarray(self.own_gains(dof) + indirect if source == dof else indirect)
+
+    @property
+    def alike(self) -> list[list[int]]:
+        """Degrees of freedom with the same own gains, which are computed once for all of them."""
+        same: dict[tuple[int, float], list[int]] = {}
+        for k, part in enumerate(self.parts):
+            same.setdefault((id(part), float(self.penalties[k])), []).append(k)
+        return list(same.values())
 
 
 def fit(
@@ -155,7 +173,8 @@ def fit(
         theta=theta,
         shared=f,
         rest=y - phi @ theta - np.einsum("knm,m->nk", s, f),
-        own_gains=tuple(p.gains(ridge[k]) for k, p in enumerate(parts)),
+        parts=tuple(parts),
+        penalties=ridge,
         cross=cross,
         shared_gains=np.array([np.linalg.solve(normal, part.T).T for part in left]),
         condition=np.array([p.condition for p in parts]),
@@ -182,19 +201,34 @@ def standard_errors(fitted: LinearFit, kind: ErrorKind) -> tuple[Array, Array]:
     """
     n, n_dof = fitted.rest.shape
     rest = fitted.rest * np.sqrt(n / np.maximum(n - fitted.parameters, 1.0))
-    sources = range(n_dof)
+    own = np.zeros((fitted.theta.shape[0], n_dof))
+    if fitted.shared.size == 0:
+        for together in fitted.alike:
+            own[:, together] = _deviation(fitted.own_gains(together[0]), rest[:, together], kind)
+        return _known(own, fitted), np.zeros(0)
+    for k in range(n_dof):
+        own[:, k] = _joint_deviation([fitted.gains(j, k) for j in range(n_dof)], rest, kind)
+    return _known(own, fitted), _joint_deviation(list(fitted.shared_gains), rest, kind)
 
-    def deviation(gains: list[Array]) -> Array:
-        if kind == "hac":
-            series = [g * rest[:, [k]] for k, g in enumerate(gains)]
-            variance = hac_variance(np.sum(series, axis=0))
-        else:
-            parts = [stationary_variance(g, rest[:, k]) for k, g in enumerate(gains)]
-            variance = np.sum(parts, axis=0)
-        return np.asarray(np.sqrt(np.clip(variance, 0.0, None)))
 
-    own = [deviation([fitted.gains(source, k) for source in sources]) for k in sources]
-    return _known(np.stack(own, axis=1), fitted), deviation(list(fitted.shared_gains))
+def _deviation(gain: Array, rest: Array, kind: ErrorKind) -> Array:
+    """Standard deviation (P, K) of sum_i g_i e_i, for gains (N, P) and each residual of (N, K)."""
+    if kind == "hac":
+        variance = np.stack([hac_variance(gain * one[:, None]) for one in rest.T], axis=1)
+    else:
+        variance = stationary_variance(gain, rest)
+    return np.sqrt(np.clip(variance, 0.0, None))
+
+
+def _joint_deviation(gains: list[Array], rest: Array, kind: ErrorKind) -> Array:
+    """The same of the sum over the degrees of freedom, each with its gains; shape (P,)."""
+    if kind == "hac":
+        series = [g * rest[:, [k]] for k, g in enumerate(gains)]
+        variance = hac_variance(np.sum(series, axis=0))
+    else:
+        parts = [stationary_variance(g, rest[:, k]) for k, g in enumerate(gains)]
+        variance = np.asarray(np.sum(parts, axis=0))
+    return np.sqrt(np.clip(variance, 0.0, None))
 
 
 def bootstrap_errors(
@@ -202,10 +236,11 @@ def bootstrap_errors(
 ) -> tuple[Array, Array]:
     """The same by drawing blocks of residuals again; the fit is linear in them."""
     n_terms, n_dof = fitted.theta.shape
+    gains = {k: fitted.own_gains(same[0]) for same in fitted.alike for k in same}
 
     def refit(rest: Array) -> Array:
         f = np.einsum("knm,nk->m", fitted.shared_gains, rest)
-        own = [g.T @ rest[:, k] - fitted.cross[k] @ f for k, g in enumerate(fitted.own_gains)]
+        own = [gains[k].T @ rest[:, k] - fitted.cross[k] @ f for k in range(n_dof)]
         return np.concatenate([*own, f])
 
     errors = block_bootstrap(refit, fitted.rest, length, replicates, rng)
@@ -214,5 +249,9 @@ def bootstrap_errors(
 
 
 def _known(errors: Array, fitted: LinearFit) -> Array:
-    varies = np.any(fitted.own_gains[0], axis=0)
+    part = fitted.parts[0]
+    varies = np.zeros(part.n_terms, dtype=bool)
+    varies[part.columns] = True
+    if part.constant is not None:
+        varies[part.constant] = True
     return np.where(varies[:, None], errors, np.nan)

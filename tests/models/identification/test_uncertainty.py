@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
+from models import basis
+from models.identification import uncertainty
+from models.identification.design import Samples
+from models.identification.linear import fit, standard_errors
 from models.identification.uncertainty import (
     autocovariances,
+    bandwidth,
+    bartlett_weights,
     block_bootstrap,
     hac_variance,
     residual_blocks,
@@ -122,3 +128,58 @@ def test_the_textbook_error_would_be_too_small(lap, identifier) -> None:
     textbook = np.std(rest, axis=0) * np.sqrt(np.diag(covariance)[rows]) / truth
     assert np.all(reported.mean(axis=0) > 2.0 * textbook)
     assert np.all(np.std(error, axis=0, ddof=1) > 1.5 * textbook)
+
+
+@pytest.mark.parametrize("lags", [1, 7, 40, 300, 3000])
+def test_few_lags_are_the_first_of_all(lags: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of the record with what their samples meet: the sums of products all the same."""
+    monkeypatch.setattr(uncertainty, "PIECE", 64)
+    x = np.random.default_rng(0).standard_normal((1000, 2))
+    x[:, 1] = np.cumsum(x[:, 1])
+    whole = autocovariances(x)
+    found = autocovariances(x, lags)
+    assert len(found) == min(lags, 1000)
+    np.testing.assert_allclose(found, whole[:lags], rtol=1e-9, atol=1e-9 * np.max(whole))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.9, -0.5])
+def test_variances_are_the_formulas_over_all_lags(rho: float) -> None:
+    """Weights end at the bandwidth: the lags beyond, which are not computed, have none."""
+    rng, n = np.random.default_rng(1), 3000
+    e = np.column_stack([autoregression(rng, n, rho), autoregression(rng, n, 0.5)])
+    gain = rng.standard_normal((n, 3))
+    widths = bandwidth(autocovariances(e, 2), n)
+    lags = np.arange(n)[:, None]
+    weights = np.clip(1.0 - lags / (widths + 1.0), 0.0, None) * np.where(lags > 0, 2.0, 1.0)
+    expected = np.array(
+        [np.sum(weights * autocovariances(e) * autocovariances(g[:, None]), axis=0) for g in gain.T]
+    )
+    np.testing.assert_allclose(stationary_variance(gain, e), expected / n, rtol=1e-9)
+    np.testing.assert_allclose(stationary_variance(gain, e[:, 0]), expected[:, 0] / n, rtol=1e-9)
+    centred = gain - np.mean(gain, axis=0)
+    every = autocovariances(centred)
+    weights = bartlett_weights(bandwidth(every, n), n)
+    np.testing.assert_allclose(hac_variance(gain), np.sum(weights * every, axis=0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["stationary", "hac"])
+@pytest.mark.parametrize("penalty", [0.0, 3.0])
+def test_axes_that_share_nothing_have_the_errors_of_each_alone(kind, penalty) -> None:
+    """Sources that do not reach a degree of freedom are left out of its sum."""
+    rng, n = np.random.default_rng(2), 400
+    phi = np.column_stack([np.ones(n), rng.standard_normal((n, 3)), np.zeros(n)])
+    terms = basis.terms(["1", "u", "v", "r", "uv"])
+    epsilon = rng.standard_normal((n, 2))
+    samples = Samples(terms, phi, epsilon, epsilon, np.zeros((n, 2)), 0.1)
+    fitted = fit(samples, np.ones((n, 2)), np.array([penalty, 2.0 * penalty]))
+    errors, _ = standard_errors(fitted, kind)
+    rest = fitted.rest * np.sqrt(n / (n - fitted.parameters))
+    for k in range(2):
+        gains = [fitted.gains(j, k) for j in range(2)]
+        assert not np.any(gains[1 - k])
+        if kind == "hac":
+            expected = hac_variance(sum(g * rest[:, [j]] for j, g in enumerate(gains)))
+        else:
+            expected = sum(stationary_variance(g, rest[:, j]) for j, g in enumerate(gains))
+        np.testing.assert_allclose(errors[:4, k], np.sqrt(expected[:4]), rtol=1e-9)
+    assert np.all(np.isnan(errors[4]))
