@@ -202,10 +202,13 @@ def columns(samples: Samples) -> Columns:
     """Standardised columns of the samples, which have the constant among their terms."""
     assert samples.constant is not None
     terms = samples.varying
-    xy = np.hstack([samples.phi[:, terms], samples.epsilon])
-    mean, scale = np.mean(xy, axis=0), np.std(xy, axis=0)
+    z = np.hstack([np.ones((len(samples), 1)), samples.phi[:, terms], samples.epsilon])
+    xy = z[:, 1:]  # changed in place: it is the largest thing there is
+    mean = np.mean(xy, axis=0)
+    xy -= mean
+    scale = np.sqrt(np.einsum("nj,nj->j", xy, xy) / len(xy))
     scale = np.where(scale > 0.0, scale, 1.0)
-    z = np.hstack([np.ones((len(xy), 1)), (xy - mean) / scale])
+    xy /= scale
     beta = np.array([float(samples.terms[i].order) for i in terms])
     return Columns(z, len(samples.terms), samples.constant, terms, beta, mean, scale)
 

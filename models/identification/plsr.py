@@ -27,7 +27,6 @@ from models.identification.selection import (
     Selection,
     check_folds,
     left_out_mse,
-    part,
     split,
 )
 from models.identification.uncertainty import block_bootstrap, check_bootstrap
@@ -106,21 +105,19 @@ class Plsr(PartialLeastSquares):
         z = columns(samples)
         held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
         splits = split(self.selection, z.x, held_out, self.folds, rng)
-        whole = part(z.x, np.arange(len(samples)))
 
-        def order_mse(outputs: Array) -> Array:
+        def order_mse(moments: list[Array]) -> Array:
             return left_out_mse(
-                splits.pairs(outputs), lambda kept, left: mean_squares(left, self.fit(kept, z))
+                splits.pairs(moments), lambda kept, left: mean_squares(left, self.fit(kept, z))
             )
 
         def theta(outputs: Array) -> Array:
-            every, chosen = (
-                self.fit(whole.moment(outputs), z),
-                np.argmin(order_mse(outputs), axis=0),
-            )
+            moments = splits.moments(outputs)
+            every = self.fit(np.asarray(sum(moments)), z)
+            chosen = np.argmin(order_mse(moments), axis=0)
             return np.stack([every[a, :, k] for k, a in enumerate(chosen)], axis=1)
 
-        mse = order_mse(z.y) * z.y_scale**2
+        mse = order_mse(splits.moments(z.y)) * z.y_scale**2
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta(z.y)))
         errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
         findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)

@@ -46,7 +46,7 @@ def folds(selection: Selection, n: int, count: int, rng: np.random.Generator) ->
 class Part(NamedTuple):
     """Some of the samples: their rows, regressors with the constant, and X'X."""
 
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int64] | slice
     x: Array
     xx: Array
 
@@ -57,8 +57,8 @@ class Part(NamedTuple):
         return np.block([[self.xx, xy], [xy.T, y.T @ y]])
 
 
-def part(x: Array, rows: NDArray[np.int64]) -> Part:
-    """The samples of some rows."""
+def part(x: Array, rows: NDArray[np.int64] | slice) -> Part:
+    """The samples of some rows; those of a slice are not copied."""
     return Part(rows, x[rows], x[rows].T @ x[rows])
 
 
@@ -66,19 +66,26 @@ def part(x: Array, rows: NDArray[np.int64]) -> Part:
 class Splits:
     """What is trained on and what is left out, for any outputs on the same regressors.
 
-    `held_out` is Z'Z of the validation part, which only `test` looks at.
+    The parts have no sample in common and are all there is, so that the moments of a training
+    part, and of the whole, are sums of theirs. `folds` are (trained on, left out), numbers of
+    parts. `held_out` is Z'Z of the validation part, which only `test` looks at.
     """
 
-    kept: tuple[Part, ...]
-    left: tuple[Part, ...]
+    parts: tuple[Part, ...]
+    folds: tuple[tuple[tuple[int, ...], int], ...]
     held_out: Array | None
 
-    def pairs(self, outputs: Array) -> list[Pair]:
+    def moments(self, outputs: Array) -> list[Array]:
+        """Z'Z of every part."""
+        return [one.moment(outputs) for one in self.parts]
+
+    def pairs(self, moments: list[Array]) -> list[Pair]:
         """Moments of the training part and of what is left out, of every fold."""
-        kept = [one.moment(outputs) for one in self.kept]
         if self.held_out is not None:
-            return [(kept[0], self.held_out)]
-        return list(zip(kept, (one.moment(outputs) for one in self.left), strict=True))
+            return [(moments[0], self.held_out)]
+        return [
+            (np.asarray(sum(moments[i] for i in used)), moments[left]) for used, left in self.folds
+        ]
 
 
 def split(
@@ -87,10 +94,21 @@ def split(
     """Splits of regressors x (N, 1 + J); `held_out` is Z of the validation part, for `test`."""
     if selection == "test":
         assert held_out is not None
-        return Splits((part(x, np.arange(len(x))),), (), held_out.T @ held_out)
-    both = folds(selection, len(x), count, rng)
-    kept, left = (tuple(part(x, fold[i]) for fold in both) for i in (0, 1))
-    return Splits(kept, left, None)
+        return Splits((part(x, slice(None)),), (), held_out.T @ held_out)
+    left = [part(x, _run(rows)) for _, rows in folds(selection, len(x), count, rng)]
+    if selection != "rolling":
+        others = [tuple(k for k in range(len(left)) if k != fold) for fold in range(len(left))]
+        return Splits(tuple(left), tuple((used, k) for k, used in enumerate(others)), None)
+    first = part(x, slice(0, len(x) - sum(len(one.x) for one in left)))
+    before = tuple((tuple(range(k)), k) for k in range(1, len(left) + 1))
+    return Splits((first, *left), before, None)
+
+
+def _run(rows: NDArray[np.int64]) -> NDArray[np.int64] | slice:
+    """Rows that follow each other as a slice, which copies nothing."""
+    if rows[-1] - rows[0] == len(rows) - 1 and np.all(np.diff(rows) == 1):
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
 
 
 def left_out_mse(pairs: list[Pair], score: Callable[[Array, Array], Array]) -> Array:

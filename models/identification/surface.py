@@ -192,9 +192,11 @@ class SurfacePlsr(PartialLeastSquares):
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
-        pairs = split(self.validation, z.x, held_out, self.folds, rng).pairs(z.y)
-        whole = part(z.x, np.arange(len(samples)))
-        moment = whole.moment(z.y)
+        whole, splits = (
+            part(z.x, slice(None)),
+            split(self.validation, z.x, held_out, self.folds, rng),
+        )
+        moment, pairs = whole.moment(z.y), splits.pairs(splits.moments(z.y))
         stages: list[list[Choice]] = []
         for stage in range(self.stages):
             stages.append(self.stage(moment, z, pairs, stages))

@@ -5,7 +5,7 @@ import pytest
 from sklearn.model_selection import KFold
 
 from models.errors import IdentificationError
-from models.identification.selection import folds, left_out_mse, split
+from models.identification.selection import Selection, folds, left_out_mse, split
 
 
 @pytest.mark.parametrize("selection", ["blocked", "kfold"])
@@ -29,15 +29,22 @@ def test_rolling_origin_never_looks_ahead() -> None:
         assert kept.max() < left.min()
 
 
-def test_pairs_are_moments_of_the_folds() -> None:
+@pytest.mark.parametrize("selection", ["blocked", "rolling", "kfold"])
+def test_pairs_are_moments_of_the_folds(selection: Selection) -> None:
+    """Sums of the parts' moments are those of the rows themselves."""
     rng = np.random.default_rng(0)
-    z = np.column_stack([np.ones(60), rng.standard_normal((60, 4))])
-    pairs = split("blocked", z[:, :3], None, 3, rng).pairs(z[:, 3:])
-    for (kept, left), (used, out) in zip(pairs, folds("blocked", 60, 3, rng), strict=True):
+    z = np.column_stack([np.ones(61), rng.standard_normal((61, 4))])
+    splits = split(selection, z[:, :3], None, 3, np.random.default_rng(1))
+    moments = splits.moments(z[:, 3:])
+    np.testing.assert_allclose(sum(moments), z.T @ z)
+    pairs = splits.pairs(moments)
+    rows = folds(selection, 61, 3, np.random.default_rng(1))
+    for (kept, left), (used, out) in zip(pairs, rows, strict=True):
         np.testing.assert_allclose(kept, z[used].T @ z[used])
         np.testing.assert_allclose(left, z[out].T @ z[out])
     sizes = left_out_mse(pairs, lambda _, left: left[0, :1])
-    assert sizes == pytest.approx(20.0)
+    lengths = np.array([len(out) for _, out in rows])
+    assert sizes == pytest.approx(np.sum(lengths**2) / np.sum(lengths))
 
 
 def test_too_few_samples_are_refused() -> None:
