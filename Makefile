@@ -37,7 +37,7 @@ help:
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make check   ruff and mypy --strict'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
-	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json and the README'
+	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, the README, docs/growth.svg'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 demo: $(VENV)/demo.stamp
@@ -79,6 +79,7 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python -m pytest tests/benchmarks -o python_files='bench_*.py' -m '' -W default \
 	    --timeout 3600 --benchmark-json results/bench.json
 	$(BIN)/python docs/refresh.py docs.benchmarks
+	$(BIN)/python -m docs.growth
 
 test: $(VENV)/test.stamp
 	$(PYTEST)
