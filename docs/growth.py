@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from docs.benchmarks import BENCH, read
 from runner.compare.plots import style
@@ -72,16 +73,27 @@ def draw(axes: Axes, panel: Panel) -> None:
     axes.set_title(panel.title, loc="left")
     axes.set_xlabel(next(iter(panel.curves.values())).get("of") or "size")
     axes.set_ylabel(QUANTITIES[panel.quantity])
+    if panel.quantity == "megabytes":
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        axes.yaxis.set_minor_locator(NullLocator())
     axes.legend(
-        loc="upper left", bbox_to_anchor=(0.0, -0.24), ncols=2, title=LEGENDS[panel.quantity],
-        borderaxespad=0.0, alignment="left", handletextpad=0.2, columnspacing=1.0, title_fontsize=9,
+        loc="upper left", bbox_to_anchor=(-0.2, -0.24), ncols=columns_of(panel),
+        title=LEGENDS[panel.quantity], borderaxespad=0.0, alignment="left", handletextpad=0.2,
+        columnspacing=1.0, title_fontsize=9,
     )  # fmt: skip
+
+
+def columns_of(panel: Panel) -> int:
+    """Of the legend: two where they find room beside each other."""
+    longest = max(len(name) for name in panel.curves) + len(": 1.00") + 5
+    return 2 if 2 * longest <= PANEL[0] * style.LETTERS_PER_INCH else 1
 
 
 def drawing(name: str, found: list[Panel], columns: int) -> style.Drawing:
     """All panels; a row of them is as high as its longest legend asks for."""
     groups = [found[i : i + columns] for i in range(0, len(found), columns)]
-    lines = [max((len(one.curves) + 1) // 2 + 1 for one in group) for group in groups]
+    lines = [max(-(-len(one.curves) // columns_of(one)) + 1 for one in group) for group in groups]
     heights = [PANEL[1] + LEGEND_LINE * count for count in lines]
     made = style.figure(columns * PANEL[0], sum(heights))
     grid = made.subplots(len(groups), columns, squeeze=False, height_ratios=heights)

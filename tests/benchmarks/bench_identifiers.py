@@ -27,15 +27,15 @@ IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ridge": ("ridge", ()),
     "iv": ("iv", ()),
     "plsr": ("plsr", ()),
-    "plsr, no bootstrap": ("plsr", ("identifier.bootstrap=null",)),
+    "plsr, no errors": ("plsr", ("identifier.bootstrap=null",)),
     "surface_plsr": ("surface_plsr", ()),
     "dsr": ("dsr", ("identifier.bootstrap=null", "identifier.force=filtered")),
-    "dsr, bootstrap": ("dsr", ("identifier.force=filtered",)),
+    "dsr with errors": ("dsr", ("identifier.force=filtered",)),
     "auto": ("auto", ()),
     "least_squares": ("least_squares", ()),
     "nsga2": ("nsga2", ()),
 }
-ALL = ("ls", "ridge", "iv", "plsr", "plsr, no bootstrap", "dsr")  # to the last size, however long
+ALL = ("ls", "ridge", "iv", "plsr", "plsr, no errors", "dsr")  # to the last size, however long
 
 
 def child(file: Path, name: str, overrides: tuple[str, ...]) -> dict[str, Any]:
@@ -96,5 +96,5 @@ def test_identifiers(stated: Any, tmp_path_factory: pytest.TempPathFactory) -> N
         lambda: {label: curve(label, files) for label in IDENTIFIERS},
         item="7b", what="identification",
         note="memory is the peak of the whole process, about 225 MB before it reads anything; dsr "
-        "on the filtered force, without its bootstrap unless said",
+        "on the filtered force; errors are standard errors by bootstrap",
     )  # fmt: skip
