@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import butter, savgol_filter, sosfiltfilt
 
 from models.basis import Array
 from models.errors import ConfigurationError, RecordingError
@@ -128,6 +127,8 @@ class Differentiation:
                 f"excitation.differentiation.window_s must span more than {self.polynomial} and at "
                 f"most {len(values)} samples of {period_s:g} s, got {self.window_s:g}"
             )
+        from scipy.signal import savgol_filter  # slow to import
+
         return np.asarray(
             savgol_filter(values, length, self.polynomial, deriv=1, delta=period_s, axis=0)
         )
@@ -141,6 +142,8 @@ class Differentiation:
             )
         if len(values) < 6 * (self.order + 1):
             raise RecordingError(f"got {len(values)} samples, too few for a low-pass")
+        from scipy.signal import butter, sosfiltfilt  # slow to import
+
         sections = butter(self.order, self.cutoff_hz / nyquist, output="sos")
         return np.asarray(sosfiltfilt(sections, values, axis=0))
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from models.basis import DOFS, Array
 from models.preprocessing import central_difference
@@ -60,6 +59,8 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     Exact for surge-sway-yaw, for all six, and for axes without angles; what another set does not
     hold (a heave velocity that pitch would turn forward) is taken as zero.
     """
+    from scipy.integrate import cumulative_trapezoid  # slow to import
+
     turning = pose_jacobian(attitude_of(recording.dofs, recording.eta))
     index = [DOFS.index(dof) for dof in recording.dofs]
     turning = turning[:, index][:, :, index]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from models import basis
 from models.basis import Array
@@ -119,6 +118,8 @@ class Recording:
         drop = round(drop_s / self.period_s)
         if len(self) < 2 * drop + 30:
             raise RecordingError(f"got {len(self)} samples, too few for a low-pass")
+        from scipy.signal import butter, sosfiltfilt  # slow to import
+
         sections = butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos")
 
         def smooth(values: Array) -> Array:

@@ -54,7 +54,11 @@ class Part(NamedTuple):
         """Z'Z of Z = [X, Y] for outputs of all samples (N, K)."""
         y = outputs[self.rows]
         xy = self.x.T @ y
-        return np.block([[self.xx, xy], [xy.T, y.T @ y]])
+        n, k = xy.shape
+        moment = np.empty((n + k, n + k))  # np.block takes longer than the products
+        moment[:n, :n], moment[:n, n:] = self.xx, xy
+        moment[n:, :n], moment[n:, n:] = xy.T, y.T @ y
+        return moment
 
 
 def part(x: Array, rows: NDArray[np.int64] | slice) -> Part:

@@ -11,6 +11,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from models.errors import LogbookError
 from runner.database.records import Series, SeriesFile
 
@@ -56,11 +59,25 @@ def _write_one(results_dir: Path, run_id: int, series: Series) -> SeriesFile:
     )
 
 
+def _array(column: NDArray[Any]) -> Any:
+    """A column for pyarrow, not copied where it holds floats.
+
+    `pyarrow.array` would import pandas, where that is installed, to see whether it is one of its.
+    """
+    import pyarrow as pa
+
+    if column.dtype != np.float64:
+        return pa.array(column)
+    return pa.Array.from_buffers(
+        pa.float64(), len(column), [None, pa.py_buffer(np.ascontiguousarray(column))]
+    )
+
+
 def _parquet(series: Series) -> memoryview:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    arrays = [pa.array(column) for column in series.columns.values()]
+    arrays = [_array(column) for column in series.columns.values()]
     fields = [
         pa.field(name, array.type, metadata={"unit": series.units[name]})
         for name, array in zip(series.columns, arrays, strict=True)
