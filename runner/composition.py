@@ -2,18 +2,23 @@
 
 Composing takes a tenth of a second a job. Jobs that choose the same options from the groups and
 differ in values only (replicates over seeds, grids of parameters) share one composed
-configuration, in which their values are set as Hydra itself sets them.
+configuration, in which their values are set as Hydra itself sets them: when the sweep is planned,
+and when a launcher runs its jobs, here or in workers.
 """
 
 import re
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any
+from uuid import uuid4
 
+from hydra._internal.config_loader_impl import ConfigLoaderImpl, get_overrides_dirname
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from omegaconf import DictConfig, OmegaConf
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from runner.config import GROUPS
@@ -40,59 +45,117 @@ def _name(group: str, choices: Any, overrides: list[str]) -> str:
     return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
 
 
+class SharingLoader(ConfigLoaderImpl):
+    """Hydra's loader, but jobs of one sweep that choose the same options share what is composed.
+
+    A copy of it in a worker shares with the copies that came with the worker's other jobs.
+    """
+
+    KEPT = 64  # composed configurations; a sweep that chooses more goes through them in order
+    _shared: dict[str, dict[tuple[str, ...], DictConfig]] = {}  # noqa: RUF012 - of the last sweep
+
+    def __init__(self, loader: ConfigLoader) -> None:
+        super().__init__(loader.get_search_path())
+        self._sweep = uuid4().hex
+        self._is_group: dict[str, bool] = {}
+
+    def load_sweep_config(
+        self, master_config: DictConfig, sweep_overrides: list[str]
+    ) -> DictConfig:
+        """The whole configuration of a job, as Hydra composes it."""
+        parsed = OverridesParser.create(config_loader=self).parse_overrides(sweep_overrides)
+        split = self.split(parsed)
+        if split is None:
+            return super().load_sweep_config(master_config, sweep_overrides)
+        choices, values = split
+        config = deepcopy(self.base(master_config, choices))
+        try:
+            self._apply_overrides_to_config(values, config)
+        except HydraException:  # Hydra says it in its own words
+            return super().load_sweep_config(master_config, sweep_overrides)
+        hydra, own = config.hydra, [one for one in parsed if not one.is_hydra_override()]
+        with open_dict(hydra), read_write(hydra):
+            hydra.overrides.task = [one.input_line for one in own]
+            hydra.job.override_dirname = get_overrides_dirname(
+                own, **{name: hydra.job.config.override_dirname[name] for name in _DIRNAME}
+            )
+        OmegaConf.copy_cache(from_config=master_config, to_config=config)
+        return config
+
+    def split(self, job: Sequence[Override]) -> tuple[list[str], list[Override]] | None:
+        """What a job chooses, and the values it sets; None where these cannot be told apart."""
+        choices: list[str] = []
+        values: list[Override] = []
+        for override in job:
+            if not _plain(override):  # + and ~ may depend on what stands before them
+                return None
+            if override.is_hydra_override() or self._chooses(override.key_or_group):
+                choices.append(str(override.input_line))
+            else:
+                values.append(override)
+        return choices, values
+
+    def base(self, master: DictConfig, choices: list[str]) -> DictConfig:
+        """What the choices alone compose to; not to be changed."""
+        if self._sweep not in self._shared:
+            self._shared.clear()
+        composed = self._shared.setdefault(self._sweep, {})
+        key = tuple(choices)
+        if key not in composed:
+            if len(composed) >= self.KEPT:
+                del composed[next(iter(composed))]
+            composed[key] = super().load_sweep_config(master, choices)
+        return composed[key]
+
+    def _chooses(self, key: str) -> bool:
+        if key not in self._is_group:
+            self._is_group[key] = bool(self.get_group_options(key))
+        return self._is_group[key]
+
+
+_DIRNAME = ("kv_sep", "item_sep", "exclude_keys")
+
+
+def _plain(override: Override) -> bool:
+    special = override.is_add() or override.is_force_add() or override.is_delete()
+    return not special and override.package is None
+
+
 class Composer:
     """Composes the jobs of one sweep; `master` is the sweep's own configuration."""
 
-    def __init__(self, loader: ConfigLoader, master: DictConfig) -> None:
+    def __init__(self, loader: SharingLoader, master: DictConfig) -> None:
         self._loader = loader
         self._master = master
         self._parser = OverridesParser.create(config_loader=loader)
-        self._composed: dict[tuple[str, ...], tuple[DictConfig, DictConfig]] = {}
-        self._is_group: dict[str, bool] = {}
+        self._choices: list[str] | None = None
+        self._config = self._task = master
 
     def order(self, job: list[str]) -> Order:
         """The order of one job; errors of Hydra and OmegaConf where it cannot be composed."""
-        choices, values = [], []
-        for text, override in zip(job, self._parser.parse_overrides(job), strict=True):
-            if self._plain(override) and not self._group(override.key_or_group):
-                values.append(override)
-            else:
-                choices.append(text)
-                if not self._plain(override):  # + and ~ may depend on what stands before them
-                    return self._whole(job)
-        task, config = self._base(choices)
-        HydraConfig.instance().set_config(config)
-        task = deepcopy(task)
+        split = self._loader.split(self._parser.parse_overrides(job))
+        if split is None:
+            return self._whole(job)
+        choices, values = split
+        if choices != self._choices:  # the next jobs often choose the same
+            self._choices, self._config = choices, self._loader.base(self._master, choices)
+            self._task = _task_of(self._config)
+            HydraConfig.instance().set_config(self._config.copy())
+        task = deepcopy(self._task)
         try:
             for override in values:
                 OmegaConf.update(task, override.key_or_group, override.value(), merge=True)
         except OmegaConfBaseException:
             return self._whole(job)  # Hydra says it in its own words
-        return order_of(task, config.hydra, job)
+        return order_of(task, self._config.hydra, job)
 
     def _whole(self, job: list[str]) -> Order:
-        task, config = self._compose(job)
+        self._choices = None
+        config = self._loader.load_sweep_config(self._master, job)
         HydraConfig.instance().set_config(config)
-        return order_of(task, config.hydra, job)
+        return order_of(_task_of(config), config.hydra, job)
 
-    def _base(self, choices: list[str]) -> tuple[DictConfig, DictConfig]:
-        key = tuple(choices)
-        if key not in self._composed:
-            self._composed[key] = self._compose(choices)
-        return self._composed[key]
 
-    def _compose(self, overrides: list[str]) -> tuple[DictConfig, DictConfig]:
-        """The task's part of a configuration, and the whole of it."""
-        config = self._loader.load_sweep_config(self._master, overrides)
-        names = [str(key) for key in config if key != "hydra"]
-        return OmegaConf.masked_copy(config, names), config
-
-    @staticmethod
-    def _plain(override: Override) -> bool:
-        special = override.is_add() or override.is_force_add() or override.is_delete()
-        return not special and override.package is None
-
-    def _group(self, key: str) -> bool:
-        if key not in self._is_group:
-            self._is_group[key] = bool(self._loader.get_group_options(key))
-        return self._is_group[key]
+def _task_of(config: DictConfig) -> DictConfig:
+    """A copy of the task's part of a configuration."""
+    return OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])

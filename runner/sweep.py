@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from models.errors import ConfigurationError, SeatrialError
 from runner import progress, report
 from runner.complaints import EXPECTED, one_line
-from runner.composition import Composer, order_of
+from runner.composition import Composer, SharingLoader, order_of
 from runner.config import Trial, build_trial
 from runner.job import Order, Outcome, perform, prepare, shown
 from runner.launching import Launched, check, launch
@@ -110,16 +110,17 @@ class SeatrialSweeper(Sweeper):
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
     ) -> None:
         """Take what Hydra hands over; the launcher is made when there is something to launch."""
-        self._context = hydra_context
+        self._loader = SharingLoader(hydra_context.config_loader)
+        self._context = HydraContext(self._loader, hydra_context.callbacks)
         self._config = config
         self.session: Any = task_function
 
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
         self.session.started = True
-        parser = OverridesParser.create(config_loader=self._context.config_loader)
+        parser = OverridesParser.create(config_loader=self._loader)
         jobs = jobs_of(parser, self.params, self.variants, arguments)
-        composer = Composer(self._context.config_loader, self._config)
+        composer = Composer(self._loader, self._config)
         plans = [_planned(composer, job) for job in jobs]
         if any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(report.dry_run(listed(plans))))

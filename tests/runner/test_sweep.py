@@ -1,16 +1,20 @@
 """Sweeps: checked as a whole, run once, resumed, summed up."""
 
+import pickle
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf.errors import ReadonlyConfigError
 
 from runner.complaints import CONF
-from runner.composition import Composer, order_of
+from runner.composition import Composer, SharingLoader, order_of
 from runner.database import Logbook
 from runner.database.records import RunSummary
 from tests.runner.command import Command
@@ -201,15 +205,58 @@ JOBS = [
 
 
 @pytest.fixture
-def composer() -> Any:
+def loader() -> Any:
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        loader = GlobalHydra.instance().config_loader()
-        master = loader.load_configuration("trial", [], run_mode=RunMode.MULTIRUN)
-        yield Composer(loader, master)
+        yield GlobalHydra.instance().config_loader()
+
+
+@pytest.fixture
+def master(loader: Any) -> DictConfig:
+    config: DictConfig = loader.load_configuration("trial", [], run_mode=RunMode.MULTIRUN)
+    return config
+
+
+@pytest.mark.parametrize("job", [*JOBS, ["hydra.job.name=x", "seed=1"]], ids=" ".join)
+def test_what_is_shared_is_what_hydra_composes(
+    job: list[str], loader: Any, master: DictConfig
+) -> None:
+    sharing = SharingLoader(loader)
+    slow = loader.load_sweep_config(master, job)
+    HydraConfig.instance().set_config(slow)
+    for sharer in (sharing, sharing, pickle.loads(pickle.dumps(sharing))):  # as in a worker
+        fast = sharer.load_sweep_config(master, job)
+        assert OmegaConf.to_yaml(fast) == OmegaConf.to_yaml(slow)
+        assert OmegaConf.is_struct(fast)
+        with open_dict(fast):  # as launchers do
+            fast.hydra.job.num = 7
+        HydraConfig.instance().set_config(fast)
+        with pytest.raises(ReadonlyConfigError):
+            fast.hydra.job.num = 8
+
+
+def test_a_job_composes_nothing_that_another_has_chosen(
+    loader: Any, master: DictConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    composed = []
+    compose_all = ConfigLoaderImpl.load_sweep_config
+
+    def counted(self: Any, master: DictConfig, overrides: list[str]) -> DictConfig:
+        composed.append(overrides)
+        return compose_all(self, master, overrides)
+
+    monkeypatch.setattr(ConfigLoaderImpl, "load_sweep_config", counted)
+    sharing = SharingLoader(loader)
+    for seed in range(5):
+        for name in ("ls", "plsr"):
+            copied = pickle.loads(pickle.dumps(sharing))  # a worker gets one with every job
+            config = copied.load_sweep_config(master, [f"identifier={name}", f"seed={seed}"])
+            assert config.seed == seed
+    assert composed == [["identifier=ls"], ["identifier=plsr"]]
 
 
 @pytest.mark.parametrize("job", JOBS, ids=" ".join)
-def test_composing_fast_is_composing_right(job: list[str], composer: Composer) -> None:
+def test_composing_fast_is_composing_right(job: list[str], loader: Any, master: DictConfig) -> None:
+    composer = Composer(SharingLoader(loader), master)
     for _ in range(2):  # the second time from what the first has kept
         fast = composer.order(job)
     whole = compose("trial", job, return_hydra_config=True)
