@@ -29,6 +29,8 @@ POOL_LOST = (
 # Read by the libraries when a worker starts; a trial uses one thread.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 WAIT_S = 0.5
+# submitit starts a process a job at once; basic keeps the configurations of all jobs it was given.
+AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
 ONE_BY_ONE = ("submitit", "ray")  # packages whose errors concern one job, not its neighbours
 
 
@@ -71,7 +73,7 @@ def launch(
         from runner.slurm import watch_the_queue
 
         watch_the_queue()
-    size = size or (os.cpu_count() if choice == "submitit_local" else None) or len(plans)
+    size = size or AT_ONCE.get(choice) or len(plans)
     with _single_threaded_workers():
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
