@@ -90,17 +90,19 @@ def _insert(
     connection: Connection, start: RunStart, sweep_id: int | None, attempt: int
 ) -> Begun | None:
     """The new run, or None where another process came first."""
-    statement = _insert_unless_there(connection, Run, _row(start, sweep_id, attempt))
-    run_id = connection.execute(statement.returning(Run.id)).scalar()
+    statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
+    row = _row(start, sweep_id, attempt)
+    run_id = connection.execute(statement.returning(Run.id), row).scalar()
     return Begun(run_id, "new") if run_id is not None else None
 
 
-def _insert_unless_there(connection: Connection, table: type[Base], row: dict[str, Any]) -> Any:
+def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
+    """A statement to be executed with a row, which is not in it: then it is compiled once."""
     if connection.dialect.name == "sqlite":
-        return sqlite.insert(table).values(row).on_conflict_do_nothing()
+        return sqlite.insert(table).on_conflict_do_nothing()
     from sqlalchemy.dialects import postgresql  # seldom needed
 
-    return postgresql.insert(table).values(row).on_conflict_do_nothing()
+    return postgresql.insert(table).on_conflict_do_nothing()
 
 
 def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
@@ -121,7 +123,6 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         "host": socket.gethostname(),
         "pid": pid,
         "started_at": datetime.now(UTC),
-        "heartbeat_at": database_now(),
         "process": identity(pid),
     }
 
@@ -140,4 +141,4 @@ def clean(value: Any) -> Any:
 
 def _note_reuse(connection: Connection, sweep_id: int, run_id: int) -> None:
     row = {"sweep_id": sweep_id, "run_id": run_id}
-    connection.execute(_insert_unless_there(connection, Reuse, row))
+    connection.execute(_insert_unless_there(connection, Reuse), row)

@@ -184,11 +184,8 @@ class Logbook(Reader):
         return time.monotonic() - began if began is not None else None
 
     def _end(self, connection: Connection, run_id: int, ending: dict[str, Any]) -> None:
-        ended = connection.execute(
-            update(tables.Run)
-            .where(tables.Run.id == run_id, tables.Run.status == "running")
-            .values(ending)
-        )
+        under_way = (tables.Run.id == run_id, tables.Run.status == "running")
+        ended = connection.execute(update(tables.Run).where(*under_way), ending)
         if ended.rowcount != 1:
             status = connection.execute(
                 select(tables.Run.status).where(tables.Run.id == run_id)
