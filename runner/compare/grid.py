@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 Scalar = str | float | int | bool | None
 """What a record may hold; dates come as ISO text."""
@@ -78,6 +79,7 @@ def number_text(value: float, digits: int = 4) -> str:
     return f"{value:.{max(0, digits - 1 - size)}f}"
 
 
+@cache
 def unit_text(unit: str | None) -> str:
     """A unit as it is printed: `N^2` becomes N², `1` and nothing stay empty."""
     if unit is None or unit in ("", "1", "-"):

@@ -88,12 +88,22 @@ class Results:
         return found
 
     def metrics(
-        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
+        self,
+        runs: Sequence[Run],
+        names: Sequence[str],
+        condition: Condition | None = None,
+        only: Mapping[str, Sequence[str]] | None = None,
     ) -> list[Observation]:
-        """The named metrics of the runs; `condition` is the one that found them."""
+        """The named metrics of the runs; `condition` is the one that found them.
+
+        `only` are the levels wanted of stage, model and dof; none of one means all of them.
+        """
         m = Metric.__table__.c
         query = sa.select(m.run_id, m.stage, m.model, m.dof, m.name, m.value, m.unit)
         query = query.where(m.name.in_(names), m.run_id.in_(self._ids(condition)))
+        for column, levels in (only or {}).items():
+            if levels:
+                query = query.where(m[column].in_(levels))
         by_id = {run.id: run for run in runs}
         return [
             Observation(by_id[id_], *facts)

@@ -151,12 +151,15 @@ def gather(results: Results, request: TableRequest) -> Found:
         numbers, flagged = results.coefficients(runs, condition), frozenset[tuple[int, str]]()
         unsettled = infeasible = frozenset[tuple[int, str]]()
     else:
-        names = (*request.names, BELOW_TRUE_MODEL, *DESIGN_FLAWS)
-        numbers = results.metrics(runs, names, condition)
+        only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
+        numbers = results.metrics(runs, request.names, condition, only)
+        if not numbers:  # then what there is instead
+            numbers = results.metrics(runs, request.names, condition)
+        flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS), condition)
         flagged = frozenset(
-            (o.run.id, o.dof) for o in numbers if o.name == BELOW_TRUE_MODEL and o.value
+            (o.run.id, o.dof) for o in flags if o.name == BELOW_TRUE_MODEL and o.value
         )
-        flaws = [o for o in numbers if o.name in DESIGN_FLAWS and (o.value or 0.0) >= 1.0]
+        flaws = [o for o in flags if o.name in DESIGN_FLAWS and (o.value or 0.0) >= 1.0]
         unsettled, infeasible = (
             frozenset((o.run.id, o.model) for o in flaws if o.name == name) for name in DESIGN_FLAWS
         )
@@ -183,17 +186,8 @@ def _selected(
 ) -> list[Observation]:
     """The numbers asked for by name, DOF, stage and model; an unknown one is refused by name."""
     _check_names(results, request, {o.name for o in numbers})
-    models = list(request.models)
-    if models and request.baseline and request.baseline[0] == "model":
-        models.append(request.baseline[1])
-    wanted = {
-        "metric": request.names,
-        "dof": request.dofs,
-        "stage": request.stages,
-        "model": models,
-    }
     kept = list(numbers)
-    for factor, levels in wanted.items():
+    for factor, levels in _wanted(request).items():
         have = ordered(o.level(factor) for o in kept)
         kept = [o for o in kept if not levels or o.level(factor) in levels]
         if levels and have and not kept:
@@ -204,8 +198,23 @@ def _selected(
     return kept
 
 
+def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
+    """The levels asked for of what a number says itself; none of one means all of them."""
+    models = list(request.models)
+    if models and request.baseline and request.baseline[0] == "model":
+        models.append(request.baseline[1])
+    return {
+        "metric": request.names,
+        "dof": request.dofs,
+        "stage": request.stages,
+        "model": models,
+    }
+
+
 def _check_names(results: Results, request: TableRequest, found: set[str]) -> None:
     """Refuses a name that no run has; one that only these runs lack is an empty cell."""
+    if found.issuperset(request.names):
+        return
     what = "coefficient" if request.of_coefficients else "metric"
     known = found if request.of_coefficients else found | {*results.metric_names()}
     for name in request.names:
