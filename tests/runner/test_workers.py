@@ -1,5 +1,6 @@
 """Sweeps in worker processes: the same results, one thread each, and a clear end if one dies."""
 
+import json
 import os
 import signal
 import subprocess
@@ -8,7 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.runner.programs import METRICS, ROOT, children, ended, finished, rows, sweep, wait
+from runner.launching import THREADS
+from tests.runner.programs import (
+    METRICS,
+    ROOT,
+    children,
+    ended,
+    finished,
+    program,
+    rows,
+    sweep,
+    wait,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -112,3 +124,65 @@ def test_a_trial_has_one_thread(tmp_path: Path) -> None:
         check=False,
     )
     assert answer.returncode == 0, answer.stderr
+
+
+# Python imports this module at its start, in workers as well.
+SITE = """
+import json, os
+import numba, threadpoolctl
+import runner.trial
+real = runner.trial.run
+def run(trial):
+    pools = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
+    with open(os.path.join(os.environ["NOTES"], f"{trial.seed}.json"), "w") as file:
+        json.dump({"pid": os.getpid(), "pools": pools, "numba": numba.get_num_threads()}, file)
+    return real(trial)
+runner.trial.run = run
+"""
+
+
+def test_workers_have_one_thread_each_and_are_no_more_than_asked_for(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(SITE)
+    process = sweep(
+        *("seed=range(0,6)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2"),
+        folder=tmp_path,
+        PYTHONPATH=f"{site}{os.pathsep}{ROOT}",
+        NOTES=str(tmp_path),
+        **dict.fromkeys(THREADS, "4"),  # what the user has set for other programs
+    )
+    code, _, err = ended(process)
+    assert code == 0, err
+    notes = [json.loads(file.read_text()) for file in tmp_path.glob("*.json")]
+    assert len(notes) == 6
+    assert 1 <= len({note["pid"] for note in notes}) <= 2
+    assert process.pid not in {note["pid"] for note in notes}
+    for note in notes:
+        assert note["pools"]
+        assert {*note["pools"], note["numba"]} == {1}
+
+
+COUNTED = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from runner.__main__ import main
+code = main()
+kernels = {
+    id(one): one for name, module in list(sys.modules.items()) if name.startswith("models")
+    for one in vars(module).values() if isinstance(one, Dispatcher)
+}
+for kind in ("cache_misses", "cache_hits"):
+    print(kind, sum(sum(getattr(one.stats, kind).values()) for one in kernels.values()))
+sys.exit(code)
+"""
+
+
+def test_a_second_program_compiles_nothing(tmp_path: Path) -> None:
+    options = ("disturbance=noise", "identifier=plsr", "rerun=true")
+    for _ in range(2):  # the first compiles what the cache does not hold yet
+        code, out, err = ended(program("-c", COUNTED, *options, folder=tmp_path))
+        assert code == 0, err
+    counts = dict(line.split() for line in out.splitlines() if line.startswith("cache_"))
+    assert int(counts["cache_misses"]) == 0
+    assert int(counts["cache_hits"]) > 0
