@@ -4,7 +4,7 @@ A *factor* is a name that rows, columns or facets go by: a column of table `run`
 the configuration, or a property of the number itself (model, dof, stage, metric).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 OWN_FACTORS = ("metric", "stage", "model", "dof")  # what the number, not its run, says
@@ -62,9 +62,3 @@ def _reading_order(level: str) -> tuple[int, float, str]:
         return 0, float(level), level
     except ValueError:
         return (1 if level in ("none", "calm", "nominal") else 2), 0.0, level
-
-
-def varying(runs: Sequence[Run], factors: Iterable[str]) -> dict[str, list[str]]:
-    """Those factors in which the runs differ, with their levels."""
-    found = {name: ordered(run.levels[name] for run in runs) for name in factors}
-    return {name: levels for name, levels in found.items() if len(levels) > 1}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from models.errors import ConfigurationError
 
@@ -14,7 +15,6 @@ from .observations import (
     Observation,
     Run,
     ordered,
-    varying,
 )
 from .pivot import Key, Pivot
 from .results import Results
@@ -244,15 +244,16 @@ def pooled(results: Results, table: Pivot) -> list[str]:
     """Notes on what is averaged within a cell beside seeds."""
     choices: dict[str, set[str]] = {}
     twins: set[int] = set()
+    labels = itemgetter(*CHOICES, "seed")
     for cell in table.cells.values():
-        runs = list({o.run.id: o.run for o in cell.observed}.values())
-        for name, levels in varying(runs, CHOICES).items():
-            choices.setdefault(name, set()).update(levels)
         seen: dict[tuple[str, ...], int] = {}
-        for run in runs:
-            same = tuple(run.levels[name] for name in (*CHOICES, "seed"))
+        for run in {o.run.id: o.run for o in cell.observed}.values():
+            same = labels(run.levels)
             if seen.setdefault(same, run.id) != run.id and len(twins) < 40:
                 twins |= {seen[same], run.id}
+        for name, levels in zip(CHOICES, map(set, zip(*seen, strict=True)), strict=False):
+            if len(levels) > 1:
+                choices.setdefault(name, set()).update(levels)
     notes = [f"{name} ({', '.join(ordered(levels))})" for name, levels in choices.items()]
     notes += _differing_keys(results, sorted(twins))
     return [f"cells average over {', '.join(notes)}: narrow by --where"] if notes else []
