@@ -4,7 +4,8 @@ Sampled by pyinstrument every millisecond of wall-clock time, in the main thread
 the program to its end; the machine code is compiled before. Written to
 `docs/profile_trial_after.svg` and `docs/profile_sweep_after.svg`: a box is a function, as wide as
 the time spent in it and in what it calls, which stands on it; boxes too narrow to see are left
-out. CHECKOUT is another state of the sources to run.
+out. Compiled kernels stand by themselves, to the right of the program: numba tells a profiler of
+them without their callers. CHECKOUT is another state of the sources to run.
 """
 
 import json
@@ -36,7 +37,7 @@ PACKAGES = {
     **dict.fromkeys(("sqlalchemy", "sqlite3", "pyarrow", "pandas"), "SQLAlchemy, SQLite, Arrow"),
     **dict.fromkeys(("numpy", "scipy", "numba", "llvmlite", "sklearn"), "NumPy, SciPy, numba"),
 }
-MACHINERY = ("<thread>", "importlib", "runpy", "pyinstrument", "<string>")
+MACHINERY = ("thread", "importlib", "runpy", "pyinstrument", "string")
 WIDTH, ROW, MARGIN, LETTER = 1200.0, 17, 10, 6.4  # [px]; LETTER: mean width of a letter
 SEEN = 0.003  # share of the whole below which a box is left out
 
@@ -65,7 +66,8 @@ def profile(arguments: tuple[str, ...], seeds: tuple[str, ...], checkout: Path) 
 
 def package_of(frame: Frame) -> str:
     """The package of a frame's function: the first folder of its path, or the module."""
-    return str(frame["file_path_short"]).removeprefix("<frozen ").split("/")[0].split(".")[0]
+    path = str(frame["file_path_short"]).strip("<>").removeprefix("frozen ")
+    return path.split("/")[0].split(".")[0]
 
 
 def name_of(frame: Frame) -> str:
