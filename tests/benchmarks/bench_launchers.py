@@ -54,7 +54,6 @@ def test_launchers(stated: Callable[..., None], tmp_path: Path) -> None:
         work,
         item="9",
         what=f"{TRIALS} trials of a second or more",
-        why="two trials at once take longer each, where the cores share what is busy",
         note="one thread a trial (tests/runner/test_workers.py), equal metrics from both; the start"
         " of the workers left out",
     )
