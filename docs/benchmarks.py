@@ -22,6 +22,8 @@ def read(file: Path) -> tuple[list[Row], str]:
     rows.sort(key=lambda row: (int(row["item"].rstrip("abcdefgh")), row["item"]))
     info = held["machine_info"]
     cpu = info["cpu"]
+    if not rows:
+        sys.exit(f"docs.benchmarks: {file}: holds no benchmark that passed")
     loads = [row["load"] for row in rows]
     machine = (
         f"{cpu.get('brand_raw', info['machine'])}, {cpu.get('count', '?')} cores,"
