@@ -10,7 +10,6 @@ nothing with it.
 
 import io
 import json
-import resource
 import sys
 import tempfile
 import time
@@ -29,6 +28,7 @@ from runner.__main__ import main
 from runner.complaints import CONF
 from runner.composition import Composer, SharingLoader
 from runner.database import Logbook, Reader
+from tests.benchmarks.identify import peak_megabytes
 from tests.runner.command import logging_kept
 
 TRIAL = (
@@ -118,5 +118,4 @@ if __name__ == "__main__":
     work = {"ours": ours, "bare": bare}[kind]
     work(2)  # imports and compiles
     took = work(count)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print(json.dumps({"seconds": took, "megabytes": peak}))
+    print(json.dumps({"seconds": took, "megabytes": peak_megabytes()}))
