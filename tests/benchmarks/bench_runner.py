@@ -74,7 +74,7 @@ def test_a_sweep_grows(stated: Callable[..., None]) -> None:
             peaks.append(max(one["megabytes"] for one in turns))
         each = [time / size for time, size in zip(times, SIZES, strict=True)]
         apart = each[-1] / each[1] - 1.0
-        curve = growth(SIZES, times, peaks)
+        curve = growth(SIZES, times, peaks, of="trials")
         shown = ", ".join(f"{n} trials {t:.1f} s" for n, t in zip(SIZES, times, strict=True))
         return {
             "time": {
