@@ -38,17 +38,18 @@ _to_json = partial(json.dumps, allow_nan=False, ensure_ascii=False)
 
 def writer(address: Address) -> Engine:
     """An engine whose every transaction may write; a file that has gone is not made anew."""
-    if address.path is None:
-        return _postgresql(address, read_only=False)
-    connect = partial(_open_to_write, address.path, "mode=rw", foreign_keys=True)
-    return _sqlite(connect, "BEGIN IMMEDIATE")
+    return _writer(address, "mode=rw", foreign_keys=True)
 
 
 def maker(address: Address) -> Engine:
     """A writer that makes a missing file, and rebuilds tables: foreign keys are not enforced."""
+    return _writer(address, "mode=rwc", foreign_keys=False)
+
+
+def _writer(address: Address, option: str, *, foreign_keys: bool) -> Engine:
     if address.path is None:
         return _postgresql(address, read_only=False)
-    connect = partial(_open_to_write, address.path, "mode=rwc", foreign_keys=False)
+    connect = partial(_open_to_write, address.path, option, foreign_keys=foreign_keys)
     return _sqlite(connect, "BEGIN IMMEDIATE")
 
 
