@@ -111,15 +111,17 @@ class Plsr(PartialLeastSquares):
                 splits.pairs(moments), lambda kept, left: mean_squares(left, self.fit(kept, z))
             )
 
-        def theta(outputs: Array) -> Array:
+        def chosen(outputs: Array) -> tuple[Array, Array]:
+            """The coefficients of the best order, and the errors of every order."""
             moments = splits.moments(outputs)
-            every = self.fit(np.asarray(sum(moments)), z)
-            chosen = np.argmin(order_mse(moments), axis=0)
-            return np.stack([every[a, :, k] for k, a in enumerate(chosen)], axis=1)
+            every, mse = self.fit(np.asarray(sum(moments)), z), order_mse(moments)
+            best = enumerate(np.argmin(mse, axis=0))
+            return np.stack([every[a, :, k] for k, a in best], axis=1), mse
 
-        mse = order_mse(splits.moments(z.y)) * z.y_scale**2
-        residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta(z.y)))
-        errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
+        theta, mse = chosen(z.y)
+        mse = mse * z.y_scale**2
+        residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
+        errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
         findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
         return Identified(problem.nominal + residual, residual, errors, findings)
 

@@ -192,10 +192,8 @@ class SurfacePlsr(PartialLeastSquares):
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
-        whole, splits = (
-            part(z.x, slice(None)),
-            split(self.validation, z.x, held_out, self.folds, rng),
-        )
+        splits = split(self.validation, z.x, held_out, self.folds, rng)
+        whole = part(z.x, slice(None))
         moment, pairs = whole.moment(z.y), splits.pairs(splits.moments(z.y))
         stages: list[list[Choice]] = []
         for stage in range(self.stages):
