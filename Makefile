@@ -1,5 +1,5 @@
-# seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`, `make bench`; each sets up
-# .venv by itself, `make slow` another one, .venv-ray, as well.
+# seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`, `make bench`;
+# each sets up .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
 .PHONY: demo comparison readme published bench test slow ray check clean help

@@ -16,14 +16,16 @@ Row = dict[str, Any]
 
 
 def read(file: Path) -> tuple[list[Row], str]:
-    """What was measured, in the order of the issue's items, and the machine."""
+    """What was measured, in the order of its numbers, and the machine."""
+    if not file.exists():
+        sys.exit(f"{file}: not found; `make bench` writes it")
     held = json.loads(file.read_text())
     rows = [one["extra_info"] | {"stats": one["stats"]} for one in held["benchmarks"]]
     rows.sort(key=lambda row: (int(row["item"].rstrip("abcdefgh")), row["item"]))
     info = held["machine_info"]
     cpu = info["cpu"]
     if not rows:
-        sys.exit(f"docs.benchmarks: {file}: holds no benchmark that passed")
+        sys.exit(f"{file}: holds no benchmark that passed")
     loads = [row["load"] for row in rows]
     machine = (
         f"{cpu.get('brand_raw', info['machine'])}, {cpu.get('count', '?')} cores,"
@@ -90,10 +92,7 @@ def table(headers: list[str], rows: list[list[str]]) -> str:
 
 def main() -> None:
     """Print the tables, and the machine."""
-    file = Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH
-    if not file.exists():
-        sys.exit(f"docs.benchmarks: {file}: not found; `make bench` writes it")
-    rows, machine = read(file)
+    rows, machine = read(Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH)
     ratios = [ratio_row(row) for row in rows if row["kind"] == "ratio"]
     figures = [cells for row in rows if row["kind"] == "figures" for cells in figure_rows(row)]
     print(f"Medians, measured in turn on {machine}.\n")

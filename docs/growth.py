@@ -47,12 +47,6 @@ def panels(rows: list[dict[str, Any]]) -> list[Panel]:
     return found
 
 
-def slope(sizes: list[float], values: list[float]) -> tuple[float, float]:
-    """Slope and offset of log values over log sizes."""
-    fitted = np.polyfit(np.log(sizes), np.log(values), 1)
-    return float(fitted[0]), float(fitted[1])
-
-
 def draw(axes: Axes, panel: Panel) -> None:
     """Points, and the line through them, of every curve."""
     for i, (name, one) in enumerate(panel.curves.items()):
@@ -60,8 +54,9 @@ def draw(axes: Axes, panel: Panel) -> None:
         colour = style.PALETTE[i % len(style.PALETTE)]
         line, label = values, f"{name}: {values[-1]:,.0f}"
         if panel.quantity == "seconds":
-            power, offset = slope(sizes, values)
-            line, label = np.exp(offset) * np.power(sizes, power), f"{name}: {power:.2f}"
+            apart = np.log(sizes) - np.mean(np.log(sizes))  # the line goes through the mean
+            line = np.exp(np.mean(np.log(values)) + one["slope"] * apart)
+            label = f"{name}: {one['slope']:.2f}"
         axes.plot(sizes, line, color=colour, linewidth=1.0)
         axes.plot(sizes, values, style.marker_of(i), color=colour, markersize=4, label=label)
     axes.set_xscale("log")
@@ -108,11 +103,9 @@ def drawing(name: str, found: list[Panel], columns: int) -> style.Drawing:
 def main() -> None:
     """Draw docs/growth.svg and docs/growth-wide.svg."""
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH
-    if not file.exists():
-        sys.exit(f"docs.growth: {file}: not found; `make bench` writes it")
     found = panels(read(file)[0])
     if not found:
-        sys.exit(f"docs.growth: {file}: holds no curves")
+        sys.exit(f"{file}: holds no curves")
     with style.drawn():
         for name, columns in (("growth", 1), ("growth-wide", 2)):
             made = drawing(name, found, columns)

@@ -17,13 +17,13 @@ from tests.runner.database.samples import make_results
 ROOT = Path(__file__).parents[2]
 SIZES = [100, 1_000, 10_000, 100_000]
 ASKED_S = 3.0  # at the largest, about
-# The command, and then its peak memory [kB]: what the parent had is counted by getrusage as well.
+# The command, and then its peak memory.
 COMMAND = """
 import sys
 from runner.compare.__main__ import run
+from tests.benchmarks.memory import peak_megabytes
 code = run(sys.argv[1:])
-with open("/proc/self/status") as status:
-    print(next(line.split()[1] for line in status if line.startswith("VmHWM")), file=sys.stderr)
+print(peak_megabytes(), file=sys.stderr)
 sys.exit(code)
 """
 SHOWN = ("force_mse", "surge", "validation", "identified")
@@ -79,7 +79,7 @@ def _table(file: Path, runs: int) -> tuple[float, float]:
     seconds = time.perf_counter() - begun
     assert process.returncode == 0
     _check(said, runs)
-    return seconds, float(peak) / 1024.0
+    return seconds, float(peak)
 
 
 def _check(said: str, runs: int) -> None:

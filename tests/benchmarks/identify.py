@@ -20,6 +20,7 @@ from models.identification.problem import Problem
 from models.recording import Recording, attitude_of
 from models.simulation import recording_of
 from runner.sailing import sail_mission, streams
+from tests.benchmarks.memory import peak_megabytes
 from tests.trials import composed
 
 FIELDS = ("t", "eta", "nu", "nu_dot", "tau")
@@ -50,19 +51,6 @@ def problem(file: Path, trial: Any) -> Problem:
     whole = Recording(dofs, attitude=attitude_of(dofs, arrays["eta"]), **arrays)
     whole = whole.with_thruster(thruster)
     return Problem(whole, whole.part(slice(-WARM, None)), trial.vessel.nominal(), thruster)
-
-
-def peak_megabytes() -> float:
-    """Peak resident memory of this process [MB].
-
-    Of /proc, where there is one: getrusage counts that of the process it was started from too.
-    """
-    status = Path("/proc/self/status")
-    if not status.exists():
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return float(status.read_text().split("VmHWM:")[1].split()[0]) / 1024.0
 
 
 def measured(file: Path, trial: Any) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from runner.__main__ import main
 from runner.complaints import CONF
 from runner.composition import Composer, SharingLoader
 from runner.database import Logbook, Reader
-from tests.benchmarks.identify import peak_megabytes
+from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
 
 TRIAL = (
