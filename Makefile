@@ -7,6 +7,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
+LINKS := $(VENV)/links
 # Ray's plugin and joblib ask for different versions of cloudpickle: two environments.
 RAY := .venv-ray
 
@@ -94,7 +95,10 @@ ray: $(RAY)/ray.stamp
 
 check: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .
-	$(BIN)/python -m mypy --strict
+	@# mypy follows no __path__: it is shown the package as it is when installed.
+	mkdir -p $(LINKS)/seatrial
+	for part in seatrial/__init__.py models runner conf; do ln -sfn $(CURDIR)/$$part $(LINKS)/seatrial/; done
+	MYPYPATH=$(LINKS) $(BIN)/python -m mypy --strict
 
 clean:
 	rm -rf $(VENV) $(RAY) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info

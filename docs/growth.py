@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from docs.benchmarks import BENCH, read
-from runner.compare.plots import style
+from seatrial.runner.compare.plots import style
 
 FOLDER = Path(__file__).parent
 PANEL = (4.2, 2.5)  # [inch], without its legend

@@ -9,9 +9,9 @@ import numpy as np
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from models.basis import DOFS
-from models.parameters import VesselParameters
-from runner.config import build
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.runner.config import build
 
 CONF = Path(__file__).parents[1] / "conf"
 HEADERS = (

@@ -24,7 +24,6 @@ from numba.core.caching import FunctionCache
 
 numba_config: Any = config
 F = TypeVar("F", bound=Callable[..., Any])
-
 LOCK_TIMEOUT_S = 120.0
 LEAN: Any = {"_nrt": False, "forceinline": True}  # options of a `lean_kernel`
 

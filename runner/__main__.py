@@ -14,9 +14,9 @@ from typing import NoReturn
 import hydra
 from hydra._internal.utils import get_args_parser
 
-from models.errors import ConfigurationError
-from runner.complaints import CONF, EXPECTED, one_line
-from runner.sweep import Session, register
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
+from seatrial.runner.sweep import Session, register
 
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"

@@ -14,14 +14,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.problem import Problem, lack_of_fit
-from models.recording import Recording
-from models.simulation import Log, Voyage, Watch, recording_of
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel, coefficient_unit
-from models.weather import Weather
-from runner.database.records import Coefficient, Diagnostic
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.problem import Problem, lack_of_fit
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.loop import Watch
+from seatrial.models.simulation.voyage import Log, Voyage, recording_of
+from seatrial.models.vessel.table import Vessel, coefficient_unit
+from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.weather.weather import Weather
+from seatrial.runner.database.records import Coefficient, Diagnostic
 
 TINY = 1e-300  # a force of nothing
 HELD_OUT = 0.25  # of a window, its end: what a candidate is judged on

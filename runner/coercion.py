@@ -16,7 +16,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
 
 Builder = Callable[[Mapping[str, Any], str, type | None], Any]
 

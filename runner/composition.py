@@ -21,8 +21,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from runner.config import GROUPS
-from runner.job import Order
+from seatrial.runner.config import GROUPS
+from seatrial.runner.job import Order
 
 
 def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -> Order:

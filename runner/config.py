@@ -15,8 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from models.errors import ConfigurationError
-from runner.coercion import coerce
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.coercion import coerce
 
 GROUPS = (
     "vessel",
@@ -37,9 +37,8 @@ SETTINGS = (
     "rerun",
     "dry_run",
 )
-ROOTS = ("models", "runner")  # the only packages a `_target_` may name
+ROOTS = ("seatrial.models", "seatrial.runner")  # the only packages a `_target_` may name
 TARGET = re.compile(rf"({'|'.join(ROOTS)})(\.[A-Za-z]\w*)+")
-
 Node = Mapping[str, Any]
 
 
@@ -68,7 +67,9 @@ class Trial:
     rerun: bool = False
     dry_run: bool = False
     plant_change: "PlantChange | None" = None
-    update: Any = None  # runner.adaptive.Update, where the model is identified again while sailing
+    update: Any = (
+        None  # seatrial.runner.adaptive.Update, where the model is identified again while sailing
+    )
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         "integration_step_s": step,
         "plant_scale": _positive(plant, "scale", "plant."),
         "plant_change": _optional(plant.get("change"), PlantChange, "plant.change"),
-        "update": _optional(config.get("update"), "runner.adaptive.Update", "update"),
+        "update": _optional(config.get("update"), "seatrial.runner.adaptive.Update", "update"),
         "seed": seed,
         "results_dir": coerce(_given(config, "results_dir"), Path, "results_dir"),
         "database_url": database_url(config),
@@ -178,7 +179,7 @@ def _target(name: Any, key: str) -> type:
     """The dataclass that a `_target_` names."""
     where = f"{key}._target_"
     if not isinstance(name, str) or not TARGET.fullmatch(name):
-        raise ConfigurationError(f"{where}: got {name!r}, expected a class inside models or runner")
+        raise ConfigurationError(f"{where}: got {name!r}, expected a class inside seatrial")
     module_name, _, class_name = name.rpartition(".")
     try:
         found = getattr(import_module(module_name), class_name, None)
@@ -186,7 +187,7 @@ def _target(name: Any, key: str) -> type:
         if error.name is None or not module_name.startswith(error.name):
             raise  # the module is there, something it imports is not: a bug, not an option
         found = None
-    inside = isinstance(found, type) and found.__module__.partition(".")[0] in ROOTS
+    inside = isinstance(found, type) and found.__module__.startswith(tuple(f"{r}." for r in ROOTS))
     if not (inside and isinstance(found, type) and is_dataclass(found)):
         raise ConfigurationError(f"{where}: got {name!r}, which is not a dataclass to build")
     return found

@@ -1,18 +1,19 @@
 """One trial as a run of the logbook: claimed, run, and stored with whatever came of it."""
 
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from models.errors import Diverged
-from runner.config import GROUPS, Trial, build_trial
-from runner.fingerprint import fingerprint
-from runner.provenance import Provenance
+from seatrial.models.errors import Diverged
+from seatrial.runner.config import GROUPS, Trial, build_trial
+from seatrial.runner.fingerprint import fingerprint
+from seatrial.runner.provenance import Provenance
 
 if TYPE_CHECKING:
-    from runner.database import Logbook
-    from runner.database.records import Results, RunStart
+    from seatrial.runner.database import Logbook
+    from seatrial.runner.database.records import Results, RunStart, RunSummary
+
 
 State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
 
@@ -49,7 +50,7 @@ class Outcome:
 
 def shown(overrides: Sequence[str]) -> str:
     """How a trial is named to people: by what was asked for, without passwords."""
-    from runner.database import without_passwords
+    from seatrial.runner.database import without_passwords
 
     asked = [one for one in overrides if not one.startswith("dry_run=")]
     return without_passwords(" ".join(asked)) or "the default trial"
@@ -57,7 +58,7 @@ def shown(overrides: Sequence[str]) -> str:
 
 def prepare(order: Order) -> Trial:
     """The trial of an order, checked in full; SeatrialError where it cannot be run."""
-    from runner import trial as trials
+    from seatrial.runner import trial as trials
 
     trial = build_trial(order.config, order.names)
     trials.check(trial)
@@ -71,7 +72,7 @@ def perform(
 
     Errors of the trial are kept in its row; those of the logbook itself are raised.
     """
-    from runner.database import Logbook
+    from seatrial.runner.database import Logbook
 
     with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
@@ -83,7 +84,7 @@ def perform(
 def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
     from threadpoolctl import threadpool_limits
 
-    from runner import trial as trials
+    from seatrial.runner import trial as trials
 
     try:
         # One thread a trial: workers share the cores, and sums come out the same on every machine.
@@ -115,7 +116,7 @@ def _keep(
 
 
 def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
-    from runner.database.records import RunStart
+    from seatrial.runner.database.records import RunStart
 
     # The address of the database may hold a password, and is no part of the trial.
     stored = {key: value for key, value in order.config.items() if key != "database"}
@@ -130,3 +131,82 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
         versions=provenance.versions,
         command=provenance.command,
     )
+
+
+# Trials that are ready to run, those that cannot be, and what the logbook knows of them.
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A trial that passed every check, the order it came from, and its fingerprint."""
+
+    trial: Trial
+    order: Order
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A trial that cannot be run: what was asked for, and why not."""
+
+    asked: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.asked}: {self.reason}"
+
+
+Known = dict[str, "RunSummary"]
+ENDED = ("finished", "failed", "diverged")
+
+
+def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
+    """By fingerprint, the status of the last attempt that this sweep made at each of these trials.
+
+    A trial that the sweep has not tried yet is left out.
+    """
+    from seatrial.runner.database import Logbook
+    from seatrial.runner.database.tables import Run
+
+    asked = {plan.fingerprint for plan in plans}
+    with Logbook.read(url) as logbook:
+        runs = logbook.runs(Run.sweep_id == sweep_id)  # in the order of their attempts
+    return {run.fingerprint: run.status for run in runs if run.fingerprint in asked}
+
+
+def known(plans: Iterable[Plan]) -> Known:
+    """What the logbook has of these trials, by fingerprint; nothing where there is no logbook."""
+    from seatrial.runner.database import Logbook
+    from seatrial.runner.database.engine import parse
+    from seatrial.runner.database.schema import Condition, inspect
+
+    plans = list(plans)
+    if not plans:
+        return {}
+    url = plans[0].trial.database_url
+    address = parse(url)
+    absent = address.path is not None and not address.path.exists()
+    if absent or inspect(address) is Condition.EMPTY:
+        return {}
+    with Logbook.read(url) as logbook:
+        found = {plan.fingerprint: logbook.trial(plan.fingerprint) for plan in plans}
+    return {key: run for key, run in found.items() if run is not None}
+
+
+def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
+    """(state, trial, remark) of each, for a dry run."""
+    runs = known(plan for plan in plans if isinstance(plan, Plan))
+    return [_listed(plan, runs) for plan in plans]
+
+
+def _listed(plan: Plan | Refusal, runs: Known) -> tuple[str, str, str]:
+    if isinstance(plan, Refusal):
+        return "refused", plan.asked, plan.reason
+    run = runs.get(plan.fingerprint)
+    if run is None:
+        return "new", str(plan.order), ""
+    again = run.status == "finished" and plan.trial.rerun
+    remark = f"run {run.run_id}"
+    if run.error:
+        remark += f": {run.error}"
+    return run.status, str(plan.order), f"{remark}, to be run again" if again else remark

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from runner.fingerprint import source_digest
+from seatrial.runner.fingerprint import source_digest
 
 ROOT = Path(__file__).resolve().parent.parent
 # Those that a number in the database can depend on.

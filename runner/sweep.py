@@ -5,10 +5,11 @@ whatever launcher is configured, and ends with a summary from the logbook.
 """
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
@@ -18,19 +19,67 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from models.errors import ConfigurationError, SeatrialError
-from runner import progress, report
-from runner.complaints import EXPECTED, one_line
-from runner.composition import Composer, SharingLoader, order_of
-from runner.config import Trial, build_trial
-from runner.job import Order, Outcome, perform, prepare, shown
-from runner.launching import Launched, check, launch
-from runner.planned import Plan, Refusal, known, listed
-from runner.provenance import Provenance, collect
-from runner.variation import jobs_of
+from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.runner import console
+from seatrial.runner.composition import Composer, SharingLoader, order_of
+from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.hydra_errors import EXPECTED, one_line
+from seatrial.runner.job import (
+    Order,
+    Outcome,
+    Plan,
+    Refusal,
+    known,
+    listed,
+    perform,
+    prepare,
+    shown,
+)
+from seatrial.runner.launching import Launched, check, launch
+from seatrial.runner.provenance import Provenance, collect
+
+# The jobs of a sweep: a grid of values, and variants that change several options together.
+
+
+Options = Mapping[str, Any]
+
+
+def jobs_of(
+    parser: OverridesParser,
+    params: Options,
+    variants: Sequence[Options],
+    arguments: Sequence[str],
+) -> list[list[str]]:
+    """The overrides of every job: the grid of params and arguments, once for each variant.
+
+    A variant replaces the params of the same name; what stands on the command line replaces both.
+    """
+    given = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
+    jobs: list[list[str]] = []
+    for variant in variants or [{}]:
+        options = {str(key): value for key, value in {**params, **variant}.items()}
+        texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in given]
+        (part,) = BasicSweeper.split_arguments(
+            parser.parse_overrides([*texts, *arguments]), max_batch_size=None
+        )
+        jobs += part
+    return jobs
+
+
+def _text(value: Any) -> str:
+    """A value of YAML in the grammar of the command line; text is taken as it is."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "[" + ",".join(map(_text, value)) + "]"
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{key}:{_text(one)}" for key, one in value.items()) + "}"
+    return str(value)
+
 
 log = logging.getLogger(__name__)
-
 # Hydra takes plugins from its own name space only: the sweeper is made known under this name.
 PLUGIN = "hydra_plugins.seatrial.Sweeper"
 
@@ -57,10 +106,10 @@ class Session:
 
     def _run(self, plan: Plan) -> None:
         if plan.trial.dry_run:
-            print("\n".join(report.dry_run(listed([plan]))))
+            print("\n".join(console.dry_run(listed([plan]))))
             return
         outcome = perform(plan.trial, plan.order, collect())
-        line = report.outcome_line(outcome, plan.trial.database_url)
+        line = console.outcome_line(outcome, plan.trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
@@ -123,12 +172,12 @@ class SeatrialSweeper(Sweeper):
         composer = Composer(self._loader, self._config)
         plans = [_planned(composer, job) for job in jobs]
         if any("dry_run=true" in map(str.lower, job) for job in jobs):
-            print("\n".join(report.dry_run(listed(plans))))
+            print("\n".join(console.dry_run(listed(plans))))
         else:
             self._run(_accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
-        from runner.database import Logbook
+        from seatrial.runner.database import Logbook
 
         check(self._choice, arguments)
         trial, provenance = plans[0].trial, collect()
@@ -139,13 +188,13 @@ class SeatrialSweeper(Sweeper):
             )
             job = SweepJob(sweep_id, provenance)
             outcomes, todo = _finished_before(plans, job)
-            with progress.shown(url, sweep_id):
+            with console.shown(url, sweep_id):
                 launched = self._launch(todo, job)
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched.outcomes
-        print("\n".join(report.sweep_summary(status, outcomes, url, factors)))
-        self.session.exit_code = report.sweep_exit_code(status, outcomes)
+        print("\n".join(console.sweep_summary(status, outcomes, url, factors)))
+        self.session.exit_code = console.sweep_exit_code(status, outcomes)
         self.session.error = launched.error
         if launched.bugs:
             raise launched.bugs[0]

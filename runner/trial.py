@@ -7,33 +7,32 @@ competitor meets the same weather, and the nominal and the identified model are 
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from models.errors import ConfigurationError, Diverged
-from models.excitation.mission import (
-    Replay,
-    check_limits,
-    is_open_loop,
+from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.excitation.missions import Replay, check_limits, is_open_loop
+from seatrial.models.excitation.persistence import persistence
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.recording import Recording, check_cutoff
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
+from seatrial.runner.closed_loop import sail_mission as sail_mission
+from seatrial.runner.config import Trial
+from seatrial.runner.database.records import Diagnostic, Metric, Results
+from seatrial.runner.record import (
+    coefficient_rows,
+    deployment_metrics,
+    excitation_results,
+    time_series,
+    validation_metrics,
 )
-from models.excitation.persistence import persistence
-from models.identification.problem import Identified, Problem
-from models.recorded import RecordedFile
-from models.recording import Recording, check_cutoff
-from models.simulation import recording_of
-from models.statespace import StateSpace
-from models.vessel import Vessel
-from runner import control_rows, measured, mix_rows, prediction_rows, rows
-from runner.config import Trial
-from runner.control_rows import Sailed
-from runner.database.records import Diagnostic, Metric, Results
-from runner.sailing import Prepared, Streams, prepare, streams
-from runner.sailing import sail_mission as sail_mission
 
 log = logging.getLogger(__name__)
-
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
 NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
@@ -45,17 +44,6 @@ class TrialDiverged(Diverged):
     def __init__(self, error: Diverged, results: Results) -> None:
         super().__init__(str(error), error.time_s, error.quantity)
         self.results = results
-
-
-@dataclass(frozen=True, eq=False)
-class Excited:
-    """A recording with its training part, and the truth behind it where it is known."""
-
-    recording: Recording
-    training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
-    testing: NDArray[np.bool_]
-    truth: Vessel | None  # the plant's table with the disturbance's share
-    sailed: Sailed | None = None  # the voyage that was recorded, where it was a simulation
 
 
 def check(trial: Trial) -> None:
@@ -145,27 +133,29 @@ def run(trial: Trial) -> Results:
         thruster=trial.vessel.thruster,
     )
     identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
-    validation = rows.validation(problem.validation, problem.nominal, identified, excited.truth)
-    predicted, reasons = prediction_rows.metrics(problem, identified, excited.truth)
+    validation = validation_metrics.validation(
+        problem.validation, problem.nominal, identified, excited.truth
+    )
+    predicted, reasons = validation_metrics.prediction_metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
-    mixed = mix_rows.results(trial.excitation, excited, problem, identified)
+    mixed = excitation_results.mix_results(trial.excitation, excited, problem, identified)
     results = Results(
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[
-            *rows.coefficients(problem.nominal, identified, excited.truth),
-            *rows.stage_coefficients(identified),
-            *rows.state_space_coefficients(identified),
+            *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
+            *coefficient_rows.stage_coefficients(identified),
+            *coefficient_rows.state_space_coefficients(identified),
         ],
         diagnostics=[
-            *rows.diagnostics(identified),
+            *coefficient_rows.identification_findings(identified),
             *reasons,
             *excitation_report(problem, excited.recording),
             *mixed.diagnostics,
         ],
         series=[
-            rows.recording_series(excited.recording, excited.training, excited.sailed),
-            rows.residual_series(excited, problem.nominal, identified),
+            time_series.recording_series(excited.recording, excited.training, excited.sailed),
+            time_series.residual_series(excited, problem.nominal, identified),
             *mixed.series,
         ],
         note=skipped(trial),
@@ -177,8 +167,11 @@ def run(trial: Trial) -> Results:
 
 def with_quality(results: Results, file: RecordedFile, recording: Recording) -> Results:
     """The results of a measured recording, with its statistics and quality checks."""
-    metrics, series = measured.quality(recording)
-    found = [*measured.statistics(file), *measured.outliers(file, recording.dofs)]
+    metrics, series = excitation_results.recording_quality(recording)
+    found = [
+        *excitation_results.column_statistics(file),
+        *excitation_results.outlier_counts(file, recording.dofs),
+    ]
     return replace(
         results,
         metrics=[*results.metrics, *metrics],
@@ -192,16 +185,16 @@ def excitation_report(problem: Problem, whole: Recording) -> list[Diagnostic]:
     reports = persistence(problem.training, problem.nominal, whole)
     for warning in filter(None, (one.warning() for one in reports)):
         log.warning("excitation: %s", warning)
-    return rows.excitation_report(reports)
+    return excitation_results.excitation_report(reports)
 
 
 def unreached(excited: Excited) -> list[Metric]:
     """How often the thrusters could not give what the excitation asked for; a warning where so."""
     if excited.sailed is None:
         return []
-    found = rows.unreached(excited.sailed.voyage, "identification", "plant")
+    found = deployment_metrics.unreached(excited.sailed.voyage, "identification", "plant")
     for share in (one.value for one in found if one.value):
-        log.warning("excitation: %s", rows.UNREACHED.format(share))
+        log.warning("excitation: %s", deployment_metrics.UNREACHED.format(share))
     return found
 
 
@@ -235,14 +228,14 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
 def sailed_excitation(prepared: Prepared) -> Sailed:
     """The excitation sailed; what the controller's design shows to be wrong is said first."""
     design = prepared.design
-    for warning in control_rows.warnings(design, "nominal"):
+    for warning in deployment_metrics.design_warnings(design, "nominal"):
         log.warning("excitation: %s", warning)
     try:
         return prepared.sail()
     except Diverged as error:
         rest = Results(
-            control_rows.design_metrics(design, "nominal"),
-            diagnostics=control_rows.diagnostics(design, "nominal"),
+            deployment_metrics.design_metrics(design, "nominal"),
+            diagnostics=deployment_metrics.design_findings(design, "nominal"),
         )
         raise TrialDiverged(error, rest) from error
 
@@ -267,23 +260,23 @@ def deploy(
         models["adaptive"] = nominal
     for name, model in models.items():
         prepared = prepare(trial, seeds, model, mission, deployed=True)
-        for warning in control_rows.warnings(prepared.design, name):
+        for warning in deployment_metrics.design_warnings(prepared.design, name):
             log.warning(warning)
-        metrics += control_rows.design_metrics(prepared.design, name)
-        diagnostics += control_rows.diagnostics(prepared.design, name)
+        metrics += deployment_metrics.design_metrics(prepared.design, name)
+        diagnostics += deployment_metrics.design_findings(prepared.design, name)
         try:
             one = prepared.sail(adaptive=name == "adaptive")
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
-        metrics += rows.deployment(one.voyage, name, trial.sample_time_s)
-        metrics += control_rows.metrics(one, name)
-        series.append(control_rows.series(one, name))
+        metrics += deployment_metrics.tracking_metrics(one.voyage, name, trial.sample_time_s)
+        metrics += deployment_metrics.response_metrics(one, name)
+        series.append(time_series.voyage_series(one, name))
         if one.adapter is not None:
             coefficients += one.adapter.coefficients()
             diagnostics += one.adapter.diagnostics()
-        lost = control_rows.losses(one, name)
-        diagnostics += control_rows.warning_rows(lost)
+        lost = deployment_metrics.losses(one, name)
+        diagnostics += deployment_metrics.warning_rows(lost)
         for warning in lost:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)

@@ -5,9 +5,9 @@ from pathlib import Path
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from runner.composition import order_of
-from runner.config import GROUPS, Trial, build_trial
-from runner.job import Order
+from seatrial.runner.composition import order_of
+from seatrial.runner.config import GROUPS, Trial, build_trial
+from seatrial.runner.job import Order
 
 CONF = Path(__file__).parents[1] / "conf"
 

@@ -18,14 +18,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from models.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
-from models.compiled import lean_kernel
-from models.control.design import DesignModel, Remark
-from models.dynamics import COS_PSI, SIN_PSI
-from models.errors import ConfigurationError
-from models.simulation import Outlook
-from models.statespace import spectral_radius
-from models.vessel import ForceTable, fill_air_kernel, weighted_sum_kernel
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.linear_design import DesignModel, Remark
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
+from seatrial.models.simulation.statespace import spectral_radius
+from seatrial.models.simulation.voyage import Outlook
+from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
+from seatrial.models.vessel.table import ForceTable, fill_air_kernel, weighted_sum_kernel
 
 CONSTANT = INDEX["1"]
 

@@ -13,16 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.compiled import lean_kernel
-from models.control.design import (
-    DesignModel,
-    Remark,
-    check_weights,
-    closed_loop_radius,
-    design_model,
-)
-from models.control.estimator import (
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.estimator import (
     Believed,
     Estimator,
     Kalman,
@@ -37,12 +29,20 @@ from models.control.estimator import (
     remember,
     seen,
 )
-from models.errors import ConfigurationError
-from models.registry import CONTROLLERS
-from models.simulation import NO_OUTLOOK, Outlook
-from models.statespace import StateSpace
-from models.vessel import FORCE_UNIT, Vessel
-from models.wind import WindForce
+from seatrial.models.control.linear_design import (
+    DesignModel,
+    Remark,
+    check_weights,
+    closed_loop_radius,
+    design_model,
+)
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import FORCE_UNIT, Vessel
+from seatrial.models.weather.wind import WindForce
 
 
 class LqiTable(NamedTuple):

@@ -14,17 +14,9 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.compiled import kernel, lean_kernel
-from models.control import horizon
-from models.control.design import (
-    DesignModel,
-    Remark,
-    check_weights,
-    closed_loop_radius,
-    design_model,
-)
-from models.control.estimator import (
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.control import horizon
+from seatrial.models.control.estimator import (
     Believed,
     Estimator,
     Kalman,
@@ -39,15 +31,22 @@ from models.control.estimator import (
     remember,
     seen,
 )
-from models.control.horizon import Horizon, Quadratic
-from models.control.lqi import samples, si_weights
-from models.control.quadratic import Solver
-from models.errors import ConfigurationError
-from models.registry import CONTROLLERS
-from models.simulation import NO_OUTLOOK, Outlook
-from models.statespace import StateSpace
-from models.vessel import Vessel
-from models.wind import WindForce
+from seatrial.models.control.horizon import Horizon, Quadratic, Solver
+from seatrial.models.control.linear_design import (
+    DesignModel,
+    Remark,
+    check_weights,
+    closed_loop_radius,
+    design_model,
+)
+from seatrial.models.control.lqi import samples, si_weights
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.wind import WindForce
 
 Preview = Literal["none", "setpoint", "setpoint_and_wind"]
 
@@ -193,7 +192,6 @@ def _linear_step(
 
 
 CONTROLLERS[MpcTable] = _linear_step
-
 _prepare = kernel(write_parameters)
 
 

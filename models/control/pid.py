@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import DOFS, N_VARIABLES, Array, features_kernel
-from models.compiled import lean_kernel
-from models.control.design import Remark, closed_loop_radius, design_model
-from models.dynamics import COS_PSI, SIN_PSI
-from models.errors import ConfigurationError
-from models.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
-from models.registry import CONTROLLERS
-from models.simulation import Log
-from models.thruster import SecondOrderLag
-from models.vessel import (
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.linear_design import Remark, closed_loop_radius, design_model
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS
+from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.voyage import Log
+from seatrial.models.vessel.basis import N_VARIABLES, Array, features_kernel
+from seatrial.models.vessel.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
+from seatrial.models.vessel.table import (
     PLANAR,
     ForceTable,
     Vessel,
@@ -27,6 +27,7 @@ from models.vessel import (
     fill_variables_kernel,
     weighted_sum_kernel,
 )
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 class PidTable(NamedTuple):

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from models.basis import Array
-from models.compiled import lean_kernel
-from models.errors import ConfigurationError
-from models.registry import GUIDANCE, FilterTable
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import GUIDANCE, FilterTable
+from seatrial.models.vessel.basis import Array
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
 
 Integers = NDArray[np.int64]
-
 GAP = 1e-6  # at which the search for the optimum ends
 MOST_STEPS = 200_000
 SINGULAR = 1e-12  # of an eigenvalue, relative to the largest, of scaled information

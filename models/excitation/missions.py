@@ -1,159 +1,231 @@
-"""Positioning missions: set-points on a timetable, and how the reference gets from one to the next.
+"""What a vessel is sent to do: way-points on a timetable, line of sight, the same again."""
 
-A reference model stands between set-point and controller. `ReferenceFilter` (Jervan) is linear;
-`AccelerationLimited` moves every axis with a limited speed and acceleration and arrives without
-overshoot; `Step` takes the set-point as it is, one control period later.
-"""
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from models.basis import Array
-from models.compiled import lean_kernel
-from models.errors import ConfigurationError
-from models.excitation.guidance import Timetable, step_setpoints
-from models.registry import REFERENCES
-from models.vessel import PLANAR
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import (
+    LineOfSight,
+    ReferenceFilter,
+    Timetable,
+    step_setpoints,
+    straight_line_setpoints,
+)
+from seatrial.models.recording.splits import Split, half
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import PLANAR
 
 
-class StepTable(NamedTuple):
-    """The reference is the set-point times a gain of one."""
+class Mission(Protocol):
+    """A guidance law with a reference filter and a duration."""
 
-    gain: float
+    @property
+    def duration_s(self) -> float:
+        """Length of the mission [s]."""
+        ...
 
+    @property
+    def reference_filter(self) -> ReferenceFilter:
+        """Filter between set-point and reference."""
+        ...
 
-@lean_kernel
-def _take(table: StepTable, state: Array, setpoint: Array) -> None:
-    for i in range(state.shape[0]):
-        state[i, 0], state[i, 1], state[i, 2] = table.gain * setpoint[i], 0.0, 0.0
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """Parameters and initial state of the compiled guidance step."""
+        ...
 
-
-REFERENCES[StepTable] = _take
-
-
-class LimitTable(NamedTuple):
-    """Limits of every axis, shape (n_dof,), and the control period [s]."""
-
-    speed: Array
-    acceleration: Array
-    period_s: float
-
-
-@lean_kernel
-def _approach(table: LimitTable, state: Array, setpoint: Array) -> None:
-    """x <- x + h v with the largest v that still stops in time; state (x, v, v_dot).
-
-    Braking with a in steps of h from v takes h (v + (v - a h) + (v - 2 a h) + ...). With m whole
-    steps that is the distance d for v = d / ((m + 1) h) + m a h / 2, the largest m for which
-    a h^2 m (m + 1) / 2 <= d.
-    """
-    h = table.period_s
-    for i in range(state.shape[0]):
-        a, distance, v = table.acceleration[i], setpoint[i] - state[i, 0], state[i, 1]
-        m = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * abs(distance) / (a * h * h)) - 1.0))
-        wanted = min(abs(distance) / ((m + 1.0) * h) + 0.5 * m * a * h, table.speed[i])
-        wanted = wanted if distance > 0.0 else -wanted
-        change = min(max(wanted - v, -a * h), a * h)
-        state[i, 1] = v + change
-        state[i, 0] += h * state[i, 1]
-        state[i, 2] = change / h
-
-
-REFERENCES[LimitTable] = _approach
-
-
-@dataclass(frozen=True)
-class Step:
-    """The set-point as it is: what a positioning controller with a preview is asked for."""
-
-    def table(self, period_s: float) -> StepTable:
-        """Parameters of the compiled step."""
-        return StepTable(1.0)
-
-
-@dataclass(frozen=True)
-class AccelerationLimited:
-    """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
-
-    speed: tuple[float, ...]
-    acceleration: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "acceleration"):
-            values = getattr(self, name)
-            if len(values) != len(self.speed) or min(values, default=0.0) <= 0.0:
-                raise ConfigurationError(
-                    f"{name} must be {len(self.speed)} positive numbers, got {list(values)}"
-                )
-
-    def table(self, period_s: float) -> LimitTable:
-        """Parameters of the compiled step for a control period [s]."""
-        return LimitTable(np.array(self.speed), np.array(self.acceleration), period_s)
-
-
-class Reference(Protocol):
-    """A reference model: this module's, or the linear filter."""
-
-    def table(self, period_s: float) -> NamedTuple:
-        """Parameters of the compiled step for a control period [s]."""
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
         ...
 
 
-@dataclass(frozen=True)
-class Setpoints:
-    """A pose (north [m], east [m], heading [deg], unwrapped) at each share of the duration.
+class Exciting(Protocol):
+    """A mission that applies a force of its own, in an open loop or beside the controller."""
 
-    `schedules` are lists of poses by name, `schedule` the one that is sailed: its poses share the
-    duration equally. Positions are multiplied by `scale`. A vessel that moves in surge alone is
-    given the northward part.
+    @property
+    def open_loop(self) -> bool:
+        """Whether no controller takes part."""
+        ...
+
+    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
+        """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
+        ...
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+        """Parameters and initial state of a step in the controller's place, where there is one."""
+        ...
+
+    def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
+        """Raise ConfigurationError where a force exceeds what the thrusters can give [N, Nm]."""
+        ...
+
+
+def is_open_loop(mission: Mission) -> bool:
+    """Whether a mission is sailed without a controller."""
+    return bool(getattr(mission, "open_loop", False))
+
+
+def added_force(
+    mission: Mission, t: Array, dofs: Sequence[str], rng: np.random.Generator
+) -> Array | None:
+    """The force of a mission that has one, shape (N, n_dof)."""
+    exciting: Any = mission
+    if hasattr(mission, "force"):
+        force: Array = exciting.force(t, dofs, rng)
+        return force
+    offset = getattr(mission, "offset", None)
+    return steady_force(offset, len(t), dofs) if offset else None
+
+
+def steady_force(offset: Mapping[str, float] | None, n: int, dofs: Sequence[str]) -> Array:
+    """A constant force [N, Nm] given by degree of freedom, shape (n, n_dof)."""
+    return np.tile([(offset or {}).get(dof, 0.0) for dof in dofs], (n, 1))
+
+
+def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> None:
+    """Refuse a constant force on a degree of freedom that the vessel does not have."""
+    unknown = [axis for axis in offset or () if axis not in dofs]
+    if unknown:
+        raise ConfigurationError(
+            f"excitation.offset: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
+        )
+
+
+def within(name: str, value: float, limits: Mapping[str, float], dof: str) -> None:
+    """Refuse a force [N, Nm] that exceeds what the thrusters can give."""
+    if dof in limits and abs(value) > limits[dof] * (1.0 + 1e-9):
+        raise ConfigurationError(
+            f"excitation.{name}: got {value:g}, expected at most the thrusters' {limits[dof]:g} "
+            f"in {dof}"
+        )
+
+
+def start_of(mission: Mission, dofs: Sequence[str]) -> Array:
+    """The pose that a mission begins at, shape (n_dof,): the origin, unless it says otherwise."""
+    return np.array(getattr(mission, "start", np.zeros(len(dofs))))
+
+
+def steering(
+    mission: Mission, dofs: Sequence[str], period_s: float
+) -> tuple[NamedTuple, Array] | None:
+    """What a mission puts in the controller's place."""
+    exciting: Any = mission
+    return exciting.steering(dofs, period_s) if hasattr(mission, "steering") else None
+
+
+def accompanied(
+    mission: Mission, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """A controller's parameters and state, with what a mission steers beside it."""
+    exciting: Any = mission
+    if not hasattr(mission, "accompany"):
+        return controller
+    both: tuple[Any, Any] = exciting.accompany(dofs, period_s, controller)
+    return both
+
+
+def check_limits(mission: Mission, limits: Mapping[str, float], period_s: float) -> None:
+    """Refuse a mission whose force exceeds the thrusters' limits [N, Nm], by degree of freedom."""
+    exciting: Any = mission
+    if hasattr(mission, "check_limits"):
+        exciting.check_limits(limits, period_s)
+    else:
+        for dof, value in (getattr(mission, "offset", None) or {}).items():
+            within(f"offset.{dof}", value, limits, dof)
+
+
+def _planar_only(what: str, dofs: Sequence[str]) -> None:
+    if tuple(dofs) != PLANAR:
+        raise ConfigurationError(
+            f"{what} needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
+        )
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """A new way-point (north [m], east [m], heading [deg], unwrapped) every `interval_s`.
+
+    `reference: line` moves the set-point on straight lines at the given speed and turn rate
+    (whichever takes longer), and waits; `step` gives the way-points as steps. The recording's
+    first `train_fraction` is for training, the rest for testing. Jervan (2020), section 4.1.3.
     """
 
-    schedule: str
-    schedules: dict[str, tuple[tuple[float, ...], ...]]
-    scale: float
-    duration_s: float
-    reference_filter: Reference
+    waypoints: tuple[tuple[float, ...], ...]
+    interval_s: float
+    reference: Literal["line", "step"]
+    speed_m_s: float
+    turn_rate_rad_s: float
+    reference_filter: ReferenceFilter
+    train_fraction: float
+    offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
-        if self.schedule not in self.schedules:
-            raise ConfigurationError(
-                f"schedule: got {self.schedule!r}, expected one of {', '.join(self.schedules)}"
-            )
-        points = self.schedules[self.schedule]
-        if not points or any(len(point) != 3 for point in points):
-            raise ConfigurationError(
-                f"schedules.{self.schedule}: expected a list of (north, east, heading)"
-            )
-        for name in ("duration_s", "scale"):
+        if not self.waypoints or any(len(point) != 3 for point in self.waypoints):
+            raise ConfigurationError("waypoints: expected a list of (north, east, heading)")
+        for name in ("interval_s", "speed_m_s", "turn_rate_rad_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_fraction(self.train_fraction)
 
-    def poses(self, n_dof: int) -> Array:
-        """The poses of the schedule, shape (n, n_dof) [m, rad]: in the plane, or north alone."""
-        points = np.array(self.schedules[self.schedule], dtype=np.float64)
-        points[:, :2] *= self.scale
-        points[:, 2] = np.radians(points[:, 2])
-        return points[:, :n_dof]
+    @property
+    def duration_s(self) -> float:
+        """Length of the lap [s]."""
+        return len(self.waypoints) * self.interval_s
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """The set-points as a timetable."""
-        poses = self.poses(len(start))
-        interval = self.duration_s / len(poses)
-        return Timetable(np.ascontiguousarray(step_setpoints(poses, interval, t))), np.zeros(1)
+        """The set-points as a timetable; `start` is not used, the lap begins at the origin."""
+        points = np.array(self.waypoints, dtype=np.float64)
+        points[:, 2] = np.radians(points[:, 2])
+        if self.reference == "step":
+            setpoints = step_setpoints(points, self.interval_s, t)
+        else:
+            setpoints = straight_line_setpoints(
+                points, self.interval_s, t, self.speed_m_s, self.turn_rate_rad_s
+            )
+        return Timetable(np.ascontiguousarray(setpoints)), np.zeros(1)
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the lap's first part, and the rest."""
+        return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Poses are in the plane, or along the way; the reference model is of as many axes."""
-        if tuple(dofs) not in (PLANAR, ("surge",)):
-            raise ConfigurationError(
-                f"evaluation={self.schedule} needs a vessel in surge, or in {', '.join(PLANAR)}, "
-                f"got one in {', '.join(dofs)}"
-            )
-        limits = self.reference_filter
-        if isinstance(limits, AccelerationLimited) and len(limits.speed) != len(dofs):
-            raise ConfigurationError(
-                f"evaluation.reference_filter.speed: got {len(limits.speed)} numbers, "
-                f"expected {len(dofs)} for {', '.join(dofs)}"
-            )
+        """Way-points are poses in the plane."""
+        _planar_only("a lap of way-points", dofs)
+        check_offset(self.offset, dofs)
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Line of sight through way-points with an unrolled heading. Jervan, section 4.5.4."""
+
+    sight: LineOfSight
+    reference_filter: ReferenceFilter
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        if not self.duration_s > 0.0:
+            raise ConfigurationError(f"duration_s must be positive, got {self.duration_s}")
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """Line of sight from the pose `start`."""
+        return self.sight.build(start)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Line of sight steers in the plane."""
+        _planar_only("line of sight", dofs)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The identification trajectory again, under the same weather."""
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """What could be sailed once can be sailed again."""
+
+
+def check_fraction(fraction: float) -> None:
+    """Refuse a training share that leaves nothing to train or to test with."""
+    if not 0.0 < fraction < 1.0:
+        raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction}")

@@ -13,17 +13,17 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from models import basis
-from models.basis import Array
-from models.errors import ConfigurationError
-from models.excitation.design import Believed, Design
-from models.excitation.guidance import ReferenceFilter, Timetable
-from models.excitation.route import Route, parts_of
-from models.excitation.sequence import Gains, Role, Schedule, check_open
-from models.parameters import VesselParameters
-from models.planning.planner import Plan
-from models.splits import Split
-from models.vessel import PLANAR
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.candidates import Believed, Design
+from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.route import Route, parts_of
+from seatrial.models.excitation.schedule import Gains, Role, Schedule, check_open
+from seatrial.models.planning.planner import Plan
+from seatrial.models.recording.splits import Split
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.table import PLANAR
 
 
 @dataclass(frozen=True)

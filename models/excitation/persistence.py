@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models import basis
-from models.recording import Recording
-from models.vessel import Vessel
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.table import Vessel
 
 INSEPARABLE = 0.01  # of a singular value, relative to the largest: noise is amplified so much
 SHARE = 0.2  # of a term in a combination that counts as part of it

@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError
-from models.excitation.design import Design
-from models.excitation.sequence import Part
-from models.planning.planner import Plan, Task, plan
-from models.planning.primitives import Pace, Primitive
-from models.planning.waters import Corners, Waters
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.candidates import Design
+from seatrial.models.excitation.schedule import Part
+from seatrial.models.planning.planner import Plan, Task, plan
+from seatrial.models.planning.primitives import Pace, Primitive
+from seatrial.models.planning.waters import Corners, Waters
+from seatrial.models.vessel.basis import Array
 
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
 

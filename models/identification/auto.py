@@ -20,14 +20,20 @@ from typing import Any
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.problem import Finding, Identified, Identifier, Problem, check_force
-from models.identification.validation import prediction
-from models.recording import Recording
-from models.splits import blocked_k_fold
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.problem import (
+    Finding,
+    Identified,
+    Identifier,
+    Problem,
+    check_force,
+)
+from seatrial.models.identification.validation import prediction
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.splits import blocked_k_fold
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 LOST = 1.0  # error of a block on which a candidate fails
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array, Codes
-from models.errors import IdentificationError
-from models.identification.tall import triangle, turns
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.blockwise_qr import triangle, turns
+from seatrial.models.vessel.basis import Array, Codes
 
 EXCITED = 1e-11  # smallest to largest singular value of the inputs' Hankel matrix
 

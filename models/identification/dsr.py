@@ -16,25 +16,26 @@ from typing import Literal
 
 import numpy as np
 
-from models import basis
-from models.basis import ACCELERATIONS, AIR, VELOCITIES, Array, Codes, Term
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.dsr_findings import (
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.physical_form import PhysicalForm, physical_form
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.sampled_data import Output, Sampled, sampled
+from seatrial.models.identification.state_space_findings import (
     fit_findings,
     model_findings,
     physical_findings,
     realisation_findings,
 )
-from models.identification.physical_form import PhysicalForm, physical_form
-from models.identification.problem import Finding, Identified, Problem
-from models.identification.sampled import Output, Sampled, sampled
-from models.identification.subspace import Realisation, identify_innovations
-from models.identification.uncertainty import check_bootstrap
-from models.kinematics import rotation
-from models.recording import Recording
-from models.statespace import StateSpace
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.identification.subspace import Realisation, identify_innovations
+from seatrial.models.identification.uncertainty import check_bootstrap
+from seatrial.models.notation import ACCELERATIONS, VELOCITIES
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import AIR, Array, Codes, Term
+from seatrial.models.vessel.kinematics import rotation
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 @dataclass(frozen=True)

@@ -19,17 +19,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models import basis
-from models.basis import ACCELERATIONS, Array, Term
-from models.derivatives import coriolis
-from models.errors import ConfigurationError
-from models.identification.design import NED_COLUMNS, ned_table
-from models.vessel import Vessel, coefficient_unit
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.residual import NED_COLUMNS, ned_table
+from seatrial.models.notation import ACCELERATIONS
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.derivatives import coriolis
+from seatrial.models.vessel.table import Vessel, coefficient_unit
 
 ROUNDING = 1e-9  # of the Coriolis entry: what is left of a table's entry after subtracting it
-
 NED = ("north", "east")
-
 Coriolis = Literal["tied", "free"]
 
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import IdentificationError
-from models.identification.design import ResidualOptions
-from models.identification.problem import Finding, Problem
-from models.thruster import SecondOrderLag
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.problem import Finding, Problem
+from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 SETTLE_S = 10.0  # the lag's state at the start is not known; its effect is gone by then
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] where the search begins

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.errors import IdentificationError
-from models.identification import tall
-from models.identification.design import Samples
-from models.identification.uncertainty import (
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification import blockwise_qr
+from seatrial.models.identification.residual import Samples
+from seatrial.models.identification.uncertainty import (
     ErrorKind,
     block_bootstrap,
     hac_variance,
     stationary_variance,
 )
+from seatrial.models.vessel.basis import Array
 
 SINGULAR = 1e-12
 
@@ -108,7 +108,7 @@ def decompose(samples: Samples, weights: Array, penalised: bool = False) -> Deco
     scale = np.sqrt(np.einsum("n,nj,nj->j", weights, x, x) / np.sum(weights))
     x /= scale
     x *= np.sqrt(weights)[:, None]
-    u, s, vt = tall.svd(x)
+    u, s, vt = blockwise_qr.svd(x)
     if len(s) and s[-1] <= SINGULAR * s[0] and not penalised:
         names = [str(samples.terms[columns[i]]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)]
         raise IdentificationError(

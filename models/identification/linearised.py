@@ -12,20 +12,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models import basis
-from models.basis import AIR, N_VARIABLES, VARIABLES, Array
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.block_hankel import stretches
-from models.identification.dsr_findings import fit, model_findings
-from models.identification.prediction import sample_time
-from models.identification.problem import Finding, Identified, Problem, check_force
-from models.identification.sampled import GAP, Sampled, sampled
-from models.linearisation import linearise, operating_force, tangent
-from models.recording import Recording
-from models.statespace import StateSpace
-from models.thruster import SecondOrderLag
-from models.vessel import FORCE_UNIT, PLANAR, Vessel
-from models.wind import WindForce
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.block_hankel import stretches
+from seatrial.models.identification.prediction import sample_time
+from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
+from seatrial.models.identification.sampled_data import GAP, Sampled, sampled
+from seatrial.models.identification.state_space_findings import fit, model_findings
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.linearisation import linearise, operating_force, tangent
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import AIR, N_VARIABLES, VARIABLES, Array
+from seatrial.models.vessel.table import FORCE_UNIT, PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.weather.wind import WindForce
 
 ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
 

@@ -11,24 +11,30 @@ from typing import Literal
 
 import numpy as np
 
-from models.errors import ConfigurationError
-from models.identification.decision import Decision, choose
-from models.identification.fit_errors import Errors, Uncertainty
-from models.identification.free_parameters import NED
-from models.identification.genetic import Operators
-from models.identification.objectives import Metric, Objectives, objective_findings
-from models.identification.output_error import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.free_parameters import NED
+from seatrial.models.identification.genetic_algorithm import Operators
+from seatrial.models.identification.multiobjective_search import (
+    Algorithm,
+    RunningMetric,
+    Searched,
+    Space,
+    search,
+    searcher,
+)
+from seatrial.models.identification.objectives import Metric, Objectives, objective_findings
+from seatrial.models.identification.output_error import (
     check_determined,
     check_horizons,
     fit_findings,
     fit_through,
 )
-from models.identification.predictor import PredictionOptions, Predictor
-from models.identification.problem import Finding, Identified, Problem
-from models.identification.running_metric import RunningMetric
-from models.identification.search import Algorithm, Searched, Space, search, searcher
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.identification.pareto_selection import Decision, choose
+from seatrial.models.identification.prediction_fit import Errors, Uncertainty
+from seatrial.models.identification.predictor import PredictionOptions, Predictor
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ limit is to be run again with them. All others move the same either way.
 
 import numpy as np
 
-from models.basis import Array, Codes
-from models.compiled import lean_kernel
-from models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE, SMAPE
-from models.identification.prediction import Course, limited
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE, SMAPE
+from seatrial.models.identification.prediction import Course, limited
+from seatrial.models.vessel.basis import Array, Codes
 
 COEFFICIENTS = 7
 PROPORTIONAL, AFFINE, MODULUS, ANY = range(4)  # c_1; c_0, c_1; c_1, c_5; or any coefficients

@@ -13,14 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.fit_errors import Errors, Uncertainty
-from models.identification.misfit import Fit, InitialState, fit
-from models.identification.predictor import PredictionOptions, Predictor
-from models.identification.problem import Finding, Identified, Problem
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.prediction_fit import (
+    Errors,
+    Fit,
+    InitialState,
+    Uncertainty,
+    fit,
+)
+from seatrial.models.identification.predictor import PredictionOptions, Predictor
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell from zero
 

@@ -11,27 +11,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array, Term
-from models.errors import ConfigurationError
-from models.identification.components import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.cross_validation import (
+    Selection,
+    check_folds,
+    left_out_mse,
+    split,
+)
+from seatrial.models.identification.kernel_pls import (
     Columns,
     all_orders,
     columns,
     mean_squares,
     output_moment,
 )
-from models.identification.design import CONSTANT, ResidualOptions
-from models.identification.lag import thruster_of
-from models.identification.problem import Finding, Identified, Problem
-from models.identification.selection import (
-    Selection,
-    check_folds,
-    left_out_mse,
-    split,
-)
-from models.identification.uncertainty import block_bootstrap, check_bootstrap
-from models.thruster import SecondOrderLag
-from models.vessel import SQUARE_UNIT, Vessel
+from seatrial.models.identification.lag import thruster_of
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.residual import CONSTANT, ResidualOptions
+from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.table import SQUARE_UNIT, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 @dataclass(frozen=True)

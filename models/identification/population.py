@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.compiled import kernel, lean_kernel
-from models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE
-from models.identification.one_axis import (
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.identification.lanes import LANES, MAE, MEAN_ERROR, MSE
+from seatrial.models.identification.one_axis import (
     DRAG,
     ERRORS,
     INVERSE,
@@ -25,9 +24,10 @@ from models.identification.one_axis import (
     run_one_axis,
     stayed_within,
 )
-from models.identification.prediction import Course, size_of_z_kernel
-from models.identification.sine import cosine_and_sine
-from models.identification.structure import IN_PLANE, IN_SPACE, Structure
+from seatrial.models.identification.prediction import Course, size_of_z_kernel
+from seatrial.models.identification.sine import cosine_and_sine
+from seatrial.models.identification.structure import IN_PLANE, IN_SPACE, Structure
+from seatrial.models.vessel.basis import Array
 
 Indices = NDArray[np.int64]
 

@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.compiled import kernel, lean_kernel
-from models.errors import RecordingError
-from models.identification.structure import (
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.errors import RecordingError
+from seatrial.models.identification.structure import (
     IN_PLANE,
     IN_SPACE,
     Flags,
@@ -28,9 +27,10 @@ from models.identification.structure import (
     layout,
     size_of_z,
 )
-from models.recording import Recording
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 GAP = 1.5  # sample times: a longer step in time begins a new prediction
 

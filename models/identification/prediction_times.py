@@ -18,14 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.lanes import METRICS
-from models.identification.nothing import NoIdentifier
-from models.identification.population import prediction_errors
-from models.identification.prediction import Course, course_of, predict
-from models.identification.problem import Finding, Identified, Problem
-from models.identification.structure import Structure, layout
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.lanes import METRICS
+from seatrial.models.identification.population import prediction_errors
+from seatrial.models.identification.prediction import Course, course_of, predict
+from seatrial.models.identification.problem import Finding, Identified, NoIdentifier, Problem
+from seatrial.models.identification.structure import Structure, layout
+from seatrial.models.vessel.basis import Array
 
 WAYS = ("without JIT", "with JIT", "with JIT, many at once")
 LIMIT = 10.0  # of the rates, Hoyer (2021), section 6.4

@@ -5,16 +5,16 @@ from functools import cached_property
 
 import numpy as np
 
-from models import basis
-from models.basis import Array
-from models.errors import ConfigurationError
-from models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
-from models.identification.lanes import METRICS
-from models.identification.population import prediction_errors
-from models.identification.prediction import Course, course_of, predict
-from models.identification.problem import Problem, check_force
-from models.identification.structure import Flags, Integrator, Layout, layout
-from models.vessel import PLANAR, Vessel, poses_of, velocities_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
+from seatrial.models.identification.lanes import METRICS
+from seatrial.models.identification.population import prediction_errors
+from seatrial.models.identification.prediction import Course, course_of, predict
+from seatrial.models.identification.problem import Problem, check_force
+from seatrial.models.identification.structure import Flags, Integrator, Layout, layout
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import PLANAR, Vessel, poses_of, velocities_of
 
 POSE_UNIT = {"x": "m", "y": "m", "z": "m", "phi": "rad", "theta": "rad", "psi": "rad"}
 

@@ -6,13 +6,13 @@ from typing import Protocol
 
 import numpy as np
 
-from models import basis
-from models.basis import Array, Term
-from models.errors import ConfigurationError
-from models.recording import FORCES, Recording
-from models.statespace import StateSpace
-from models.thruster import SecondOrderLag
-from models.vessel import PLANAR, Vessel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.recording import FORCES, Recording
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,3 +95,17 @@ def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array
     """epsilon = tau - F(nu_dot, nu) [N, Nm], shape (N, n_dof). Jervan (2020), eq. (3.20)."""
     fitted = model.inverse(recording.nu_dot, recording.nu, recording.attitude, recording.wind)
     return recording.force(force) - fitted
+
+
+# No identification: the nominal model as it is, the reference of every comparison.
+
+
+@dataclass(frozen=True)
+class NoIdentifier:
+    """Learns nothing: F1 = F0, a residual table without terms."""
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The nominal model."""
+        nominal = problem.nominal
+        empty = Vessel("residual", nominal.dofs, (), np.zeros((0, len(nominal.dofs))))
+        return Identified(nominal, empty)

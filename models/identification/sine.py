@@ -8,7 +8,7 @@ those of `k_sin.c` and `k_cos.c` in Sun's fdlibm 5.3.
 
 import numpy as np
 
-from models.compiled import lean_kernel
+from seatrial.models.compiled import lean_kernel
 
 PER_RADIAN = 0.6366197723675814  # 2 / pi
 HALF_PI = (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21)

@@ -15,23 +15,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import (
-    AIR,
-    ATTITUDE,
-    DOFS,
-    N_VARIABLES,
-    VARIABLES,
-    VELOCITIES,
-    Array,
-    Codes,
-    Term,
-)
-from models.errors import ConfigurationError
-from models.vessel import PLANAR, poses_of, velocities_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS, VELOCITIES
+from seatrial.models.vessel.basis import AIR, ATTITUDE, N_VARIABLES, VARIABLES, Array, Codes, Term
+from seatrial.models.vessel.table import PLANAR, poses_of, velocities_of
 
 Integrator = Literal["euler", "rk4"]
 Flags = NDArray[np.bool_]
-
 IN_AXES, IN_PLANE, IN_SPACE = range(3)  # each axis alone; (x, y, psi); (x, y, z, phi, theta, psi)
 
 

@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 from scipy.fft import next_fast_len
 
-from models.basis import Array
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
 
 ErrorKind = Literal["stationary", "hac"]
 PIECE = 8192  # samples that are transformed together, at least

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.prediction import Course, course_of, predict
-from models.identification.structure import Flags, Layout, layout
-from models.recording import Recording
-from models.thruster import SecondOrderLag
-from models.vessel import Vessel
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.prediction import Course, course_of, predict
+from seatrial.models.identification.structure import Flags, Layout, layout
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 TEN = 10
 AHEAD: dict[str, int | None] = {"one_step": 1, "ten_step": TEN, "free_run": None}

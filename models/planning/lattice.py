@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.errors import ConfigurationError
-from models.planning.primitives import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.planning.a_star import Integers
+from seatrial.models.planning.primitives import (
     HEADINGS,
     STEP,
     Pace,
@@ -23,8 +23,8 @@ from models.planning.primitives import (
     nearest,
     turned,
 )
-from models.planning.search import Integers
-from models.planning.waters import Waters, clear, inside, simplified
+from seatrial.models.planning.waters import Waters, clear, inside, simplified
+from seatrial.models.vessel.basis import Array
 
 STRAY = 0.02  # cells that a path may be simplified by; the clearance is as much larger
 MOST_CELLS = 250_000

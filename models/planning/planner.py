@@ -13,11 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.basis import Array
-from models.errors import ConfigurationError
-from models.planning.lattice import Lattice, Placed, placed
-from models.planning.primitives import HEADINGS, Pace, Primitive
-from models.planning.search import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.planning.a_star import (
     UNREACHED,
     Bounds,
     Integers,
@@ -26,7 +23,10 @@ from models.planning.search import (
     relaxed,
     shortest,
 )
-from models.planning.waters import Waters, clear
+from seatrial.models.planning.lattice import Lattice, Placed, placed
+from seatrial.models.planning.primitives import HEADINGS, Pace, Primitive
+from seatrial.models.planning.waters import Waters, clear
+from seatrial.models.vessel.basis import Array
 
 MOST_STATES = 30_000_000
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.basis import Array
+from seatrial.models.vessel.basis import Array
 
 HEADINGS = 8
 STEP = 2.0 * np.pi / HEADINGS

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.basis import Array
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
 
 Corners = tuple[tuple[float, ...], ...]
 QUARTER = 16  # sides of the polygon in a quarter of a circle

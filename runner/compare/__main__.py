@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from models.errors import SeatrialError
+from seatrial.models.errors import SeatrialError
 
 PROGRAM = "seatrial-results"
 
@@ -21,8 +21,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """The exit code of one command line; None stands for the arguments of this process."""
     from typer.main import get_command
 
-    from . import asking, keeping, publishing  # noqa: F401 - they add their commands
-    from .app import app
+    from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - they add their commands
+    from seatrial.runner.compare.cli import app
 
     try:
         code = get_command(app).main(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from .grid import Cell, Grid, Scalar
+from seatrial.runner.compare.grid import Cell, Grid, Scalar
 
 if TYPE_CHECKING:
     from markupsafe import Markup

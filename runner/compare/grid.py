@@ -7,7 +7,6 @@ from functools import cache
 
 Scalar = str | float | int | bool | None
 """What a record may hold; dates come as ISO text."""
-
 _SUPERSCRIPTS = {"^2": "²", "^3": "³", "^-1": "⁻¹", "^-2": "⁻²"}
 
 

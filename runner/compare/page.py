@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from models.errors import LogbookError
+from seatrial.models.errors import LogbookError
 
 WIDE = 7.0  # from this width on a figure has the row to itself [inch]
 CSS_PX_PER_POINT = 4.0 / 3.0

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .names import CHOICES
-from .observations import FINISHED, OWN_FACTORS, Observation, Run, ordered
-from .statistics import SAME, PairedTest, Sample, paired_test
+from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.results import FINISHED, OWN_FACTORS, Observation, Run, ordered
+from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
 
 Key = tuple[str, ...]
-
 DOF_ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw", "position", "heading", "all")
 MODEL_ORDER = ("nominal", "identified", "plant", "residual")
 HIGHER_IS_BETTER = ("vaf", "r2", "fit")  # every other metric is an error or an effort

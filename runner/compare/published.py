@@ -17,13 +17,11 @@ from typing import Literal
 
 import numpy as np
 
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.results import FINISHED, Observation, Results, Run
+from seatrial.runner.compare.statistics import SAME, confidence_interval
 
-from .observations import FINISHED, Observation, Run
-from .results import Results
-from .statistics import SAME, confidence_interval
-
-FOLDER = Path(__file__).parents[2] / "tests" / "published"
+FOLDER = Path(__file__).with_name("printed")
 COLUMNS = (
     *("document", "table", "page", "row", "quantity", "printed", "unit"),
     *("way", "where", "source", "stage", "model", "dof", "name", "label", "factor"),
@@ -32,7 +30,6 @@ COLUMNS = (
 SOURCES = ("metric", "coefficient", "diagnostic")
 COMPARISONS = ("value", "lower", "higher", "truth", "none")
 TOLERANCE = 0.05  # relative: nearer to the printed figure than this is reproduced
-
 Verdict = Literal["reproduced", "beaten", "not reproduced", "not reproducible", "no runs", "ours"]
 
 

@@ -9,24 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from models.errors import ConfigurationError, LogbookError
-from runner.database.records import RunDetail, SweepSummary
-from runner.database.tables import Run as RunTable
-
-from .conditions import Condition
-from .formats import html_table
-from .grid import Grid, grid_of, one_line
-from .listing import RUN_COLUMNS, plain
-from .names import CHOICES
-from .observations import Run, ordered
-from .page import Picture, picture, render_page, write_page
-from .pivot import DOF_ORDER
-from .results import Results
-from .selection import TableRequest
-from .table import comparison
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.grid import Grid, grid_of, one_line
+from seatrial.runner.compare.page import Picture, picture, render_page, write_page
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.results import Results, Run, ordered
+from seatrial.runner.compare.runs import RUN_COLUMNS, plain
+from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.table import comparison
+from seatrial.runner.compare.where import Condition
+from seatrial.runner.database.records import RunDetail, SweepSummary
+from seatrial.runner.database.tables import Run as RunTable
 
 if TYPE_CHECKING:
-    from .plots.request import PlotRequest
+    from seatrial.runner.compare.plots.request import PlotRequest
+
 
 # Metric, what it says, and whether its table is open when the page opens.
 TABLES = (
@@ -197,8 +196,8 @@ def _pictures(
     results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
 ) -> tuple[list[Picture], list[str]]:
     """Every kind of figure that the runs have something for, and why any could not be drawn."""
-    from .plots.request import PlotRequest
-    from .plots.style import drawn
+    from seatrial.runner.compare.plots.request import PlotRequest
+    from seatrial.runner.compare.plots.style import drawn
 
     found: list[Picture] = []
     trouble: list[str] = []

@@ -4,23 +4,85 @@ All queries of tables and figures stand here. A trial that was repeated counts o
 finished attempt, else by its latest (the view's column `superseded` says which do not count).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 
-from models.errors import ConfigurationError
-from runner.database.reading import Reader
-from runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
-from runner.database.tables import Run as RunTable
-from runner.database.views import run_overview
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.factors import CHOICES, Names, flat
+from seatrial.runner.compare.where import Condition, parse
+from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
+from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.database.views import run_overview
 
-from .conditions import Condition, parse
-from .names import CHOICES, Names, flat
-from .observations import Observation, Run
+# What tables and figures are made of: runs, and one number of a run each.
+#
+# A *factor* is a name that rows, columns or facets go by: a column of table `run`, a dotted key of
+# the configuration, or a property of the number itself (model, dof, stage, metric).
+
+
+OWN_FACTORS = ("metric", "stage", "model", "dof")  # what the number, not its run, says
+BELOW_TRUE_MODEL = "below_true_model"
+DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, where 1 or more
+FINISHED = "finished"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A stored run; `levels` are its choices, its seed and the factors asked for, as text."""
+
+    id: int
+    status: str  # running, finished, diverged, failed or interrupted
+    levels: Mapping[str, str] = field(repr=False)
+    sweep: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One number of a run: a metric, or (stage `coefficient`) a coefficient named by its term."""
+
+    run: Run
+    stage: str
+    model: str
+    dof: str
+    name: str
+    value: float | None
+    unit: str
+    std_error: float | None = None
+    true_value: float | None = None
+
+    def level(self, factor: str) -> str:
+        """The value of a factor, as text."""
+        match factor:
+            case "metric":
+                return self.name
+            case "stage":
+                return self.stage
+            case "model":
+                return self.model
+            case "dof":
+                return self.dof
+            case _:
+                return self.run.levels[factor]
+
+
+def ordered(levels: Iterable[str]) -> list[str]:
+    """Distinct levels in reading order: numbers by size, then `none`, then text."""
+    return sorted(set(levels), key=_reading_order)
+
+
+def _reading_order(level: str) -> tuple[int, float, str]:
+    try:
+        return 0, float(level), level
+    except ValueError:
+        return (1 if level in ("none", "calm", "nominal") else 2), 0.0, level
+
 
 RUN = RunTable.__table__
 LABELS = (*CHOICES, "seed")

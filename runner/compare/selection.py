@@ -4,21 +4,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from models.errors import ConfigurationError
-
-from .names import CHOICES
-from .observations import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.pivot import Key, Pivot
+from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
     DESIGN_FLAWS,
     FINISHED,
     OWN_FACTORS,
     Observation,
+    Results,
     Run,
     ordered,
 )
-from .pivot import Key, Pivot
-from .results import Results
-from .statistics import DEFAULT, IntervalKind, checked
+from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
-
 SAME = 1e-9  # relative: figures closer than this differ by rounding alone
 BOOTSTRAP_RESAMPLES = 10_000
 BOOTSTRAP_SEED = 0  # the same table twice shows the same interval

@@ -4,16 +4,14 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from .grid import Cell as GridCell
-from .grid import Grid, Scalar, number_text, unit_text, with_unit
-from .observations import OWN_FACTORS
-from .pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
-from .results import Results
-from .selection import Found, TableRequest, gather, pooled
-from .statistics import SAME, PairedTest, summary
+from seatrial.runner.compare.grid import Cell as GridCell
+from seatrial.runner.compare.grid import Grid, Scalar, number_text, unit_text, with_unit
+from seatrial.runner.compare.pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
+from seatrial.runner.compare.results import OWN_FACTORS, Results
+from seatrial.runner.compare.selection import Found, TableRequest, gather, pooled
+from seatrial.runner.compare.statistics import SAME, PairedTest, summary
 
 Place = tuple[Key, Key]
-
 EMPTY = "–"
 MARK = "†"
 UNSETTLED, INFEASIBLE = "‡", "§"

@@ -7,9 +7,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from runner.database.address import display_url, without_passwords
-    from runner.database.reading import Reader
-    from runner.database.records import (
+    from seatrial.runner.database.engine import display_url, without_passwords
+    from seatrial.runner.database.logbook import Logbook
+    from seatrial.runner.database.reader import Reader
+    from seatrial.runner.database.records import (
         Answer,
         Begun,
         Coefficient,
@@ -27,15 +28,14 @@ if TYPE_CHECKING:
         SweepSummary,
         Verification,
     )
-    from runner.database.repository import Logbook
+
 
 _HOMES = {
-    "Logbook": "repository",
-    "Reader": "reading",
-    "display_url": "address",
-    "without_passwords": "address",
+    "Logbook": "logbook",
+    "Reader": "reader",
+    "display_url": "engine",
+    "without_passwords": "engine",
 }
-
 __all__ = [
     "Answer",
     "Begun",

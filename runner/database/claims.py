@@ -15,15 +15,19 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Row, select, update
 from sqlalchemy.dialects import sqlite
 
-from models.errors import LogbookError
-from runner.database.address import without_passwords
-from runner.database.liveness import STALE_AFTER_S, database_now, identity, is_gone, is_stale
-from runner.database.records import Begun, RunStart
-from runner.database.tables import Base, Reuse, Run
-from runner.database.values import plain
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database.engine import without_passwords
+from seatrial.runner.database.liveness import (
+    STALE_AFTER_S,
+    database_now,
+    identity,
+    is_gone,
+    is_stale,
+)
+from seatrial.runner.database.records import Begun, RunStart, plain
+from seatrial.runner.database.tables import Base, Reuse, Run
 
 _TRIES = 10  # each further one needs another process to have come between
-
 _CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
 

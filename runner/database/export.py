@@ -8,8 +8,8 @@ from typing import Any
 from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, select
 from sqlalchemy.types import TypeEngine
 
-from models.errors import LogbookError
-from runner.database.tables import Base, Utc
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
 _BATCH = 10_000  # rows held at once

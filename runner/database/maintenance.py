@@ -25,12 +25,12 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DatabaseError
 
-from models.errors import LogbookError
-from runner.database import series as files
-from runner.database.engine import one_line
-from runner.database.liveness import is_gone, is_stale
-from runner.database.records import Problem, SeriesFile, Verification
-from runner.database.tables import Base, Run, Series
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import series_files as files
+from seatrial.runner.database.engine import one_line
+from seatrial.runner.database.liveness import is_gone, is_stale
+from seatrial.runner.database.records import Problem, SeriesFile, Verification
+from seatrial.runner.database.tables import Base, Run, Series
 
 _OF_RUN = re.compile(r"\.?run-(?P<run>\d+)-")
 _CHUNK = 500  # ids in one statement

@@ -13,25 +13,21 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
-from models.errors import LogbookError
-from runner.database import engine as engines
-from runner.database import views
-from runner.database.address import Address
-from runner.database.tables import Base
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import engine as engines
+from seatrial.runner.database import views
+from seatrial.runner.database.engine import Address
+from seatrial.runner.database.tables import Base
 
 VERSION_TABLE = "seatrial_version"
 REVISIONS = ("0001", "0002")  # oldest first; a test keeps them equal to the migrations
 HEAD = REVISIONS[-1]
-
 _log = logging.getLogger(__name__)
-
 _LOCK = 0x5EA721A1  # any number that all of us, and nobody else, use for PostgreSQL's advisory lock
-
 _MAKE_VERSION_TABLE = (
     f"CREATE TABLE {VERSION_TABLE} (version_num VARCHAR(32) NOT NULL,"
     f" CONSTRAINT {VERSION_TABLE}_pkc PRIMARY KEY (version_num))"
 )
-
 _NAMES = {
     "sqlite": "SELECT name FROM sqlite_master WHERE type IN ('table', 'view')"
     " AND name NOT LIKE 'sqlite\\_%' ESCAPE '\\'",

@@ -19,7 +19,7 @@ from sqlalchemy import (
     table,
 )
 
-from runner.database.liveness import stale_before
+from seatrial.runner.database.liveness import stale_before
 
 # A column each in metric_wide; a name that is not here is still in the table metric.
 METRIC_NAMES = (
@@ -45,7 +45,6 @@ METRIC_NAMES = (
     "power_mean",
     "iaew",
 )
-
 # Headline metrics in run_overview: column, stage, model, dof, name.
 HEADLINES = (
     ("force_mse_surge_nominal", "validation", "nominal", "surge", "force_mse"),
@@ -55,11 +54,8 @@ HEADLINES = (
     ("e_psi_mae_nominal", "deployment", "nominal", "heading", "e_psi_mae"),
     ("e_psi_mae_identified", "deployment", "identified", "heading", "e_psi_mae"),
 )
-
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
-
 _CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation", "seed")
-
 # A run counts unless another attempt at the same trial finished where this did not, or is later.
 _SUPERSEDED = """CASE WHEN EXISTS (
       SELECT 1 FROM run AS other
@@ -67,7 +63,6 @@ _SUPERSEDED = """CASE WHEN EXISTS (
         AND (CASE WHEN other.status = 'finished' THEN 1 ELSE 0 END, other.attempt)
           > (CASE WHEN run.status = 'finished' THEN 1 ELSE 0 END, run.attempt)
     ) THEN 1 ELSE 0 END"""
-
 _OVERVIEW = """
 CREATE VIEW run_overview AS
   SELECT run.id AS run_id, run.sweep_id, sweep.name AS sweep, run.attempt,
@@ -83,10 +78,8 @@ CREATE VIEW run_overview AS
       WHERE metric.run_id = run.id AND name = 'below_true_model') AS below_true_model,
     run.error_type, run.error, run.fingerprint
   FROM run LEFT JOIN sweep ON sweep.id = run.sweep_id"""
-
 _HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND name = '{name}'
       AND stage = '{stage}' AND model = '{model}' AND dof = '{dof}') AS {column}"""
-
 _WIDE = """
 CREATE VIEW metric_wide AS
   SELECT run.id AS run_id, run.sweep_id,
@@ -98,7 +91,6 @@ CREATE VIEW metric_wide AS
     SELECT run_id, stage, model, dof, {columns}
     FROM metric GROUP BY run_id, stage, model, dof
   ) AS wide ON wide.run_id = run.id"""
-
 _ERROR = """
 CREATE VIEW coefficient_error AS
   SELECT run.id AS run_id, run.sweep_id,
@@ -111,7 +103,6 @@ CREATE VIEW coefficient_error AS
     coefficient.unit
   FROM coefficient JOIN run ON run.id = coefficient.run_id
   WHERE coefficient.true_value <> 0"""
-
 run_overview = table(
     "run_overview",
     column("run_id", Integer),

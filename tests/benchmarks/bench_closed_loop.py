@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from models import basis
-from models.basis import Array
-from models.compiled import kernel
-from models.dynamics import Scratch, advance, rates, scratch
-from models.pose import kinematics_of, state_of
-from models.thruster import LagTable, no_lag
-from models.vessel import PLANAR, PlantTable, Vessel
-from models.weather import Weather
+from seatrial.models.compiled import kernel
+from seatrial.models.simulation.dynamics import Scratch, advance, rates, scratch
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.pose import kinematics_of, state_of
+from seatrial.models.vessel.table import PLANAR, PlantTable, Vessel
+from seatrial.models.vessel.thruster import LagTable, no_lag
+from seatrial.models.weather.weather import Weather
 from tests.benchmarks.supply_vessel import SupplyVessel, as_table
 from tests.benchmarks.uncompiled import closed_loop, interpreter
 from tests.trials import composed

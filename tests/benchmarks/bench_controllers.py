@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from models.control.pid import PidFeedforward
+from seatrial.models.control.pid import PidFeedforward
 from tests.benchmarks.programs import AT_LIMIT
 from tests.models.control.sailing import LIMITS, appendix_k, lqi, mpc, ship, voyage
 

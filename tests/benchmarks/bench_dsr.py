@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.identification.subspace import identify_innovations
-from models.statespace import StateSpace
+from seatrial.models.identification.subspace import identify_innovations
+from seatrial.models.simulation.statespace import StateSpace
 from tests.models.identification.test_subspace import (
     by_size,
     kalman_gain,

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control import horizon
-from models.control.quadratic import Solver
+from seatrial.models.control import horizon
+from seatrial.models.control.horizon import Solver
+from seatrial.models.vessel.basis import Array
 from tests.benchmarks.conftest import growth
 from tests.benchmarks.programs import commands, problem_of, recorded
 

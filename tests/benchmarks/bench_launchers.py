@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from runner.database import Logbook
+from seatrial.runner.database import Logbook
 
 TRIALS, TURNS = 64, 4
 WANTED = 1.6  # times, on two cores

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control import horizon
-from models.control.horizon import Horizon, Quadratic
-from models.control.quadratic import Solver
+from seatrial.models.control import horizon
+from seatrial.models.control.horizon import Horizon, Quadratic, Solver
+from seatrial.models.vessel.basis import Array
 from tests.benchmarks.programs import commands, one_by_one, problem_of, recorded
 
 pytest.importorskip("osqp", reason="osqp is not installed: pip install '.[bench]'")

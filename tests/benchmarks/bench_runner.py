@@ -14,9 +14,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from runner.complaints import CONF
-from runner.database import Logbook
-from runner.database.records import Results
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Results
+from seatrial.runner.hydra_errors import CONF
 from tests.benchmarks import sweeps
 from tests.benchmarks.conftest import growth
 from tests.runner.database.samples import make_results, make_start

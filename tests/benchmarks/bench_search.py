@@ -15,16 +15,15 @@ from unittest.mock import patch
 import numba
 import numpy as np
 
-from models.basis import Array
-from models.identification.nsga2 import Nsga2
-from models.identification.objectives import Objectives
-from models.identification.prediction import predict
-from models.identification.predictor import Predictor
-from models.identification.problem import Identified, Problem
-from models.identification.running_metric import RunningMetric
-from models.identification.search import Searched, Space
-from runner.sailing import streams
-from runner.trial import excite
+from seatrial.models.identification.multiobjective_search import RunningMetric, Searched, Space
+from seatrial.models.identification.nsga2 import Nsga2
+from seatrial.models.identification.objectives import Objectives
+from seatrial.models.identification.prediction import predict
+from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.vessel.basis import Array
+from seatrial.runner.closed_loop import streams
+from seatrial.runner.trial import excite
 from tests.trials import composed
 
 STEPS, CANDIDATES, FERRIES = 3000, 10_000, 256

@@ -6,11 +6,11 @@ import numpy as np
 from sklearn import config_context
 from sklearn.cross_decomposition import PLSRegression
 
-from models.basis import Array
-from models.identification.components import Columns, columns, mean_squares, output_moment
-from models.identification.surface import FEWEST, exists, whole_surface
-from runner.sailing import streams
-from runner.trial import excite
+from seatrial.models.identification.kernel_pls import Columns, columns, mean_squares, output_moment
+from seatrial.models.identification.surface_plsr import FEWEST, exists, whole_surface
+from seatrial.models.vessel.basis import Array
+from seatrial.runner.closed_loop import streams
+from seatrial.runner.trial import excite
 from tests.trials import composed
 
 AXES = 3

@@ -20,7 +20,7 @@ ASKED_S = 3.0  # at the largest, about
 # The command, and then its peak memory.
 COMMAND = """
 import sys
-from runner.compare.__main__ import run
+from seatrial.runner.compare.__main__ import run
 from tests.benchmarks.memory import peak_megabytes
 code = run(sys.argv[1:])
 print(peak_megabytes(), file=sys.stderr)

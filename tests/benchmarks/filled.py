@@ -4,7 +4,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from runner.database import Logbook
+from seatrial.runner.database import Logbook
 from tests.runner.database.samples import make_results, make_start
 
 IDENTIFIERS = ("dsr", "iv", "least_squares", "ls", "none", "nsga2", "plsr", "ridge", "surface_plsr")

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import SeatrialError
-from models.identification.problem import Problem
-from models.recording import Recording, attitude_of
-from models.simulation import recording_of
-from runner.sailing import sail_mission, streams
+from seatrial.models.errors import SeatrialError
+from seatrial.models.identification.problem import Problem
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.runner.closed_loop import sail_mission, streams
 from tests.benchmarks.memory import peak_megabytes
 from tests.trials import composed
 

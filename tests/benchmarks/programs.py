@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control.horizon import Horizon
-from models.control.quadratic import Solver
+from seatrial.models.control.horizon import Horizon, Solver
+from seatrial.models.vessel.basis import Array
 from tests.models.control.sailing import LIMITS, appendix_k, mpc, ship, steady, voyage, weather
 
 LAP = 1000  # samples at 1 Hz

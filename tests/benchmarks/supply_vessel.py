@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models import basis
-from models.basis import Array
-from models.derivatives import coriolis
-from models.vessel import PLANAR, Vessel
-from models.wind import Windage
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.derivatives import coriolis
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.weather.wind import Windage
 
 LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81
 SCALE = np.diag([1.0, 1.0, LENGTH])

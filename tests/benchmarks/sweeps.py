@@ -23,11 +23,11 @@ from unittest.mock import patch
 import hydra
 from hydra._internal.core_plugins import basic_launcher
 
-from runner import job, sweep, trial
-from runner.__main__ import main
-from runner.complaints import CONF
-from runner.composition import Composer, SharingLoader
-from runner.database import Logbook, Reader
+from seatrial.runner import job, sweep, trial
+from seatrial.runner.__main__ import main
+from seatrial.runner.composition import Composer, SharingLoader
+from seatrial.runner.database import Logbook, Reader
+from seatrial.runner.hydra_errors import CONF
 from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
 

@@ -15,8 +15,8 @@ from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
-from models.simulation import Log
-from runner.sailing import prepare, streams
+from seatrial.models.simulation.voyage import Log
+from seatrial.runner.closed_loop import prepare, streams
 from tests.trials import composed
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from models.identification.problem import Problem
-from models.recording import Recording
-from models.simulation import Plant, Voyage, recording_of, sail
-from models.vessel import Vessel
-from runner.config import build
+from seatrial.models.identification.problem import Problem
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import Voyage, recording_of
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.config import build
 
 CONF = Path(__file__).parents[2] / "conf"
 PERIOD_S = 0.1

@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 
 PROGRAM = """
 import numpy as np
-from models import basis, thruster
-from models.compiled import cache_folder
+from seatrial.models.vessel import basis, thruster
+from seatrial.models.compiled import cache_folder
 force = thruster.acting_force(thruster.SecondOrderLag(2.0, 0.8), np.ones((50, 2)), 0.1)
 stats = thruster._filter.stats
 print(cache_folder().name, sum(stats.cache_misses.values()), repr(float(force[-1, 0])))
@@ -23,7 +23,9 @@ print(cache_folder().name, sum(stats.cache_misses.values()), repr(float(force[-1
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """The sources alone, so that nothing changes them meanwhile."""
-    shutil.copytree(ROOT / "models", tmp_path / "checkout" / "models")
+    for folder in ("models", "seatrial"):
+        shutil.copytree(ROOT / folder, tmp_path / "checkout" / folder)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path / "checkout")
     return tmp_path / "checkout"
 
 
@@ -56,7 +58,7 @@ def test_processes_that_start_at_once_share_one_compilation(tmp_path: Path, chec
 
 def test_a_changed_source_begins_an_empty_cache(tmp_path: Path, checkout: Path) -> None:
     folder, _, force = finish(start(tmp_path, checkout))
-    callee = checkout / "models" / "thruster.py"
+    callee = checkout / "models" / "vessel" / "thruster.py"
     text = callee.read_text()
     assert "lag.b[0] * asked" in text
     callee.write_text(text.replace("lag.b[0] * asked", "0.0 * asked"))

@@ -5,8 +5,8 @@ from functools import cache
 
 import pytest
 
-from runner import trial as trials
-from runner.database.records import Metric, Results
+from seatrial.runner import trial as trials
+from seatrial.runner.database.records import Metric, Results
 from tests.trials import asked_for
 
 

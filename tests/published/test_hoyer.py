@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from models.identification.problem import Problem
-from runner import trial as trials
-from runner.database.records import Results
+from seatrial.models.identification.problem import Problem
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from seatrial.runner.database.records import Results
 from tests.trials import composed
 
 
@@ -48,7 +49,7 @@ def test_mean_errors_vanish_at_two_printed_rows_of_table_7_5() -> None:
             "experiment=hoyer_table_7_5", "vessel=surge_nonlinear_printed",
             f"excitation={excitation}",
         )  # fmt: skip
-        recording = trials.excite(trial, trials.streams(0)).recording
+        recording = trials.excite(trial, closed_loop.streams(0)).recording
         problem = Problem(recording, recording, trial.vessel.nominal(), None)
         predictor = trial.identifier.predictor(problem)
         mean, mae = (

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from runner.compare.published import FOLDER, read_file
-from runner.database.records import Results
-from runner.rebuild import vessel_of
+from seatrial.runner.compare.published import FOLDER, read_file
+from seatrial.runner.database.records import Results
+from seatrial.runner.record.coefficient_rows import vessel_of
 
 Run = Callable[..., Results]
 Values = Callable[..., dict[str, float]]

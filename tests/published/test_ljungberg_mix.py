@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.errors import SeatrialError
-from models.excitation.design import Believed
-from models.excitation.guidance import Timetable
-from models.identification.problem import Problem
-from models.recording import Recording
-from models.simulation import recording_of, sail
-from models.vessel import Vessel
-from runner.mix_rows import simulation_error
+from seatrial.models.errors import SeatrialError
+from seatrial.models.excitation.candidates import Believed
+from seatrial.models.excitation.guidance import Timetable
+from seatrial.models.identification.problem import Problem
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.record.excitation_results import simulation_error
 from tests.trials import composed
 
 PERIOD_S = 0.1

@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import basis
-from models.excitation.guidance import ReferenceFilter, Timetable
-from models.excitation.steering import open_loop
-from models.simulation import Plant, sail
-from models.vessel import PLANAR, Vessel
-from models.weather import Weather
+from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.open_loop import open_loop
+from seatrial.models.simulation.loop import sail
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.weather.weather import Weather
 
 LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81
 SCALE = np.diag([1.0, 1.0, LENGTH])

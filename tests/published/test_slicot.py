@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.identification.dsr_findings import variance_accounted_for
-from models.identification.subspace import Realisation, identify_innovations
+from seatrial.models.identification.state_space_findings import variance_accounted_for
+from seatrial.models.identification.subspace import Realisation, identify_innovations
 
 
 def printed(dataset: str, quantity: str) -> np.ndarray:

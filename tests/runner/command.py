@@ -10,11 +10,11 @@ from types import SimpleNamespace
 
 import pytest
 
-import runner
-from models.errors import ConfigurationError, Diverged
-from runner.config import Trial
-from runner.database.records import Metric, Results
-from runner.provenance import collect
+from seatrial import runner
+from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.runner.config import Trial
+from seatrial.runner.database.records import Metric, Results
+from seatrial.runner.provenance import collect
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Answer:
 
 @dataclass
 class FakeTrial:
-    """Stands in for runner.trial: what happens depends on the seed."""
+    """Stands in for seatrial.runner.trial: what happens depends on the seed."""
 
     failing: set[int] = field(default_factory=set)
     diverging: set[int] = field(default_factory=set)
@@ -75,11 +75,11 @@ class Command:
         """From here on trials take no time."""
         module = SimpleNamespace(check=self.fake.check, run=self.fake.run)
         self._monkeypatch.setattr(runner, "trial", module, raising=False)
-        self._monkeypatch.setitem(sys.modules, "runner.trial", module)
+        self._monkeypatch.setitem(sys.modules, "seatrial.runner.trial", module)
         return self.fake
 
     def __call__(self, *arguments: str) -> Answer:
-        from runner.__main__ import main
+        from seatrial.runner.__main__ import main
 
         self._capsys.readouterr()
         collect.cache_clear()

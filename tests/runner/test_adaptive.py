@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError, IdentificationError
-from runner import trial as trials
-from runner.adaptive import Update
-from runner.database.records import Results
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.runner import trial as trials
+from seatrial.runner.adaptive import Update
+from seatrial.runner.database.records import Results
 from tests.trials import composed
 
 FERRY = ("controller=pid_ff", "controller.thruster_lead=true", "identifier=ls", "disturbance=calm")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from runner.config import build_trial
+from seatrial.runner.config import build_trial
 from tests.trials import asked_for, ordered
 
 

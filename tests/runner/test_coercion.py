@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from models.errors import ConfigurationError
-from runner.coercion import coerce
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.coercion import coerce
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

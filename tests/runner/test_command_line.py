@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from runner.database import Logbook
+from seatrial.runner.database import Logbook
 from tests.runner.command import Command
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +42,7 @@ REFUSED = {
     "identifier.lowpass_hz=abc": "identifier.lowpass_hz: got 'abc', expected a number or null",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
     "identifier._target_=os.system": (
-        "identifier._target_: got 'os.system', expected a class inside models or runner"
+        "identifier._target_: got 'os.system', expected a class inside seatrial"
     ),
     "database=postgresql": "database.url: the environment variable SEATRIAL_DATABASE is not set",
     "database.url=3": "database.url: got 3, expected text",
@@ -193,7 +193,7 @@ def test_no_password_is_stored_or_shown(seatrial: Command) -> None:
 
 
 def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    from models.errors import ConfigurationError
+    from seatrial.models.errors import ConfigurationError
 
     seatrial.pretend()
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
@@ -237,7 +237,7 @@ def test_looking_around_imports_nothing_heavy(flag: str, tmp_path: Path) -> None
     code = (
         "import sys\n"
         f"sys.argv = ['seatrial', *{flag.split()!r}]\n"
-        "from runner.__main__ import main\n"
+        "from seatrial.runner.__main__ import main\n"
         "try:\n    main()\nfinally:\n"
         "    print({name.partition('.')[0] for name in sys.modules}, file=sys.stderr)\n"
     )

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from docs.refresh import BLOCK, README, output
-from runner.compare.plots import orders, pareto, spectrum, surface
+from seatrial.runner.compare.plots import orders, pareto, spectrum, surface
 from tests.runner.programs import ended, program, rows
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

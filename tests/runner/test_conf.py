@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from runner.complaints import CONF
-from runner.config import GROUPS
+from seatrial.runner.config import GROUPS
+from seatrial.runner.hydra_errors import CONF
 from tests.trials import composed
 
 # An option that only works beside others, and those.
@@ -33,7 +33,7 @@ def test_an_option_builds(option: str) -> None:
 
 
 def test_the_default_trial_can_be_run() -> None:
-    from runner.trial import check
+    from seatrial.runner.trial import check
 
     check(composed())
 

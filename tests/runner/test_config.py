@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from models.errors import ConfigurationError
-from models.thruster import SecondOrderLag
-from runner.config import GROUPS, build, build_trial
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.runner.config import GROUPS, build, build_trial
 
 LAG = {
-    "_target_": "models.thruster.SecondOrderLag",
+    "_target_": "seatrial.models.vessel.thruster.SecondOrderLag",
     "natural_frequency_rad_s": 2,
     "damping": 0.8,
 }
@@ -55,7 +55,7 @@ def test_a_node_inside_a_node() -> None:
 
 
 VESSEL = {
-    "_target_": "models.parameters.VesselParameters",
+    "_target_": "seatrial.models.vessel.parameters.VesselParameters",
     "name": "buoy",
     "dofs": ["surge"],
     "inertia": [[10.0]],
@@ -90,17 +90,17 @@ def test_a_range_error_of_the_class_gets_its_key() -> None:
     [
         "os.system",
         "subprocess.Popen",
-        "modelsX.thruster.SecondOrderLag",
-        "models",
-        "models.thruster",
-        "models.thruster.Nothing",
-        "models.nowhere.SecondOrderLag",
-        "models.vessel.np.ndarray",
-        "models.parameters.field",
-        "models.errors.Diverged",
-        "runner.provenance.subprocess.Popen",
-        "runner.config.Path",
-        "runner..config.Trial",
+        "seatrial.modelsX.thruster.SecondOrderLag",
+        "seatrial.models",
+        "seatrial.models.vessel.thruster",
+        "seatrial.models.vessel.thruster.Nothing",
+        "seatrial.models.nowhere.SecondOrderLag",
+        "seatrial.models.vessel.table.np.ndarray",
+        "seatrial.models.vessel.parameters.field",
+        "seatrial.models.errors.Diverged",
+        "seatrial.runner.provenance.subprocess.Popen",
+        "seatrial.runner.config.Path",
+        "seatrial.runner..config.Trial",
         "",
         3,
         None,

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from models.basis import DOFS
-from runner.compare.results import open_results
-from runner.compare.selection import request_of
-from runner.compare.table import comparison
-from runner.database import Logbook
+from seatrial.models.notation import DOFS
+from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.selection import request_of
+from seatrial.runner.compare.table import comparison
+from seatrial.runner.database import Logbook
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"

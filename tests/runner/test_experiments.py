@@ -7,9 +7,9 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from runner.complaints import CONF
-from runner.database import Logbook
-from runner.variation import jobs_of
+from seatrial.runner.database import Logbook
+from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.sweep import jobs_of
 from tests.runner.command import Command
 
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))

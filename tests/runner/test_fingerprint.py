@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from runner.fingerprint import NOT_COMPARED, canonical, fingerprint, source_digest
+from seatrial.runner.fingerprint import NOT_COMPARED, canonical, fingerprint, source_digest
 
 keys = st.text("abcdef_", min_size=1, max_size=6).filter(lambda key: key not in NOT_COMPARED)
 leaves = (

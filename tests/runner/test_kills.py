@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from runner.database import Logbook
+from seatrial.runner.database import Logbook
 from tests.runner.programs import METRICS, ROOT, ended, finished, program, rows, wait
 
 SWEEP = (

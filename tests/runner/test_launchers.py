@@ -19,7 +19,7 @@ from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra.core.plugins import Plugins
 from hydra.errors import MissingConfigException
 
-from runner.complaints import CONF, one_line
+from seatrial.runner.hydra_errors import CONF, one_line
 from tests.runner.command import Command
 from tests.runner.programs import METRICS, belonging_to, ended, finished, rows, sweep, wait
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from runner import provenance
+from seatrial.runner import provenance
 
 
 @pytest.fixture(autouse=True)

@@ -13,10 +13,10 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ReadonlyConfigError
 
-from runner.complaints import CONF
-from runner.composition import Composer, SharingLoader, order_of
-from runner.database import Logbook
-from runner.database.records import RunSummary
+from seatrial.runner.composition import Composer, SharingLoader, order_of
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import RunSummary
+from seatrial.runner.hydra_errors import CONF
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"
@@ -165,7 +165,7 @@ def test_an_interrupted_sweep_is_taken_up_again(seatrial: Command) -> None:
 def test_what_the_logbook_cannot_take_is_lost_and_said(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from models.errors import LogbookError
+    from seatrial.models.errors import LogbookError
 
     seatrial.pretend()
 

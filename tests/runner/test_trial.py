@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError, SeatrialError
-from models.kinematics import in_body
-from models.vessel import PLANAR
-from runner import trial as trials
-from runner.database.records import Results
+from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.models.vessel.kinematics import in_body
+from seatrial.models.vessel.table import PLANAR
+from seatrial.runner import trial as trials
+from seatrial.runner.database.records import Results
 from tests.trials import asked_for, composed
 
 

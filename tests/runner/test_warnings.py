@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from models.errors import Diverged
-from runner import sailing
-from runner import trial as trials
-from runner.database.records import Results
+from seatrial.models.errors import Diverged
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from seatrial.runner.database.records import Results
 from tests.trials import composed
 
 SHIP = (
@@ -49,9 +49,9 @@ def test_it_is_said_before_the_mission_is_sailed(
         raise Diverged("adrift", 0.0, "x")
 
     one = composed(*SHIP, *options)
-    excited = trials.excite(one, trials.streams(0))
+    excited = trials.excite(one, closed_loop.streams(0))
     monkeypatch.setattr(trials, "excite", lambda *_: excited)
-    monkeypatch.setattr(sailing, "sail", run_away)
+    monkeypatch.setattr(closed_loop, "sail", run_away)
     with caplog.at_level(logging.WARNING), pytest.raises(trials.TrialDiverged) as lost:
         trials.run(one)
     assert any(SAID[options] in record.getMessage() for record in caplog.records)
@@ -67,7 +67,7 @@ def test_an_excitation_that_runs_away_keeps_what_its_controller_showed(monkeypat
     def run_away(*_: Any, **__: Any) -> Any:
         raise Diverged("adrift", 0.0, "x")
 
-    monkeypatch.setattr(sailing, "sail", run_away)
+    monkeypatch.setattr(closed_loop, "sail", run_away)
     with pytest.raises(trials.TrialDiverged, match="adrift") as lost:
         trials.run(one)
     assert any(SAID[APPENDIX_K] in text for text in told(lost.value.results))

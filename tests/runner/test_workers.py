@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from runner.launching import THREADS
+from seatrial.runner.launching import THREADS
 from tests.runner.programs import (
     METRICS,
     ROOT,
@@ -103,15 +103,15 @@ def test_a_trial_has_one_thread(tmp_path: Path) -> None:
     code = (
         "from threadpoolctl import threadpool_info\n"
         "import sys, types, numpy, scipy.linalg, runner\n"
-        "from runner.database.records import Results\n"
+        "from seatrial.runner.database.records import Results\n"
         "def run(trial):\n"
         "    pools = {pool['num_threads'] for pool in threadpool_info()}\n"
         "    assert pools == {1}, pools\n"
         "    return Results()\n"
         "fake = types.SimpleNamespace(check=lambda trial: None, run=run)\n"
-        "runner.trial = sys.modules['runner.trial'] = fake\n"
+        "seatrial.runner.trial = sys.modules['seatrial.runner.trial'] = fake\n"
         "sys.argv = ['seatrial']\n"
-        "from runner.__main__ import main\n"
+        "from seatrial.runner.__main__ import main\n"
         "sys.exit(main())\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -130,14 +130,14 @@ def test_a_trial_has_one_thread(tmp_path: Path) -> None:
 SITE = """
 import json, os
 import numba, threadpoolctl
-import runner.trial
-real = runner.trial.run
+import seatrial.runner.trial
+real = seatrial.runner.trial.run
 def run(trial):
     pools = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
     with open(os.path.join(os.environ["NOTES"], f"{trial.seed}.json"), "w") as file:
         json.dump({"pid": os.getpid(), "pools": pools, "numba": numba.get_num_threads()}, file)
     return real(trial)
-runner.trial.run = run
+seatrial.runner.trial.run = run
 """
 
 
@@ -166,10 +166,10 @@ def test_workers_have_one_thread_each_and_are_no_more_than_asked_for(tmp_path: P
 COUNTED = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from runner.__main__ import main
+from seatrial.runner.__main__ import main
 code = main()
 kernels = {
-    id(one): one for name, module in list(sys.modules.items()) if name.startswith("models")
+    id(one): one for name, module in list(sys.modules.items()) if name.startswith("seatrial.models")
     for one in vars(module).values() if isinstance(one, Dispatcher)
 }
 for kind in ("cache_misses", "cache_hits"):

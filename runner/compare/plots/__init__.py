@@ -4,11 +4,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import get_args
 
-from models.errors import LogbookError
-
-from ..kinds import PlotKind
-from ..results import Results
-from .request import PlotRequest
+from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.kinds import PlotKind
+from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.results import Results
 
 KINDS = get_args(PlotKind)
 
@@ -18,7 +17,7 @@ def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> lis
 
     Raises ConfigurationError where no run has what the figure needs.
     """
-    from .style import drawn, save
+    from seatrial.runner.compare.plots.style import drawn, save
 
     drawings = import_module(f"{__name__}.{kind}").drawings
     with drawn():

@@ -6,14 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from models.errors import ConfigurationError
-
-from ..observations import BELOW_TRUE_MODEL, FINISHED
-from ..pivot import DOF_ORDER, Cell, Pivot, pivot
-from ..results import Results
-from ..selection import pooled
-from .request import Facet, PlotRequest, facets
-from .style import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.pivot import DOF_ORDER, Cell, Pivot, pivot
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
     Drawing,
@@ -23,6 +19,8 @@ from .style import (
     metric_label,
     panels,
 )
+from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
+from seatrial.runner.compare.selection import pooled
 
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups

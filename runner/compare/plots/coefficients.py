@@ -11,15 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from models.errors import ConfigurationError
-
-from ..grid import number_text, with_unit
-from ..observations import FINISHED, Observation, ordered
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import confidence_interval
-from .request import Facet, PlotRequest, facets
-from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.style import (
+    PALETTE,
+    Drawing,
+    footnote,
+    headed,
+    marker_of,
+    panels,
+)
+from seatrial.runner.compare.results import FINISHED, Observation, Results, ordered
+from seatrial.runner.compare.statistics import confidence_interval
 
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far

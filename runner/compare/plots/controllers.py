@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 
-from models.errors import ConfigurationError
-
-from ..names import CHOICES
-from ..observations import FINISHED, Run, ordered
-from ..results import Results
-from .deployment import PREFIX
-from .request import PlotRequest, facets
-from .response import NOTE, overlaid
-from .style import PALETTE, Drawing, footnote, headed
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.plots.request import PlotRequest, facets
+from seatrial.runner.compare.plots.response import NOTE, overlaid
+from seatrial.runner.compare.plots.sailed_missions import PREFIX
+from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed
+from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
 
 SAME = (*CHOICES, "seed")
 

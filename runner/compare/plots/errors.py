@@ -3,15 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from runner.database.records import Series
-
-from ..grid import number_text
-from ..observations import Run
-from ..results import Results
-from ..statistics import Sample
-from .deployment import Voyages, degrees, voyages
-from .request import PlotRequest, subtitle
-from .style import MODEL_COLOURS, Drawing, footnote, headed, panels
+from seatrial.runner.compare.grid import number_text
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle
+from seatrial.runner.compare.plots.sailed_missions import Voyages, degrees, voyages
+from seatrial.runner.compare.plots.style import MODEL_COLOURS, Drawing, footnote, headed, panels
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 

@@ -10,17 +10,22 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from models.errors import ConfigurationError
-from runner.database.records import Series
-
-from ..grid import number_text, unit_text, with_unit
-from ..observations import Run
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import Sample
-from .request import PlotRequest, each_run, subtitle, with_run
-from .residual import shade
-from .style import PALETTE, REFERENCE, Drawing, footnote, headed, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import number_text, unit_text, with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
+from seatrial.runner.compare.plots.residual import shade
+from seatrial.runner.compare.plots.style import (
+    PALETTE,
+    REFERENCE,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
 GROUPS = "inseparable_terms"

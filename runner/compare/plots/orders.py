@@ -7,15 +7,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from models.errors import ConfigurationError
-
-from ..grid import with_unit
-from ..observations import ordered
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import Sample
-from .request import Facet, PlotRequest, facets
-from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.style import (
+    PALETTE,
+    Drawing,
+    footnote,
+    headed,
+    marker_of,
+    panels,
+)
+from seatrial.runner.compare.results import Results, ordered
+from seatrial.runner.compare.statistics import Sample
 
 LINE_STYLES = ("-", "--", ":", "-.")
 NAMES = ("order_mse", "selected_order")

@@ -11,13 +11,19 @@ from itertools import combinations
 import numpy as np
 from matplotlib.axes import Axes
 
-from models.errors import ConfigurationError
-
-from ..grid import with_unit
-from ..results import Results
-from ..statistics import Sample
-from .request import Facet, PlotRequest, facets
-from .style import PALETTE, Drawing, footnote, headed, marker_of, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.style import (
+    PALETTE,
+    Drawing,
+    footnote,
+    headed,
+    marker_of,
+    panels,
+)
+from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.statistics import Sample
 
 OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
 MOST_PANELS, ABREAST = 6, 3

@@ -9,14 +9,21 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from models.errors import ConfigurationError
-from runner.database.records import Series
-
-from ..observations import Run
-from ..results import Results
-from ..statistics import Sample
-from .request import PlotRequest, each_run, subtitle
-from .style import MUTED, PALETTE, REFERENCE, SHADE, Drawing, footnote, headed, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.style import (
+    MUTED,
+    PALETTE,
+    REFERENCE,
+    SHADE,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 Flags = NDArray[np.bool_]
 TESTING = 2.0

@@ -7,13 +7,11 @@ against the velocity; the largest error is marked.
 import numpy as np
 from matplotlib.axes import Axes
 
-from runner.database.records import Series
-
-from ..grid import number_text, unit_text, with_unit
-from ..observations import Run
-from ..results import Results
-from .request import PlotRequest, each_run, subtitle
-from .style import MODEL_COLOURS, Drawing, footnote, headed, panels
+from seatrial.runner.compare.grid import number_text, unit_text, with_unit
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.style import MODEL_COLOURS, Drawing, footnote, headed, panels
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.database.records import Series
 
 SIDES = (
     (("x", "y", "z", "phi", "theta", "psi"), "Integrated velocity - position"),

@@ -4,11 +4,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from models.errors import ConfigurationError
-
-from ..conditions import Condition
-from ..observations import FINISHED, Run, ordered
-from ..results import Results
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
+from seatrial.runner.compare.where import Condition
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def facets(
 
 def with_run(condition: Condition | None, run: int) -> Condition:
     """The condition, and that it be this run."""
-    from ..conditions import Comparison, Joined
+    from seatrial.runner.compare.where import Comparison, Joined
 
     one = Comparison("id", "=", run)
     return one if condition is None else Joined("and", (condition, one))

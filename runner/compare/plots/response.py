@@ -9,17 +9,24 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from models.errors import ConfigurationError
-from runner.database.records import Series
-
-from ..grid import with_unit
-from ..observations import Run
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import Sample
-from .deployment import PREFIX, degrees
-from .request import PlotRequest, each_run
-from .style import MODEL_COLOURS, MUTED, PALETTE, REFERENCE, Drawing, footnote, headed, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import PlotRequest, each_run
+from seatrial.runner.compare.plots.sailed_missions import PREFIX, degrees
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    MUTED,
+    PALETTE,
+    REFERENCE,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 POSES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
 NAMES = {

@@ -12,12 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from models.errors import ConfigurationError
-
-from ..grid import with_unit
-from ..results import Results
-from .request import PlotRequest, facets
-from .style import MUTED, PALETTE, Drawing, footnote, headed, marker_of, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots.request import PlotRequest, facets
+from seatrial.runner.compare.plots.style import (
+    MUTED,
+    PALETTE,
+    Drawing,
+    footnote,
+    headed,
+    marker_of,
+    panels,
+)
+from seatrial.runner.compare.results import Results
 
 SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"

@@ -15,7 +15,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..grid import with_unit
+from seatrial.runner.compare.grid import with_unit
 
 # Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -30,7 +30,6 @@ MUTED = "#595959"
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, with room to spare
 SHADE = "#E8E8E8"
-
 RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
     "font.size": 10,
@@ -56,7 +55,6 @@ RC: dict[Any, Any] = {
     "svg.fonttype": "path",
     "path.simplify": True,
 }
-
 METRIC_LABELS = {
     "force_mse": "Force MSE",
     "force_mae": "Force MAE",

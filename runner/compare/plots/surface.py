@@ -12,15 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
-from models.errors import ConfigurationError
-
-from ..grid import with_unit
-from ..observations import Run
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import Sample
-from .request import PlotRequest, facets, subtitle
-from .style import Drawing, footnote, headed, panels
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
+from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"

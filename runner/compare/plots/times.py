@@ -7,11 +7,17 @@ Diagnostics: `prediction_time` (i = n, label = way), which includes the compilat
 from collections.abc import Sequence
 from typing import Any
 
-from models.errors import ConfigurationError
-
-from ..results import Results
-from .request import PlotRequest, facets, subtitle
-from .style import PALETTE, Drawing, figure, footnote, headed, marker_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
+from seatrial.runner.compare.plots.style import (
+    PALETTE,
+    Drawing,
+    figure,
+    footnote,
+    headed,
+    marker_of,
+)
+from seatrial.runner.compare.results import Results
 
 TIME, COMPILED = "prediction_time", "prediction_time_compiled"
 

@@ -11,15 +11,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from models.errors import ConfigurationError
-
-from ..grid import with_unit
-from ..observations import Run
-from ..results import Results
-from ..statistics import Sample
-from .request import Facet, PlotRequest, facets
-from .style import Drawing, footnote, headed, panels
-from .surface import COLOURS
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
+from seatrial.runner.compare.plots.surface import COLOURS
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
 
 Z, FIRST, SECOND = "topology", "topology_first", "topology_second"
 OBJECTIVE = "identifier.objective"

@@ -4,16 +4,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from runner.database.records import Series
-
-from ..grid import number_text, with_unit
-from ..observations import Run
-from ..results import Results
-from ..statistics import Sample
-from .deployment import Voyages, voyages
-from .request import PlotRequest, subtitle
-from .style import MODEL_COLOURS, REFERENCE, WIND, Drawing, footnote, headed, panels
-from .wind import EAST, NORTH
+from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle
+from seatrial.runner.compare.plots.sailed_missions import Voyages, voyages
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    REFERENCE,
+    WIND,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.plots.wind import EAST, NORTH
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 MARKS = 24  # hulls along a track
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).

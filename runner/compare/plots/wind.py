@@ -3,15 +3,20 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from runner.database.records import Series
-
-from ..grid import number_text, unit_text, with_unit
-from ..observations import Run
-from ..pivot import DOF_ORDER
-from ..results import Results
-from ..statistics import Sample
-from .request import PlotRequest, each_run, subtitle
-from .style import MODEL_COLOURS, WIND, Drawing, footnote, headed, panels
+from seatrial.runner.compare.grid import number_text, unit_text, with_unit
+from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    WIND,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
 
 KINDS = ("recording", "deployment_nominal", "deployment_identified")
 NORTH, EAST = "wind_north", "wind_east"

@@ -5,11 +5,10 @@ import logging
 from alembic import context
 from sqlalchemy import Connection
 
-from runner.database.schema import VERSION_TABLE
-from runner.database.tables import Base
+from seatrial.runner.database.schema import VERSION_TABLE
+from seatrial.runner.database.tables import Base
 
 logging.getLogger("alembic").setLevel(logging.WARNING)  # `schema` says that it upgrades
-
 connection: Connection = context.config.attributes["connection"]
 context.configure(
     connection=connection,

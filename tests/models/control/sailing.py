@@ -4,17 +4,19 @@ from typing import Any
 
 import numpy as np
 
-from models.basis import Array
-from models.control.estimator import Kalman
-from models.control.lqi import Lqi
-from models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
-from models.derivatives import from_derivatives
-from models.excitation.guidance import Timetable
-from models.excitation.missions import Step
-from models.simulation import Plant, Voyage, Watch, outlook, sail
-from models.vessel import PLANAR, Vessel
-from models.weather import Weather
-from models.wind import Windage
+from seatrial.models.control.estimator import Kalman
+from seatrial.models.control.lqi import Lqi
+from seatrial.models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
+from seatrial.models.excitation.guidance import Timetable
+from seatrial.models.excitation.setpoints import Step
+from seatrial.models.simulation.loop import Watch, sail
+from seatrial.models.simulation.voyage import Voyage, outlook
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.weather.weather import Weather
+from seatrial.models.weather.wind import Windage
 
 LIMITS = (2e5, 4e5, 1e7)
 ERROR_WEIGHT = (1e2, 1e2, 1e5)

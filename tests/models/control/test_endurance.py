@@ -6,8 +6,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from runner import trial as trials
-from runner.control_rows import Sailed
+from seatrial.runner import closed_loop
+from seatrial.runner.closed_loop import Sailed
 from tests.trials import composed
 
 DAY_S = 86400.0
@@ -30,7 +30,7 @@ def keep_station(controller: str, duration_s: float) -> Sailed:
         "integration_step_s=1.0", *OPTIONS[controller],
     )  # fmt: skip
     nominal = one.vessel.nominal()
-    return trials.sail_mission(one, trials.streams(0), nominal, one.evaluation)
+    return closed_loop.sail_mission(one, closed_loop.streams(0), nominal, one.evaluation)
 
 
 @pytest.mark.slow

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from models.control.design import design_model
-from models.control.estimator import Kalman, believed, filter_gain
-from models.errors import ConfigurationError
-from models.statespace import StateSpace
+from seatrial.models.control.estimator import Kalman, believed, filter_gain
+from seatrial.models.control.linear_design import design_model
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.statespace import StateSpace
 from tests.models.control.sailing import (
     KALMAN,
     LIMITS,

@@ -5,19 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control.design import design_model
-from models.control.horizon import (
+from seatrial.models.control.horizon import (
     Horizon,
     Quadratic,
+    Solver,
     condensed,
     increments,
     reduced,
     standard,
     unconstrained_gain,
 )
-from models.control.lqi import lqi_gain
-from models.control.quadratic import Solver
+from seatrial.models.control.linear_design import design_model
+from seatrial.models.control.lqi import lqi_gain
+from seatrial.models.vessel.basis import Array
 from tests.models.control.sailing import LIMITS, ship
 
 SQUARES = np.square(LIMITS)

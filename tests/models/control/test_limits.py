@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.control.limits import largest_disturbance
-from models.derivatives import from_derivatives
-from models.vessel import PLANAR
+from seatrial.models.control.linear_design import largest_disturbance
+from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import LIMITS, WINDAGE, ship, steady, weather
 
 BEAM = 0.5 * 1.23 * 0.8 * 1100.0 * 20.0**2  # d2 V^2, Bargouth (2022), (2.6)

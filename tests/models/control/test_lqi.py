@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control.design import design_model
-from models.control.lqi import lqi_gain
-from models.derivatives import from_derivatives
-from models.errors import ConfigurationError
-from models.registry import CONTROLLERS
-from models.statespace import StateSpace, spectral_radius
+from seatrial.models.control.linear_design import design_model
+from seatrial.models.control.lqi import lqi_gain
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.statespace import StateSpace, spectral_radius
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.derivatives import from_derivatives
 from tests.models.control.sailing import (
     ERROR_WEIGHT,
     INCREMENT_WEIGHT,

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.basis import Array
-from models.control.design import design_model, every
-from models.control.estimator import filter_gain
-from models.errors import ConfigurationError
-from models.statespace import StateSpace
-from runner import control_rows, sailing
-from runner import trial as trials
-from runner.database.records import Results
+from seatrial.models.control.estimator import filter_gain
+from seatrial.models.control.linear_design import design_model, every
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel.basis import Array
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from seatrial.runner.database.records import Results
+from seatrial.runner.record import deployment_metrics
 from tests.trials import composed
 
 EXPERIMENT = (
@@ -27,8 +28,8 @@ EXPERIMENT = (
     "excitation.amplitude={surge: 1e5, sway: 2e5, yaw: 1e7}",
     "disturbance=rough", "disturbance.wind=null", "disturbance.current=null",
     "disturbance.waves=null",
-    "+disturbance.process={_target_: models.disturbance.ProcessNoise, distribution: uniform, "
-    "size: [1.5e-4, 1.5e-4, 5e-7]}",
+    "+disturbance.process={_target_: seatrial.models.weather.noise.ProcessNoise, "
+    "distribution: uniform, size: [1.5e-4, 1.5e-4, 5e-7]}",
     "evaluation=setpoints", "sample_time_s=1.0", "integration_step_s=1.0",
     "identifier=dsr", "identifier.period_s=1.0", "identifier.bootstrap=null",
 )  # fmt: skip
@@ -80,13 +81,15 @@ def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
 
 def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
     """rand * 0.03 m/s^2 pushes with half of that, times the mass: more than the limits."""
-    mean = "+disturbance.force={_target_: models.disturbance.ConstantForce, "
+    mean = "+disturbance.force={_target_: seatrial.models.weather.disturbance.ConstantForce, "
     mean += f"north_n: {0.015 * 2.4e7}, east_n: {0.015 * 4e7}, moment_nm: 0}}"
     short = ("excitation.length_s=6", "evaluation.duration_s=60", "controller=lqi")
     one = composed(*EXPERIMENT, FULL_NOISE, mean, *short)
-    design = sailing.prepare(one, trials.streams(0), one.vessel.nominal(), one.evaluation).design
+    design = closed_loop.prepare(
+        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+    ).design
     assert design.infeasible.tolist() == [True, True, False]
-    assert len(control_rows.warnings(design, "nominal")) == 2
+    assert len(deployment_metrics.design_warnings(design, "nominal")) == 2
 
 
 @pytest.mark.slow

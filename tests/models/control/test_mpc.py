@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.control import mpc as module
-from models.control.quadratic import Solver
-from models.errors import ConfigurationError
-from models.registry import CONTROLLERS, REFERENCES
-from models.vessel import PLANAR
+from seatrial.models.control import mpc as module
+from seatrial.models.control.horizon import Solver
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import CONTROLLERS, REFERENCES
+from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,
     KALMAN,

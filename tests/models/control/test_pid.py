@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.control.pid import PidFeedforward
-from models.derivatives import from_derivatives
-from models.errors import ConfigurationError
-from models.registry import CONTROLLERS
-from models.simulation import Log, Voyage
-from models.thruster import SecondOrderLag, acting_force
-from models.vessel import PLANAR, Vessel
-from runner import trial
+from seatrial.models.control.pid import PidFeedforward
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.voyage import Log, Voyage
+from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
+from seatrial.runner import closed_loop
 from tests.trials import composed
 
 LAG = SecondOrderLag(2.0, 0.8)
@@ -24,7 +24,9 @@ def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyag
     options = [f"controller.thruster_lead={str(lead).lower()}", f"sample_time_s={period_s}"]
     one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
     truth = one.plant_scale * one.vessel.nominal()
-    return trial.sail_mission(one, trial.streams(0), model or truth, one.excitation).voyage
+    return closed_loop.sail_mission(
+        one, closed_loop.streams(0), model or truth, one.excitation
+    ).voyage
 
 
 def error_of(voyage: Voyage) -> float:
@@ -99,8 +101,8 @@ def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> N
 def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
     one = composed("identifier=none", "controller.deployed_feedback=false")
     shares = {
-        deployed: trial.sail_mission(
-            one, trial.streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
+        deployed: closed_loop.sail_mission(
+            one, closed_loop.streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
         ).voyage.log.tau_fb
         for deployed in (False, True)
     }

@@ -12,8 +12,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models.basis import Array
-from runner import control_rows, trial
+from seatrial.models.vessel.basis import Array
+from seatrial.runner import closed_loop
+from seatrial.runner.record import deployment_metrics
 from tests.trials import composed
 
 SEEDS = range(10)
@@ -26,10 +27,12 @@ def figures(*options: str) -> dict[str, Array]:
     found: dict[str, list[list[float]]] = {}
     for seed in SEEDS:
         one = composed("experiment=positioning", *options, f"seed={seed}")
-        sailed = trial.sail_mission(one, trial.streams(seed), one.vessel.nominal(), one.evaluation)
+        sailed = closed_loop.sail_mission(
+            one, closed_loop.streams(seed), one.vessel.nominal(), one.evaluation
+        )
         row: dict[str, list[float]] = {}
-        design = control_rows.design_metrics(sailed.design, "nominal")
-        for metric in [*control_rows.metrics(sailed, "nominal"), *design]:
+        design = deployment_metrics.design_metrics(sailed.design, "nominal")
+        for metric in [*deployment_metrics.response_metrics(sailed, "nominal"), *design]:
             row.setdefault(metric.name, []).append(float(metric.value or 0.0))
         for name, values in row.items():
             found.setdefault(name, []).append(values)
@@ -75,11 +78,13 @@ def test_the_sources_limit_in_sway_is_found_infeasible_before_sailing() -> None:
         "integration_step_s=1.0", "controller=lqi", "controller.limits=[1e5, 1e5, 1e7]",
         "evaluation.duration_s=20",
     )  # fmt: skip
-    sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
-    found = control_rows.design_metrics(sailed.design, "nominal")
+    sailed = closed_loop.sail_mission(
+        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+    )
+    found = deployment_metrics.design_metrics(sailed.design, "nominal")
     flags = {m.dof: m.value for m in found if m.name == "infeasible_limits"}
     assert flags == {"surge": 0.0, "sway": 1.0, "yaw": 0.0}
-    said = control_rows.warnings(sailed.design, "x")
+    said = deployment_metrics.design_warnings(sailed.design, "x")
     assert any("sway needs up to 2.16e+05 N" in line for line in said)
 
 
@@ -89,11 +94,13 @@ def test_an_unstable_design_is_said_to_be_one() -> None:
         "integration_step_s=1.0", "controller=mpc_integral", "controller.horizon=10",
         "controller.error_weight=[1e2, 1.0, 1e3]", "evaluation.duration_s=20",
     )  # fmt: skip
-    sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
-    found = control_rows.design_metrics(sailed.design, "x")
+    sailed = closed_loop.sail_mission(
+        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+    )
+    found = deployment_metrics.design_metrics(sailed.design, "x")
     radius = next(m.value for m in found if m.name == "spectral_radius")
     assert radius == pytest.approx(1.025, abs=5e-4)
-    said = control_rows.warnings(sailed.design, "x")
+    said = deployment_metrics.design_warnings(sailed.design, "x")
     assert any("spectral radius is 1.024" in line for line in said)
 
 
@@ -107,8 +114,13 @@ def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> 
             "vessel=supply_vessel", "disturbance=rough", "evaluation=setpoints", *options,
             "sample_time_s=1.0", "integration_step_s=1.0", f"controller={controller}",
         )  # fmt: skip
-        sailed = trial.sail_mission(one, trial.streams(0), one.vessel.nominal(), one.evaluation)
-        found = {(m.name, m.dof): float(m.value or 0.0) for m in control_rows.metrics(sailed, "x")}
+        sailed = closed_loop.sail_mission(
+            one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+        )
+        found = {
+            (m.name, m.dof): float(m.value or 0.0)
+            for m in deployment_metrics.response_metrics(sailed, "x")
+        }
         hits.append(sum(found["limit_hits", dof] for dof in ("surge", "sway", "yaw")))
         errors.append(found["error_mae", "surge"])
     assert hits[1] < 0.4 * hits[0]

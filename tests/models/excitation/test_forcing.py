@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError
-from models.excitation.forcing import Forcing, Multisine, Prbs, Pulses, Sines, multisine, prbs
-from models.excitation.guidance import ReferenceFilter
-from models.excitation.mission import added_force, check_limits, is_open_loop, steering
-from models.vessel import PLANAR
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.forcing import Forcing
+from seatrial.models.excitation.guidance import ReferenceFilter
+from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
+from seatrial.models.excitation.signals import Multisine, Prbs, Pulses, Sines, multisine, prbs
+from seatrial.models.vessel.table import PLANAR
 from tests.trials import composed
 
 T = 0.1 * np.arange(1000)

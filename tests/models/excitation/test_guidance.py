@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from models.errors import ConfigurationError
-from models.excitation.guidance import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import (
     LineOfSight,
     ReferenceFilter,
     step_setpoints,
     straight_line_setpoints,
 )
-from models.excitation.mission import Operation, Replay, Waypoints
-from models.registry import GUIDANCE
-from models.vessel import PLANAR
+from seatrial.models.excitation.missions import Operation, Replay, Waypoints
+from seatrial.models.simulation.registry import GUIDANCE
+from seatrial.models.vessel.table import PLANAR
 
 POINTS = np.array([[0.0, -15.0, -np.pi / 2], [15.0, -15.0, 0.0], [15.0, -15.0, np.pi]])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from models.errors import ConfigurationError
-from models.excitation.information import (
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.information import (
     information,
     inseparable,
     largest_remainder,

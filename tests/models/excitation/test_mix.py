@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models import basis
-from models.errors import ConfigurationError
-from models.excitation.information import log_det
-from models.excitation.mix import Mix
-from models.simulation import recording_of, sail
-from models.weather import Weather
-from runner.trial import check
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.information import log_det
+from seatrial.models.excitation.mix import Mix
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel import basis
+from seatrial.models.weather.weather import Weather
+from seatrial.runner.trial import check
 from tests.models.excitation.test_information import by_slsqp
 from tests.trials import composed
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models import basis
-from models.derivatives import from_derivatives
-from models.excitation.persistence import persistence, spectral_lines
-from models.recording import Recording, attitude_of
-from models.vessel import PLANAR, Vessel
+from seatrial.models.excitation.persistence import persistence, spectral_lines
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.table import PLANAR, Vessel
 
 DOFS = ("surge",)
 

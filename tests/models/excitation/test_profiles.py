@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError
-from models.excitation.forcing import Steady
-from models.excitation.profiles import Legs, Ramp, Shared
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.signals import Legs, Ramp, Shared, Steady
 
 T = np.arange(0.0, 120.0, 0.1)
 RNG = np.random.default_rng(0)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
-from models.errors import ConfigurationError
-from models.simulation import Voyage, sail
-from models.vessel import Vessel
-from models.weather import Weather
-from runner.trial import check
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.weather import Weather
+from seatrial.runner.trial import check
 from tests.trials import composed
 
 PERIOD_S = 0.1

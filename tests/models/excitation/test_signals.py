@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from models.excitation.signals import many_sine, pulses, single_ramp, single_sine, triple_ramp
+from seatrial.models.excitation.signals import (
+    many_sine,
+    pulses,
+    single_ramp,
+    single_sine,
+    triple_ramp,
+)
 
 TIMES = 0.1 * np.arange(1000)
 

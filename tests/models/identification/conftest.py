@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from models.derivatives import from_derivatives
-from models.excitation.signals import many_sine, triple_ramp
-from models.identification.prediction import course_of, free_run
-from models.identification.problem import Problem
-from models.recording import Recording, attitude_of
-from models.vessel import Vessel
-from runner.config import build
+from seatrial.models.excitation.signals import many_sine, triple_ramp
+from seatrial.models.identification.prediction import course_of, free_run
+from seatrial.models.identification.problem import Problem
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.config import build
 
 VESSELS = Path(__file__).parents[3] / "conf" / "vessel"
 STEP_S = 0.1

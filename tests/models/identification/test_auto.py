@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.auto import Auto, one_standard_error
-from models.identification.nothing import NoIdentifier
-from models.identification.problem import Identified, Problem
-from runner import trial as trials
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.auto import Auto, one_standard_error
+from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
+from seatrial.runner import trial as trials
 from tests.trials import composed
 
 

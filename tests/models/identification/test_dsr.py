@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models import basis
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.dsr import Dsr
-from models.identification.physical_form import physical_form
-from models.identification.problem import Identified, Problem
-from models.identification.sampled import body_pose, sampled
-from models.kinematics import angle_rate, frame_of_angles, rotation
-from models.linearisation import linearise
-from models.recording import Recording
-from models.statespace import StateSpace
-from models.vessel import PLANAR, Vessel
+from seatrial.models import notation
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.dsr import Dsr
+from seatrial.models.identification.physical_form import physical_form
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.sampled_data import body_pose, sampled
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.linearisation import linearise
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotation
+from seatrial.models.vessel.table import PLANAR, Vessel
 
 Identifier = Callable[..., Any]
 INERTIA = np.array([[1200.0, 0.0, 0.0], [0.0, 1300.0, 30.0], [0.0, 15.0, 2500.0]])
@@ -169,7 +170,7 @@ def test_a_body_pose_near_one_heading_is_the_ned_pose_turned(rng: np.random.Gene
     np.testing.assert_allclose(body_pose(eta, PLANAR)[:, :2], expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("dofs", [PLANAR, basis.DOFS])
+@pytest.mark.parametrize("dofs", [PLANAR, notation.DOFS])
 def test_the_rate_of_a_body_pose_is_the_body_velocity(dofs: tuple[str, ...]) -> None:
     t, n = np.linspace(0.0, 10.0, 4001), len(dofs)
     nu = 0.3 * np.sin(t[:, None] * np.arange(1, n + 1) + np.arange(n))

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError, IdentificationError
-from runner import trial as trials
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.runner import trial as trials
 from tests.trials import composed
 
 ROOT = Path(__file__).parents[3]

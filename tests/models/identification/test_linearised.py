@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models import basis
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.linearised import Linearised
-from models.identification.problem import Identified, Problem
-from models.linearisation import linearise
-from models.recording import Recording
-from models.vessel import PLANAR, Vessel
-from models.wind import Windage
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.linearised import Linearised
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.linearisation import linearise
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.weather.wind import Windage
 
 MASS, DRAG = (2.4e7, 4.0e7, 4.5e10), (5.0e4, 22.0e4, 1.2e10)  # of the supply vessel, physical
 RNG = np.random.default_rng(0)

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from models.basis import VELOCITIES, terms
-from models.errors import ConfigurationError
-from models.identification.decision import choose
-from models.identification.objectives import Objectives
-from models.identification.prediction import course_of, free_run
-from models.identification.problem import Problem
-from models.recording import Recording
-from models.vessel import DOFS, Vessel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.objectives import Objectives
+from seatrial.models.identification.pareto_selection import choose
+from seatrial.models.identification.prediction import course_of, free_run
+from seatrial.models.identification.problem import Problem
+from seatrial.models.notation import DOFS, VELOCITIES
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import Vessel
 
 LINEAR = {"surge.u_dot": [10.0, 120.0], "surge.u": [1.0, 40.0]}
 QUADRATIC = LINEAR | {"surge.|u|u": [0.0, 10.0]}

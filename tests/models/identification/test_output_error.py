@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from models.basis import VELOCITIES, terms
-from models.errors import ConfigurationError, IdentificationError
-from models.identification.fit_errors import Uncertainty
-from models.identification.free_parameters import free_parameters
-from models.identification.misfit import Misfit
-from models.identification.output_error import fit_through
-from models.identification.prediction import course_of, free_run
-from models.vessel import DOFS, PLANAR, Vessel
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.output_error import fit_through
+from seatrial.models.identification.prediction import course_of, free_run
+from seatrial.models.identification.prediction_fit import Misfit, Uncertainty
+from seatrial.models.notation import DOFS, VELOCITIES
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import PLANAR, Vessel
 
 EULER = {"integrator": "euler"}
 

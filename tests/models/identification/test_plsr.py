@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
 
-from models.errors import ConfigurationError
-from models.identification.problem import lack_of_fit
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.problem import lack_of_fit
 
 THESIS_MSE = (659.2, 1191.6, 1737.4)  # Jervan (2020), Table 4.5: N^2, N^2, (Nm)^2
 THESIS_TRACKING = 0.086  # Table 4.10 [m]

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from models.basis import terms
-from models.identification.free_parameters import free_parameters
-from models.identification.lanes import LANES, METRICS
-from models.identification.objectives import Objectives
-from models.identification.prediction import course_of, predict
-from models.identification.predictor import Predictor
-from models.identification.structure import layout
-from models.vessel import DOFS, PLANAR, Vessel
+from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.lanes import LANES, METRICS
+from seatrial.models.identification.objectives import Objectives
+from seatrial.models.identification.prediction import course_of, predict
+from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.structure import layout
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import PLANAR, Vessel
 
 
 def predictor(model, recording, integrator, horizon=None, limit=10.0):

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from models.basis import terms
-from models.errors import ConfigurationError, RecordingError
-from models.identification.free_parameters import free_parameters
-from models.identification.prediction import course_of, free_run, held_force
-from models.identification.structure import layout
-from models.kinematics import angle_rate, frame_of_angles
-from models.recording import Recording, attitude_of
-from models.thruster import SecondOrderLag
-from models.vessel import DOFS, PLANAR, Vessel
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.prediction import course_of, free_run, held_force
+from seatrial.models.identification.structure import layout
+from seatrial.models.notation import DOFS
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 
 FAR = 1e6
 EXAMPLES = ("surge", "ferry", "blown ferry", "beluga")

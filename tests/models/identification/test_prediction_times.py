@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.errors import ConfigurationError
-from models.identification.prediction_times import WAYS
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.prediction_times import WAYS
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.identification.sine import cosine_and_sine
+from seatrial.models.identification.sine import cosine_and_sine
 
 
 @pytest.mark.parametrize("reach", [1e-300, 1e-8, 1.0, 10.0, 1e3, 1.6e6])

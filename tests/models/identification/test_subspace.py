@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.errors import ConfigurationError, IdentificationError
-from models.identification import tall
-from models.identification.predictor_gain import observer_gain
-from models.identification.subspace import identify_innovations, largest_gap
-from models.statespace import StateSpace
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification import blockwise_qr
+from seatrial.models.identification.subspace import identify_innovations, largest_gap, observer_gain
+from seatrial.models.simulation.statespace import StateSpace
 
 LAGS = 20
 
@@ -266,7 +265,7 @@ def test_a_record_in_pieces_is_the_record_at_once(
     times = np.concatenate([np.arange(300), np.arange(200, 1500), np.arange(700, 900)])
     found = []
     for together in (10**6, 97, 20):
-        monkeypatch.setattr(tall, "TOGETHER", together)
+        monkeypatch.setattr(blockwise_qr, "TOGETHER", together)
         model = identify_innovations(
             y,
             u,

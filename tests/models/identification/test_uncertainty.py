@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from models import basis
-from models.identification import uncertainty
-from models.identification.design import Samples
-from models.identification.linear import fit, standard_errors
-from models.identification.uncertainty import (
+from seatrial.models.identification import uncertainty
+from seatrial.models.identification.linear import fit, standard_errors
+from seatrial.models.identification.residual import Samples
+from seatrial.models.identification.uncertainty import (
     autocovariances,
     bandwidth,
     bartlett_weights,
@@ -16,6 +15,7 @@ from models.identification.uncertainty import (
     residual_blocks,
     stationary_variance,
 )
+from seatrial.models.vessel import basis
 
 AXES = ("surge", "sway", "yaw")
 NAMES = ("u_dot", "v_dot", "r_dot")

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.basis import terms
-from models.errors import IdentificationError
-from models.identification.validation import AHEAD, prediction
-from models.vessel import Vessel
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.validation import AHEAD, prediction
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import Vessel
 
 
 def errors(model, recording, thruster=None):

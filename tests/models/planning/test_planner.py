@@ -10,11 +10,11 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from models.errors import ConfigurationError
-from models.planning.planner import MOST_STATES, Plan, Setting, Task, plan, set_up
-from models.planning.primitives import HEADINGS, Pace, Primitive
-from models.planning.search import UNREACHED, heuristic
-from models.planning.waters import Waters
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.planning.a_star import UNREACHED, heuristic
+from seatrial.models.planning.planner import MOST_STATES, Plan, Setting, Task, plan, set_up
+from seatrial.models.planning.primitives import HEADINGS, Pace, Primitive
+from seatrial.models.planning.waters import Waters
 from tests.models.planning.test_waters import AREA, QUAY, WALL, triangles
 
 PACE = Pace(0.5, 0.5, 0.1)

@@ -6,8 +6,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.errors import ConfigurationError
-from models.planning.waters import Waters, clear, inside, simplified
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.planning.waters import Waters, clear, inside, simplified
 
 AREA = ((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0))
 QUAY = ((15.0, 10.0), (30.0, 10.0), (30.0, 20.0), (15.0, 20.0))

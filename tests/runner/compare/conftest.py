@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from runner.compare.__main__ import run as run_program
-from runner.compare.results import Results, open_results
+from seatrial.runner.compare.__main__ import run as run_program
+from seatrial.runner.compare.results import Results, open_results
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import start_browser
 

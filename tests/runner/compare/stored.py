@@ -10,8 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from runner.database import Logbook
-from runner.database.records import Coefficient, Diagnostic, Metric, Results, RunStart, Series
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import (
+    Coefficient,
+    Diagnostic,
+    Metric,
+    Results,
+    RunStart,
+    Series,
+)
 
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from runner.compare.app import axes_of
-from runner.compare.listing import repeat_command
+from seatrial.runner.compare.cli import axes_of
+from seatrial.runner.compare.runs import repeat_command
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -228,7 +228,7 @@ def _timed(*arguments: str) -> float:
 
 def test_help_imports_nothing_slow() -> None:
     code = (
-        "import sys, runner.compare.__main__ as m; m.run(['table', '--help']);"
+        "import sys, seatrial.runner.compare.__main__ as m; m.run(['table', '--help']);"
         "slow = {'numpy', 'scipy', 'sqlalchemy', 'matplotlib', 'pyarrow', 'pandas', 'jinja2',"
         "'hydra', 'numba', 'sklearn'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
     )
@@ -247,8 +247,8 @@ def test_nothing_of_the_models_but_their_errors_is_imported() -> None:
     folder = Path(__file__).parents[3] / "runner" / "compare"
     for file in folder.rglob("*.py"):
         for line in file.read_text().splitlines():
-            if line.strip().startswith(("from models", "import models")):
-                assert "from models.errors import" in line, file
+            if line.strip().startswith(("from seatrial.models", "import seatrial.models")):
+                assert "from seatrial.models.errors import" in line, file
 
 
 def test_a_closed_pipe_is_no_error(plain: Path) -> None:

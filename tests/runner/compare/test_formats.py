@@ -7,8 +7,16 @@ from html.parser import HTMLParser
 
 import pytest
 
-from runner.compare.formats import Format, render
-from runner.compare.grid import Cell, Grid, grid_of, number_text, one_line, unit_text, with_unit
+from seatrial.runner.compare.formats import Format, render
+from seatrial.runner.compare.grid import (
+    Cell,
+    Grid,
+    grid_of,
+    number_text,
+    one_line,
+    unit_text,
+    with_unit,
+)
 
 NASTY = 'a|b & 50 % of $x_1^2$ <b>"{é}\\'
 GRID = Grid(

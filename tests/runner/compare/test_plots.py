@@ -11,11 +11,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.quiver import Quiver
 
-from models.errors import ConfigurationError, LogbookError
-from runner.compare.plots import KINDS, draw
-from runner.compare.plots.request import PlotRequest
-from runner.compare.plots.style import Drawing, drawn
-from runner.compare.results import Results, open_results
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.plots import KINDS, draw
+from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.style import Drawing, drawn
+from seatrial.runner.compare.results import Results, open_results
 from tests.runner.compare import stored
 
 # what several panels share stands at one of them
@@ -34,7 +34,7 @@ def voyages(sailed: Path) -> Iterator[Results]:
 
 
 def drawings(kind: str, results: Results, **options: object) -> list[Drawing]:
-    module = import_module(f"runner.compare.plots.{kind}")
+    module = import_module(f"seatrial.runner.compare.plots.{kind}")
     with drawn():
         request = PlotRequest(**options)  # type: ignore[arg-type]
         made: list[Drawing] = module.drawings(results, request)

@@ -10,11 +10,18 @@ from typing import Any
 
 import pytest
 
-from models.basis import terms
-from models.errors import ConfigurationError
-from runner.compare.published import COLUMNS, FOLDER, Printed, judged, read_folder, verdict_of
-from runner.compare.results import Results, open_results
-from runner.complaints import CONF
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import terms
+from seatrial.runner.compare.published import (
+    COLUMNS,
+    FOLDER,
+    Printed,
+    judged,
+    read_folder,
+    verdict_of,
+)
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.hydra_errors import CONF
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from runner.compare.report import ReportRequest, render_report
-from runner.compare.results import open_results
-from runner.database.records import Diagnostic
+from seatrial.runner.compare.report import ReportRequest, render_report
+from seatrial.runner.compare.results import open_results
+from seatrial.runner.database.records import Diagnostic
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from models.errors import ConfigurationError
-from runner.compare.plots import controllers, response
-from runner.compare.plots.request import PlotRequest
-from runner.compare.plots.style import drawn
-from runner.compare.results import Results, open_results
-from runner.database import Logbook
-from runner.database.records import Series
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.plots import controllers, response
+from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.style import drawn
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from sqlalchemy import event, func, select
 
-from runner.compare.results import Results
-from runner.compare.selection import TableRequest
-from runner.compare.table import comparison
-from runner.database import Logbook
-from runner.database.tables import Metric
+from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.table import comparison
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.tables import Metric
 from tests.runner.database.samples import make_results, make_start
 
 ASKED: dict[str, Callable[[Logbook], object]] = {

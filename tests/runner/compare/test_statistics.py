@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from models.errors import ConfigurationError
-from runner.compare.statistics import checked, confidence_interval, paired_test, summary
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.statistics import checked, confidence_interval, paired_test, summary
 
 SAMPLE = np.array([2.0, 4.0, 4.0, 6.0])
 

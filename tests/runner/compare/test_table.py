@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from models.errors import ConfigurationError
-from runner.compare.formats import Format, render
-from runner.compare.grid import Grid
-from runner.compare.results import Results, open_results
-from runner.compare.selection import request_of
-from runner.compare.table import comparison
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.formats import Format, render
+from seatrial.runner.compare.grid import Grid
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.selection import request_of
+from seatrial.runner.compare.table import comparison
 from tests.runner.compare import stored
 
 DEFAULTS = {

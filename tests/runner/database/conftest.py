@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from runner.database import Logbook
+from seatrial.runner.database import Logbook
 from tests.runner.postgres import Postgres
 
 

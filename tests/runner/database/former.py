@@ -2,8 +2,8 @@
 
 from sqlalchemy import text
 
-from runner.database import engine, schema
-from runner.database.address import parse
+from seatrial.runner.database import engine, schema
+from seatrial.runner.database.engine import parse
 
 FIRST_VIEW = "CREATE VIEW run_overview AS SELECT id, status, vessel FROM run"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runner.database import Coefficient, Diagnostic, Metric, Results, RunStart, Series
+from seatrial.runner.database import Coefficient, Diagnostic, Metric, Results, RunStart, Series
 
 
 def make_start(trial: int = 0, **changes: object) -> RunStart:

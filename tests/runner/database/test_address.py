@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import LogbookError
-from runner.database import Logbook, display_url, without_passwords
-from runner.database.address import parse
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook, display_url, without_passwords
+from seatrial.runner.database.engine import parse
 from tests.runner.postgres import Postgres
 
 
@@ -91,7 +91,7 @@ def test_a_server_that_refuses_is_told_in_one_line(
 def test_postgresql_without_its_package_says_what_to_install(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['psycopg'] = None;"
-        "from runner.database import Logbook; Logbook.read('postgresql://host/db')"
+        "from seatrial.runner.database import Logbook; Logbook.read('postgresql://host/db')"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (

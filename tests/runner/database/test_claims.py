@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import update
 
-from models.errors import LogbookError
-from runner.database import Logbook, Results, claims, engine, liveness
-from runner.database.address import parse
-from runner.database.tables import Run
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook, Results, claims, engine, liveness
+from seatrial.runner.database.engine import parse
+from seatrial.runner.database.tables import Run
 from tests.runner.database.samples import make_start
 from tests.runner.postgres import Postgres
 

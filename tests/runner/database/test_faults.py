@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import LogbookError
-from runner.database import Logbook
-from runner.database.schema import backup
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.schema import backup
 from tests.runner.database.samples import make_results, make_start
 
 NOBODY = 65534

@@ -8,11 +8,11 @@ import pyarrow.parquet
 import pytest
 from sqlalchemy import delete, insert, update
 
-from models.errors import LogbookError
-from runner.database import Logbook, Results, engine, series
-from runner.database.address import parse
-from runner.database.records import SeriesFile
-from runner.database.tables import Base, Metric, Run, Series, Sweep
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook, Results, engine, series_files
+from seatrial.runner.database.engine import parse
+from seatrial.runner.database.records import SeriesFile
+from seatrial.runner.database.tables import Base, Metric, Run, Series, Sweep
 from tests.runner.database.samples import make_results, make_start
 
 
@@ -100,14 +100,14 @@ def test_paths_lead_nowhere_else(tmp_path: Path, path: str) -> None:
     (tmp_path / "results").mkdir()
     file = SeriesFile("recording", path, "parquet", 1, "0" * 64, {})
     with pytest.raises(LogbookError, match="expected a file within"):
-        series.read(tmp_path / "results", file)
+        series_files.read(tmp_path / "results", file)
 
 
 def test_links_lead_nowhere_else(tmp_path: Path) -> None:
     (tmp_path / "series").mkdir()
     (tmp_path / "series" / "link").symlink_to("/etc/passwd")
     with pytest.raises(LogbookError, match="expected a file within"):
-        series.locate(tmp_path, "series/link")
+        series_files.locate(tmp_path, "series/link")
 
 
 def test_a_path_in_the_database_cannot_delete_other_files(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from runner.database import Logbook
-from runner.database.address import parse
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.engine import parse
 from tests.runner.database import workers
 from tests.runner.database.former import insert_first_results, migrated
 from tests.runner.database.samples import make_results, make_start

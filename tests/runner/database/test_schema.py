@@ -13,10 +13,10 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, inspect
 
-from models.errors import LogbookError
-from runner.database import Logbook, Results, engine, schema, views
-from runner.database.address import parse
-from runner.database.tables import Base
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook, Results, engine, schema, views
+from seatrial.runner.database.engine import parse
+from seatrial.runner.database.tables import Base
 from tests.runner.database.former import insert_first_results, migrated
 from tests.runner.database.samples import make_results, make_start
 
@@ -213,7 +213,7 @@ def test_opening_a_current_logbook_needs_no_alembic(tmp_path: Path) -> None:
 
     url = f"sqlite:///{tmp_path}/results.db"
     code = (
-        "import sys; from pathlib import Path; from runner.database import Logbook;"
+        "import sys; from pathlib import Path; from seatrial.runner.database import Logbook;"
         f"Logbook.open({url!r}, results_dir=Path({str(tmp_path)!r})).close();"
         "print({'alembic', 'pyarrow', 'psycopg', 'pandas'} & sys.modules.keys())"
     )

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runner.database import Coefficient, Logbook, Metric, Results
-from runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
+from seatrial.runner.database import Coefficient, Logbook, Metric, Results
+from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
 from tests.runner.database.samples import make_results, make_start
 
 

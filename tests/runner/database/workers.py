@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from models.errors import LogbookError
-from runner.database import Logbook, Results, Series
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Logbook, Results, Series
 from tests.runner.database.samples import make_results, make_start
 
 Say = Callable[[object], None]

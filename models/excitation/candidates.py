@@ -1,0 +1,136 @@
+"""Candidate manoeuvres, sailed by a believed model in calm water, and the mix that follows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.information import (
+    Integers,
+    Weights,
+    information,
+    inseparable,
+    largest_remainder,
+    log_det,
+    optimal,
+    scaled,
+)
+from seatrial.models.excitation.schedule import Gains, Manoeuvre, Part, Role, Schedule
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.weather import Weather
+
+STEP_S = 0.1  # longest integration step of the design's simulations
+
+
+@dataclass(frozen=True)
+class Believed:
+    """The model that a mix is designed with; `error` draws every coefficient 1 +- error of it."""
+
+    error: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error < 1.0:
+            raise ConfigurationError(f"error must lie between 0 and 1, got {self.error}")
+        if self.seed < 0:
+            raise ConfigurationError(f"seed must not be negative, got {self.seed}")
+
+    def model(self, nominal: Vessel) -> Vessel:
+        """The nominal model, its coefficients times uniform numbers about one."""
+        rng = np.random.default_rng(self.seed)
+        factors = rng.uniform(1.0 - self.error, 1.0 + self.error, nominal.theta.shape)
+        return replace(nominal, theta=nominal.theta * factors)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What the believed model says of the candidates, each of `count` instants.
+
+    `stop` instants follow, in which the vessel is brought to rest.
+    """
+
+    candidates: Mapping[str, Manoeuvre]
+    plant: Plant  # the believed model with the vessel's thrusters and limits
+    terms: tuple[Term, ...]
+    gains: Gains
+    limits: Array
+    count: int
+    stop: int
+    period_s: float
+    reference_filter: ReferenceFilter
+
+    def sub_experiment(self, name: str, role: Role) -> list[Part]:
+        """A candidate with its stop."""
+        return [Part(name, "manoeuvre", self.count, role), Part(name, "stop", self.stop)]
+
+    def schedule(self, parts: Sequence[Part]) -> Schedule:
+        """Parts one after the other."""
+        dofs = self.plant.vessel.dofs
+        return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
+
+    def sailed(self, name: str) -> Voyage:
+        """A candidate from rest at the origin, and its stop, in calm water."""
+        plan = self.schedule(self.sub_experiment(name, "training"))
+        n, n_dof = len(plan), len(plan.dofs)
+        still = np.zeros((n, n_dof))
+        start = np.zeros(n_dof)
+        guidance: Any = (Timetable(still), np.zeros(1))
+        try:
+            return sail(
+                self.plant, Weather(still, still, still, still), guidance,
+                self.reference_filter.table(self.period_s), plan.steering(self.gains, self.limits),
+                start, self.period_s, min(STEP_S, self.period_s), added=plan.force(),
+            )  # fmt: skip
+        except (Diverged, ConfigurationError) as error:
+            raise ConfigurationError(
+                f"excitation.candidates.{name}: the believed model cannot sail it: {error}"
+            ) from error
+
+    @cached_property
+    def voyages(self) -> dict[str, Voyage]:
+        """Every candidate, sailed by the believed model."""
+        return {name: self.sailed(name) for name in self.candidates}
+
+    @cached_property
+    def gammas(self) -> Array:
+        """Information of every candidate without its stop, scaled, shape (Q, n, n)."""
+        found = []
+        for voyage in self.voyages.values():
+            log = voyage.log
+            attitude = np.zeros((self.count, 3))
+            attitude[:, 2] = log.eta[: self.count, 2]
+            x = basis.variables(
+                log.nu_dot[: self.count], log.nu[: self.count], attitude, voyage.dofs
+            )
+            found.append(information(basis.evaluate(self.terms, x)))
+        return scaled(np.array(found))
+
+    @cached_property
+    def weights(self) -> Weights:
+        """The optimal shares of the candidates."""
+        return optimal(self.gammas, [one.name for one in self.terms])
+
+    def counts(self, total: int) -> Integers:
+        """The optimal mix in whole sub-experiments, shape (Q,)."""
+        counts = largest_remainder(self.weights.share, total)
+        names = [one.name for one in self.terms]
+        left = inseparable(np.tensordot(counts / total, self.gammas, axes=1), names)
+        if left:
+            raise ConfigurationError(
+                f"excitation.sub_experiments: {total} of the optimal mix do not tell "
+                f"{', '.join(left)} apart, expected more"
+            )
+        return counts
+
+    def log_det(self, counts: Array | Integers) -> float:
+        """log det of the mean information of a mix; -inf where it is singular."""
+        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))

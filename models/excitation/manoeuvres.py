@@ -1,0 +1,193 @@
+"""Standard manoeuvres: turning circle, zig-zag, and runs at constant velocity."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.missions import check_fraction, check_offset, steady_force, within
+from seatrial.models.excitation.open_loop import ZigZagTable, beside, open_loop, zigzag
+from seatrial.models.recording.splits import Split, half
+from seatrial.models.vessel.basis import Array
+
+
+def _steerable(what: str, dofs: Sequence[str]) -> None:
+    if "surge" not in dofs or "yaw" not in dofs:
+        raise ConfigurationError(
+            f"{what} needs a vessel in surge and yaw, got one in {', '.join(dofs)}"
+        )
+
+
+@dataclass(frozen=True)
+class Steered:
+    """A steady surge force, and after `approach_s` a yaw moment.
+
+    Without `turn_deg` the moment stays: a turning circle. With it the moment changes sign each
+    time the heading has turned that far from the approach: a zig-zag, 10/10 or 20/20 when moment
+    and angle are those of the test's name. `loop`: `open`, without a controller; `closed`, added to
+    the command of one that holds the starting pose, which resists: the moment has to be larger.
+    `offset` [N, Nm] is a force by degree of freedom that is there all the time.
+    """
+
+    surge_force_n: float
+    yaw_moment_nm: float
+    turn_deg: float | None
+    approach_s: float
+    duration_s: float
+    reference_filter: ReferenceFilter
+    train_fraction: float
+    loop: Literal["open", "closed"] = "open"
+    offset: dict[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.turn_deg is not None and not self.turn_deg > 0.0:
+            raise ConfigurationError(f"turn_deg must be positive, got {self.turn_deg}")
+        if not 0.0 <= self.approach_s < self.duration_s:
+            raise ConfigurationError(
+                f"approach_s must lie between 0 and duration_s = {self.duration_s:g}, "
+                f"got {self.approach_s:g}"
+            )
+        check_fraction(self.train_fraction)
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether no controller takes part."""
+        return self.loop == "open"
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The starting pose, which only a closed loop heeds."""
+        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+
+    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
+        """Force [N, Nm] at the times t [s], shape (N, n_dof); a zig-zag's moment is steered."""
+        force = steady_force(self.offset, len(t), dofs)
+        force[:, dofs.index("surge")] += self.surge_force_n
+        if self.turn_deg is None:
+            force[t >= self.approach_s - 1e-9, dofs.index("yaw")] += self.yaw_moment_nm
+        return force
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+        """What stands in for the controller, in an open loop."""
+        if not self.open_loop:
+            return None
+        return open_loop() if self.turn_deg is None else self._zigzag(dofs, period_s)
+
+    def _zigzag(self, dofs: Sequence[str], period_s: float) -> tuple[ZigZagTable, Array]:
+        first = round(self.approach_s / period_s)
+        turn = np.radians(self.turn_deg or 0.0)
+        return zigzag(dofs.index("yaw"), self.yaw_moment_nm, float(turn), first)
+
+    def accompany(
+        self, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
+    ) -> tuple[Any, Any]:
+        """The controller of a closed loop, with the moment of a zig-zag beside it."""
+        if self.open_loop or self.turn_deg is None:
+            return controller
+        return beside(controller, self._zigzag(dofs, period_s))
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the first part, and the rest."""
+        return half(len(t), self.train_fraction)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Surge and yaw are needed."""
+        _steerable("a turning circle or zig-zag", dofs)
+        check_offset(self.offset, dofs)
+
+    def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
+        """Raise ConfigurationError where a force exceeds what the thrusters can give."""
+        within("surge_force_n", self.surge_force_n, limits, "surge")
+        within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
+        steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
+        for dof, value in (self.offset or {}).items():
+            within(f"offset.{dof}", abs(value) + steered.get(dof, 0.0), limits, dof)
+
+
+@dataclass(frozen=True)
+class ConstantVelocity:
+    """Runs at constant velocities, there and back, under control. Hoyer (2021), Table 5.2.
+
+    `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`), then
+    one number for all of them or one each; runs in axes that the vessel does not have are left
+    out. The set-point moves with the velocity for `run_s`, waits for `rest_s`, and comes back. Of
+    the pairs `train_fraction` are for training, spread evenly.
+    """
+
+    velocities: dict[str, tuple[float | tuple[float, ...], ...]]
+    velocity_scale: float
+    run_s: float
+    rest_s: float
+    axes: tuple[str, ...]  # what the vessel has
+    reference_filter: ReferenceFilter
+    train_fraction: float
+    offset: dict[str, float] | None = None  # [N, Nm], beside the controller
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_scale", "run_s", "rest_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        for names, values in self.velocities.items():
+            for value in values:
+                if isinstance(value, tuple) and len(value) != len(names.split("+")):
+                    raise ConfigurationError(
+                        f"velocities.{names}: got {list(value)}, expected a number or one for each"
+                    )
+        check_fraction(self.train_fraction)
+
+    @property
+    def runs(self) -> list[dict[str, float]]:
+        """Velocities of each pair of runs, by axis."""
+        return [
+            {
+                axis: self.velocity_scale * (value[i] if isinstance(value, tuple) else value)
+                for i, axis in enumerate(names.split("+"))
+            }
+            for names, values in self.velocities.items()
+            for value in values
+            if set(names.split("+")) <= set(self.axes)
+        ]
+
+    @property
+    def pair_s(self) -> float:
+        """There and back [s]."""
+        return 2.0 * (self.run_s + self.rest_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of all runs [s]."""
+        return len(self.runs) * self.pair_s
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The set-points as a timetable, from a level vessel that heads north."""
+        setpoints = np.tile(start, (len(t), 1))
+        pair = np.minimum((t / self.pair_s + 1e-9).astype(int), len(self.runs) - 1)
+        since = t - self.pair_s * pair
+        there = np.clip(since - 0.5 * self.rest_s, 0.0, self.run_s)
+        back = np.clip(since - 1.5 * self.rest_s - self.run_s, 0.0, self.run_s)
+        for i, velocities in enumerate(self.runs):
+            for name, velocity in velocities.items():
+                moved = velocity * (there - back) * (pair == i)
+                setpoints[:, self.axes.index(name)] += moved
+        return Timetable(setpoints), np.zeros(1)
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples, by pairs of runs."""
+        pair = ((t - t[0]) / self.pair_s + 1e-9).astype(int)
+        train = np.ceil((pair + 1) * self.train_fraction) > np.ceil(pair * self.train_fraction)
+        return Split(train, ~train)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """At least one pair to train and one to test with."""
+        if tuple(dofs) != self.axes:
+            raise ConfigurationError(
+                f"excitation.axes: got {', '.join(self.axes)}, expected {', '.join(dofs)}"
+            )
+        check_offset(self.offset, dofs)
+        if len(self.runs) < 2:
+            raise ConfigurationError(
+                f"excitation.velocities: {len(self.runs)} runs suit a vessel in {', '.join(dofs)}, "
+                "expected at least 2"
+            )

@@ -1,0 +1,208 @@
+"""Manoeuvres one after the other, the vessel brought to rest between them.
+
+A part is a stretch of control instants: a manoeuvre with its own force, a stop by velocity
+feedback, or a passage. Where poses were planned they are followed by feedback, and the force of a
+manoeuvre and its stop is then what the plan's vessel needed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.open_loop import OpenLoop, ZigZagTable
+from seatrial.models.recording.splits import Mask
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.kinematics import in_body
+
+OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3
+Kind = Literal["manoeuvre", "stop", "passage"]
+Role = Literal["training", "testing", "none"]
+
+
+class Manoeuvre(Protocol):
+    """What an excitation offers that needs no controller."""
+
+    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
+        """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
+        ...
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+        """Parameters and initial state of a step in the controller's place, where there is one."""
+        ...
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A stretch of `count` control instants."""
+
+    name: str
+    kind: Kind
+    count: int
+    role: Role = "none"
+    poses: Array | None = None  # (count, n_dof) that were planned, followed [m, rad]
+    force: Array | None = None  # (count, n_dof) that was planned [N, Nm], where poses are followed
+
+
+class SequenceTable(NamedTuple):
+    """What to do at every control instant; SI units, radians."""
+
+    mode: Codes  # (N,)
+    moment: Array  # (N,) of a zig-zag
+    turn: Array  # (N,) at which it changes sign
+    poses: Array  # (N, n_dof) that are followed
+    velocities: Array  # (N, n_dof) with which
+    kp: Array  # (n_dof,)
+    kd: Array
+    limits: Array  # of the feedback
+    yaw: int
+
+
+@lean_kernel
+def _feedback(
+    table: SequenceTable, k: int, eta: Array, nu: Array, tau: Array, follow: bool
+) -> None:
+    """tau = R(psi)' Kp e - Kd (nu - nu_d) within the limits, e the error of the pose."""
+    c, s = np.cos(eta[2]), np.sin(eta[2])
+    north, east, turn = 0.0, 0.0, 0.0
+    if follow:
+        north, east = table.poses[k, 0] - eta[0], table.poses[k, 1] - eta[1]
+        turn = table.poses[k, 2] - eta[2]
+        turn = np.arctan2(np.sin(turn), np.cos(turn))
+    tau[0] = table.kp[0] * (c * north + s * east) - table.kd[0] * (nu[0] - table.velocities[k, 0])
+    tau[1] = table.kp[1] * (-s * north + c * east) - table.kd[1] * (nu[1] - table.velocities[k, 1])
+    tau[2] = table.kp[2] * turn - table.kd[2] * (nu[2] - table.velocities[k, 2])
+    for i in range(3):
+        tau[i] = min(max(tau[i], -table.limits[i]), table.limits[i])
+
+
+@lean_kernel
+def _sequence(
+    table: SequenceTable, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """state = (instant, sign of a zig-zag's moment, heading before it, whether it has begun)."""
+    k = int(state[0])
+    mode = table.mode[k]
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = 0.0
+    if mode == ZIGZAG:
+        if state[3] == 0.0:
+            state[1], state[2], state[3] = 1.0, eta[table.yaw], 1.0
+        if state[1] * (eta[table.yaw] - state[2]) >= table.turn[k]:
+            state[1] = -state[1]
+        tau[table.yaw] = state[1] * table.moment[k]
+    else:
+        state[3] = 0.0
+    if mode >= STOP:
+        _feedback(table, k, eta, nu, tau, mode == FOLLOW)
+        for i in range(tau.shape[0]):
+            tau_fb[i] = tau[i]
+    state[0] = k + 1.0
+
+
+CONTROLLERS[SequenceTable] = _sequence
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Feedback that stops the vessel and follows a passage, by degree of freedom."""
+
+    kp: tuple[float, ...]  # [N/m, N/m, Nm/rad]
+    kd: tuple[float, ...]  # [N s/m, N s/m, Nm s/rad]
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "kd"):
+            if min(getattr(self, name), default=0.0) < 0.0:
+                raise ConfigurationError(
+                    f"{name} must not be negative, got {list(getattr(self, name))}"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Parts on the instants of one control period, for a vessel in surge, sway and yaw."""
+
+    parts: tuple[Part, ...]
+    manoeuvres: dict[str, Manoeuvre]
+    dofs: tuple[str, ...]
+    period_s: float
+
+    @property
+    def edges(self) -> list[int]:
+        """First instant of every part, and the end."""
+        return [0, *np.cumsum([part.count for part in self.parts]).tolist()]
+
+    def __len__(self) -> int:
+        return self.edges[-1]
+
+    def mask(self, role: Role) -> Mask:
+        """Instants of the manoeuvres of a role, shape (N,)."""
+        on = [np.full(part.count, part.role == role) for part in self.parts]
+        return np.concatenate(on)
+
+    def force(self) -> Array:
+        """Force of the manoeuvres [N, Nm], shape (N, n_dof); a candidate's is always the same."""
+        pieces = []
+        for part in self.parts:
+            if part.kind != "manoeuvre" or part.force is not None:
+                still = np.zeros((part.count, len(self.dofs)))
+                pieces.append(still if part.force is None else part.force)
+                continue
+            t = self.period_s * np.arange(part.count, dtype=np.float64)
+            seed = list(self.manoeuvres).index(part.name)
+            rng = np.random.default_rng(seed)
+            pieces.append(self.manoeuvres[part.name].force(t, self.dofs, rng))
+        return np.ascontiguousarray(np.concatenate(pieces))
+
+    def steering(self, gains: Gains, limits: Array) -> tuple[SequenceTable, Array]:
+        """Parameters and initial state of the compiled step; `limits` [N, Nm] of the feedback."""
+        n = len(self)
+        mode, moment, turn = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
+        poses, velocities = np.zeros((n, len(self.dofs))), np.zeros((n, len(self.dofs)))
+        for part, first in zip(self.parts, self.edges, strict=False):
+            here = slice(first, first + part.count)
+            if part.poses is not None:
+                poses[here], mode[here] = part.poses, FOLLOW
+                velocities[here] = body_velocities(part.poses, self.period_s)
+                continue
+            if part.kind != "manoeuvre":
+                mode[here] = STOP
+                continue
+            steered = self.manoeuvres[part.name].steering(self.dofs, self.period_s)
+            if steered is not None and isinstance(steered[0], ZigZagTable):
+                from_here = slice(first + steered[0].first, first + part.count)
+                mode[from_here] = ZIGZAG
+                moment[from_here], turn[from_here] = steered[0].moment, steered[0].turn
+        table = SequenceTable(
+            mode, moment, turn, poses, velocities, np.array(gains.kp), np.array(gains.kd), limits,
+            self.dofs.index("yaw"),
+        )  # fmt: skip
+        return table, np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def body_velocities(poses: Array, period_s: float) -> Array:
+    """Velocity in body axes [m/s, rad/s] of sampled poses (N, 3), by differences, (N, 3)."""
+    if len(poses) < 2:
+        return np.zeros_like(poses)
+    rate = np.gradient(poses, period_s, axis=0)
+    rate[:, :2] = in_body(rate[:, :2], poses[:, 2])
+    return rate
+
+
+def check_open(name: str, manoeuvre: Manoeuvre, dofs: Sequence[str], period_s: float) -> None:
+    """Refuse a candidate that needs a controller."""
+    manoeuvre.check(dofs)
+    steered = manoeuvre.steering(dofs, period_s) if hasattr(manoeuvre, "steering") else None
+    if steered is None or not isinstance(steered[0], OpenLoop | ZigZagTable):
+        raise ConfigurationError(
+            f"excitation.candidates.{name}: is sailed by a controller, expected an open loop"
+        )

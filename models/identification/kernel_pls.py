@@ -1,0 +1,262 @@
+"""Partial least squares from covariances, all orders at once. Jervan (2020), section 3.3.
+
+    E = (X - mean X) / (beta std X),   F = (Y - mean Y) / std Y                 (3.3)-(3.4), (4.8)
+    E = T P' + rest,   F = T Q' + rest,   T chosen for the largest covariance    (3.5)-(3.10)
+    Theta_pre = W (P' W)^-1 Q'                                                   (3.11)
+    Theta = Theta_pre std Y / (beta std X),   constant = mean Y - mean X Theta   (3.12)-(3.14)
+
+beta is the number of variables multiplied in a term; (3.12) prints 2 for it. All orders come at
+once from the covariances E'E and E'F, computed once: the improved kernel algorithm of Dayal and
+MacGregor (1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives NIPALS's results.
+
+Covariances add up, so they are kept as moment matrices Z'Z of Z = [1, X, Y]: those of a fold or
+of a bootstrap sample are sums of those of its blocks.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.compiled import kernel
+from seatrial.models.identification.residual import Samples
+from seatrial.models.vessel.basis import Array
+
+EXHAUSTED = 1e-15  # share of a variance below which there is nothing left to explain
+SQUARINGS = 40
+
+
+class Components(NamedTuple):
+    """Components of a partial least squares regression, one column an order."""
+
+    weights: Array  # W (J, orders), unit length
+    loadings: Array  # P (J, orders)
+    output_loadings: Array  # Q (K, orders)
+    coefficients: Array  # Theta_pre of every order, (orders, J, K)
+
+
+@kernel
+def _dominant(left: Array, w: Array) -> float:
+    """Write the dominant left singular vector of E'F (J, K) to w, unit length; returns |w| before.
+
+    The eigenvector of (E'F)'(E'F), K by K, comes by squaring the matrix until it has rank one.
+    """
+    n_x, n_y = left.shape
+    power = np.zeros((n_y, n_y))
+    for i in range(n_x):
+        for k in range(n_y):
+            for m in range(n_y):
+                power[k, m] += left[i, k] * left[i, m]
+    square = np.empty((n_y, n_y))
+    for _ in range(SQUARINGS if n_y > 1 else 0):
+        trace = 0.0
+        for k in range(n_y):
+            trace += power[k, k]
+        if trace <= 0.0:
+            return 0.0
+        for k in range(n_y):
+            for m in range(n_y):
+                total = 0.0
+                for j in range(n_y):
+                    total += power[k, j] * power[j, m]
+                square[k, m] = total / (trace * trace)
+        power, square = square, power
+    best = 0
+    for k in range(n_y):
+        if power[k, k] > power[best, best]:
+            best = k
+    length, norm = 0.0, 0.0
+    for k in range(n_y):
+        norm += power[k, best] ** 2
+    for i in range(n_x):
+        w[i] = 0.0
+        for k in range(n_y):
+            w[i] += left[i, k] * power[k, best]
+        length += w[i] ** 2
+    if length <= 0.0:
+        return 0.0
+    for i in range(n_x):
+        w[i] /= np.sqrt(length)
+    return float(np.sqrt(length / norm))
+
+
+@kernel
+def partial_least_squares(
+    xx: Array, xy: Array, weights: Array, loadings: Array, output: Array, coefficients: Array
+) -> int:
+    """All orders from E'E (J, J) and E'F (J, K); writes W, P, Q, Theta_pre; the orders found.
+
+    w is the dominant left singular vector of E'F; r = w - sum_j (p_j' w) r_j, so that t = E r;
+    p = E'E r / t't, q = (E'F)' r / t't; E'F is deflated by t't p q'. Where nothing is left to
+    explain the coefficients stay as they are.
+    """
+    orders, n_x, n_y = coefficients.shape
+    left, r = np.empty((n_x, n_y)), np.empty((orders, n_x))
+    e, w = np.empty(n_x), np.empty(n_x)
+    for i in range(n_x):
+        for k in range(n_y):
+            left[i, k] = xy[i, k]
+    first, found, exhausted = 0.0, 0, False
+    for a in range(orders):
+        for i in range(n_x):
+            for k in range(n_y):
+                coefficients[a, i, k] = coefficients[a - 1, i, k] if a > 0 else 0.0
+        if exhausted:
+            continue
+        length = _dominant(left, w)
+        first = max(first, length)
+        for i in range(n_x):
+            r[a, i] = w[i]
+        for j in range(a):
+            along = 0.0
+            for i in range(n_x):
+                along += loadings[i, j] * w[i]
+            for i in range(n_x):
+                r[a, i] -= along * r[j, i]
+        variance, size, trace = 0.0, 0.0, 0.0
+        for i in range(n_x):
+            e[i] = 0.0
+            for j in range(n_x):
+                e[i] += xx[i, j] * r[a, j]
+            variance += r[a, i] * e[i]
+            size += r[a, i] ** 2
+            trace += xx[i, i]
+        exhausted = length <= EXHAUSTED * first or variance <= EXHAUSTED * trace * size
+        if exhausted:
+            continue
+        found += 1
+        for k in range(n_y):
+            q = 0.0
+            for i in range(n_x):
+                q += left[i, k] * r[a, i] / variance
+            for i in range(n_x):
+                left[i, k] -= e[i] * q
+                coefficients[a, i, k] += r[a, i] * q
+            output[k, a] = q
+        for i in range(n_x):
+            weights[i, a], loadings[i, a] = w[i], e[i] / variance
+    return found
+
+
+def components(xx: Array, xy: Array, orders: int) -> Components:
+    """Components up to an order from E'E (J, J) and E'F (J, K)."""
+    (n_x, n_y), shape = xy.shape, (xy.shape[0], orders)
+    found = Components(
+        np.zeros(shape), np.zeros(shape), np.zeros((n_y, orders)), np.zeros((orders, n_x, n_y))
+    )
+    partial_least_squares(np.ascontiguousarray(xx), np.ascontiguousarray(xy), *found)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Z = [1, X, Y] of some samples, X and Y standardised over all of them for good numerics.
+
+    X has the terms that vary; the constant is always there.
+    """
+
+    z: Array  # (N, 1 + J + K)
+    n_terms: int  # of the samples
+    constant: int  # index of the term 1 among them
+    terms: NDArray[np.int64]  # indices of the J terms that vary
+    beta: Array  # (J,) order of each term, its divisor in (4.8)
+    mean: Array  # (J + K,)
+    scale: Array  # (J + K,)
+
+    @property
+    def n_x(self) -> int:
+        """J, the number of terms."""
+        return len(self.terms)
+
+    @property
+    def y_scale(self) -> Array:
+        """Standard deviation of the K outputs."""
+        return self.scale[self.n_x :]
+
+    @property
+    def x(self) -> Array:
+        """The constant and the terms, (N, 1 + J)."""
+        return self.z[:, : 1 + self.n_x]
+
+    @property
+    def y(self) -> Array:
+        """The outputs, (N, K)."""
+        return self.z[:, 1 + self.n_x :]
+
+    def like(self, samples: Samples) -> Array:
+        """Z of other samples, by the same means and scales."""
+        xy = np.hstack([samples.phi[:, self.terms], samples.epsilon])
+        return np.hstack([np.ones((len(xy), 1)), (xy - self.mean) / self.scale])
+
+    def table(self, theta: Array) -> Array:
+        """Coefficients in the units of the samples (n_terms, K) from those on Z (1 + J, K)."""
+        found = np.zeros((self.n_terms, theta.shape[1]))
+        found[self.terms] = theta[1:] * self.y_scale / self.scale[: self.n_x, None]
+        offset = self.mean[self.n_x :] + theta[0] * self.y_scale
+        found[self.constant] = offset - self.mean[: self.n_x] @ found[self.terms]
+        return found
+
+
+def columns(samples: Samples) -> Columns:
+    """Standardised columns of the samples, which have the constant among their terms."""
+    assert samples.constant is not None
+    terms = samples.varying
+    z = np.hstack([np.ones((len(samples), 1)), samples.phi[:, terms], samples.epsilon])
+    xy = z[:, 1:]  # changed in place: it is the largest thing there is
+    mean = np.mean(xy, axis=0)
+    xy -= mean
+    scale = np.sqrt(np.einsum("nj,nj->j", xy, xy) / len(xy))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    xy /= scale
+    beta = np.array([float(samples.terms[i].order) for i in terms])
+    return Columns(z, len(samples.terms), samples.constant, terms, beta, mean, scale)
+
+
+class Covariances(NamedTuple):
+    """Means and covariances out of a moment matrix, and the divisors of (3.3), (3.4), (4.8)."""
+
+    x_mean: Array  # (J,)
+    y_mean: Array  # (K,)
+    xx: Array  # E'E / N, (J, J)
+    xy: Array  # E'F / N, (J, K)
+    x_gain: Array  # 1 / (beta std X); zero where a column does not vary
+    y_scale: Array  # std Y
+
+
+def covariances(moment: Array, beta: Array) -> Covariances:
+    """Standardised covariances from Z'Z, whose first column is the constant."""
+    n_x = len(beta)
+    mean = moment[0] / moment[0, 0]
+    spread = (moment / moment[0, 0] - np.outer(mean, mean))[1:, 1:]
+    deviation = np.sqrt(np.clip(np.diag(spread), 0.0, None))
+    x_scale, y_scale = deviation[:n_x], deviation[n_x:]
+    varies = x_scale > 1e-9
+    gain = np.where(varies, 1.0 / np.where(varies, x_scale * beta, 1.0), 0.0)
+    y_scale = np.where(y_scale > 0.0, y_scale, 1.0)
+    xx = spread[:n_x, :n_x] * np.outer(gain, gain)
+    xy = spread[:n_x, n_x:] * gain[:, None] / y_scale
+    return Covariances(mean[1 : 1 + n_x], mean[1 + n_x :], xx, xy, gain, y_scale)
+
+
+def all_orders(moment: Array, beta: Array, orders: int) -> Array:
+    """Coefficients on Z of every order up to `orders`, shape (orders, 1 + J, K)."""
+    c = covariances(moment, beta)
+    theta = components(c.xx, c.xy, orders).coefficients * c.x_gain[:, None] * c.y_scale
+    constant = c.y_mean - np.einsum("j,ajk->ak", c.x_mean, theta)
+    return np.concatenate([constant[:, None, :], theta], axis=1)
+
+
+def output_moment(moment: Array, n_x: int, k: int) -> Array:
+    """The moments of Z with the k-th output alone."""
+    kept = np.r_[: 1 + n_x, 1 + n_x + k]
+    return np.asarray(moment[np.ix_(kept, kept)])
+
+
+def mean_squares(moment: Array, theta: Array) -> Array:
+    """Mean squared error on the samples of a moment matrix, (..., K) for theta (..., 1 + J, K)."""
+    n_x = theta.shape[-2]
+    normal, cross = moment[:n_x, :n_x], moment[:n_x, n_x:]
+    square = np.diag(moment)[n_x:]
+    fitted = np.sum(theta * (normal @ theta - 2.0 * cross), axis=-2)
+    return np.asarray(np.clip(square + fitted, 0.0, None) / moment[0, 0])

@@ -1,0 +1,225 @@
+"""Least squares and ridge regression of the lack of fit, with standard errors.
+
+    theta = argmin sum_i w_i |epsilon_i - Phi_i' theta|^2 + penalty |scaled theta|^2
+
+epsilon = tau - F0(nu_dot, nu). With the force passed through the thruster lag first, least squares
+is exact on noise-free data. The ridge pulls towards the nominal model; its penalty minimises the
+generalised cross-validation of Golub, Heath and Wahba (1979), Technometrics 21, 215-223.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.lag import thruster_of
+from seatrial.models.identification.linear import (
+    Decomposition,
+    LinearFit,
+    bootstrap_errors,
+    decompositions,
+    fit,
+    standard_errors,
+)
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.residual import (
+    NED_COLUMNS,
+    ResidualOptions,
+    Samples,
+    ned_columns,
+    ned_table,
+)
+from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+HUBER = 1.345  # 95 % as efficient as least squares on Gaussian residuals
+NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation of a Gaussian
+ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class LeastSquares(ResidualOptions):
+    """Weighted least squares by SVD on standardised columns, the term 1 as intercept.
+
+    `ned_force` adds a force (north, east) that is constant in NED, shared between surge and sway.
+    `weighting: huber` gives outliers less weight, `half_life_s` old samples. `bootstrap` is the
+    number of block-bootstrap replicates for standard errors; null takes `errors`.
+    """
+
+    ned_force: bool
+    weighting: Literal["uniform", "huber"]
+    half_life_s: float | None
+    errors: ErrorKind
+    bootstrap: int | None
+    block_s: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_bootstrap(self.bootstrap, self.block_s)
+        if self.half_life_s is not None and not self.half_life_s > 0.0:
+            raise ConfigurationError(
+                f"half_life_s must be positive or null, got {self.half_life_s}"
+            )
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Refuse what cannot work for this vessel, before any work."""
+        super().check(nominal, thruster, measured)
+        if self.ned_force and nominal.dofs != PLANAR:
+            raise ConfigurationError(
+                f"identifier.ned_force needs a vessel in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(nominal.dofs)}"
+            )
+        both = [one.name for one in NED_COLUMNS if one in self.terms(nominal)]
+        if self.ned_force and both:
+            raise ConfigurationError(
+                f"identifier.ned_force already has {both[0]}, shared; do not give it as a term"
+            )
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The residual table with standard errors and the condition number of its columns."""
+        lag, findings = thruster_of(self, problem)
+        samples = self.samples(problem.training, problem.nominal, lag)
+        dofs = problem.nominal.dofs
+        fitted, penalty_findings = self.solve(samples, dofs)
+        if self.bootstrap is None:
+            errors, f_errors = standard_errors(fitted, self.errors)
+        else:
+            length = round(self.block_s / samples.period_s)
+            errors, f_errors = bootstrap_errors(fitted, length, self.bootstrap, rng)
+        residual = Vessel("residual", dofs, samples.terms, fitted.theta)
+        findings += condition_findings(samples, fitted, dofs) + penalty_findings
+        if self.ned_force:
+            residual += Vessel("force", dofs, NED_COLUMNS, ned_table(fitted.shared))
+            shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
+            errors = np.vstack([errors, shares])
+            findings += ned_findings(fitted.shared, f_errors)
+        return Identified(problem.nominal + residual, residual, errors, findings)
+
+    def solve(
+        self, samples: Samples, dofs: tuple[str, ...]
+    ) -> tuple[LinearFit, tuple[Finding, ...]]:
+        """The fit, and what there is to say of its penalty.
+
+        Weights that depend on the residual (Huber's; the precision of each degree of freedom where
+        they share unknowns) come from the last fit, until they stay.
+        """
+        shared = ned_columns(samples.heading) if self.ned_force else None
+        base = recency(len(samples), samples.period_s, self.half_life_s)[:, None]
+        weights = np.broadcast_to(base, samples.epsilon.shape)
+        penalties, findings = self.penalise(samples, weights, shared, dofs)
+        fitted = fit(samples, weights, penalties, shared)
+        depends = self.ned_force or self.weighting == "huber"
+        for _ in range(ROUNDS if depends else 0):
+            last, weights = weights, base * self.reweight(fitted.rest, samples)
+            fitted = fit(samples, weights, penalties, shared)
+            if np.max(np.abs(weights - last)) < 1e-4 * np.max(weights):
+                break
+        return fitted, findings
+
+    def reweight(self, rest: Array, samples: Samples) -> Array:
+        """Weights by the residual (N, n_dof), at most 1."""
+        floor = 1e-9 * np.std(samples.force, axis=0) + np.finfo(float).tiny
+        weights = np.ones_like(rest)
+        if self.weighting == "huber":
+            scale = NORMAL_MAD * np.median(np.abs(rest), axis=0) + floor
+            weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(rest), floor))
+        if self.ned_force:
+            precision = 1.0 / (np.mean(weights * rest**2, axis=0) + floor**2)
+            weights = weights * precision / np.max(precision)
+        return weights
+
+    def penalise(
+        self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
+    ) -> tuple[Array | None, tuple[Finding, ...]]:
+        """No penalty."""
+        return None, ()
+
+
+@dataclass(frozen=True)
+class Ridge(LeastSquares):
+    """Least squares with a penalty on the standardised coefficients.
+
+    `penalty` is per sample: sum of squares + penalty N |theta|^2; null takes, for each degree of
+    freedom, the minimum of the generalised cross-validation.
+    """
+
+    penalty: float | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.penalty is not None and self.penalty < 0.0:
+            raise ConfigurationError(f"penalty must not be negative, got {self.penalty}")
+
+    def penalise(
+        self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
+    ) -> tuple[Array, tuple[Finding, ...]]:
+        """Penalty of each degree of freedom, the shared unknowns first taken out."""
+        targets = samples.epsilon
+        if shared is not None:
+            f = fit(samples, weights, None, shared).shared
+            targets = targets - np.einsum("knm,m->nk", shared, f)
+        parts = decompositions(samples, weights, self.penalty != 0.0)
+        n = len(samples)
+        if self.penalty is not None:
+            chosen = [self.penalty * n for _ in dofs]
+        else:
+            chosen = [least_gcv(part, targets[:, k]) for k, part in enumerate(parts)]
+        found = []
+        for dof, part, value in zip(dofs, parts, chosen, strict=True):
+            found.append(Finding("ridge_penalty", dof, value / n))
+            found.append(Finding("effective_parameters", dof, part.parameters(value)))
+        return np.array(chosen), tuple(found)
+
+
+def gcv(part: Decomposition, target: Array, penalties: Array) -> Array:
+    """N |rest|^2 / (N - parameters)^2 for each penalty, of one degree of freedom, target (N,)."""
+    weighted = part.weighted(target[:, None])[:, 0]
+    along = part.u.T @ weighted
+    outside = float(np.sum((weighted - part.u @ along) ** 2))
+    left = penalties[:, None] / (part.s**2 + penalties[:, None])
+    square = outside + np.sum((left * along) ** 2, axis=1)
+    parameters = np.array([part.parameters(penalty) for penalty in penalties])
+    return np.asarray(len(target) * square / (len(target) - parameters) ** 2)
+
+
+def least_gcv(part: Decomposition, target: Array) -> float:
+    """The penalty of the least generalised cross-validation, by three ever finer grids."""
+    low, high = 1e-16 * part.s[0] ** 2, 1e3 * part.s[0] ** 2
+    for _ in range(3):
+        grid = np.geomspace(low, high, 61)
+        best = int(np.argmin(gcv(part, target, grid)))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, 60)]
+    return float(grid[best])
+
+
+def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
+    """Weights (N,) that halve every `half_life_s` before the end; ones for null."""
+    if half_life_s is None:
+        return np.ones(n)
+    age = period_s * np.arange(n - 1, -1, -1.0)
+    return np.asarray(np.exp2(-age / half_life_s))
+
+
+def condition_findings(
+    samples: Samples, fitted: LinearFit, dofs: tuple[str, ...]
+) -> tuple[Finding, ...]:
+    """Condition number of the columns per degree of freedom, and the terms that do not vary."""
+    found = [
+        Finding("condition_number", dof, float(value))
+        for dof, value in zip(dofs, fitted.condition, strict=True)
+    ]
+    kept = {*samples.varying.tolist(), samples.constant}
+    dropped = [one.name for i, one in enumerate(samples.terms) if i not in kept]
+    return (*found, *(Finding("dropped_term", "all", 1.0, label=name) for name in dropped))
+
+
+def ned_findings(force: Array, errors: Array) -> tuple[Finding, ...]:
+    """The constant force (north, east) [N] and its standard errors."""
+    found = []
+    for label, value, error in zip(("north", "east"), force, errors, strict=True):
+        found.append(Finding("ned_force", "all", float(value), "N", label=label))
+        found.append(Finding("ned_force_std_error", "all", float(error), "N", label=label))
+    return tuple(found)

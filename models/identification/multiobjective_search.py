@@ -1,0 +1,267 @@
+"""Multi-objective search in a box of parameters. Hoyer (2021), sections 3.5.5 to 3.5.7.
+
+NSGA-II; NSGA-III of pymoo for many objectives; CMA-ES of pymoo on the sum of the objectives, each
+divided by its scale. All work by ask and tell in the unit cube of the bounds, and a generation is
+evaluated in one call.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import comb
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
+from seatrial.models.vessel.basis import Array
+
+# Running performance metric: has a front stopped moving? Blank & Deb (2020b).
+#
+#     d z*_t   = max_i (z*_i(t-1) - z*_i(t)) / (z_nad_i(t) - z*_i(t))    Hoyer (3.9)
+#     d znad_t = max_i (z_nad_i(t-1) - z_nad_i(t)) / (z_nad_i(t) - z*_i(t))
+#     phi_t    = mean over the points of P_t of the distance to the nearest one of P_(t-1)
+#
+# with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
+# converged when all three were below a threshold for `window` generations, Hoyer (3.10); the
+# changes are taken by magnitude.
+
+
+RESOLUTION = 1e-12  # of the objectives' scale: a front is not narrower
+
+
+class Change(NamedTuple):
+    """Change of a front over one generation, normalised."""
+
+    ideal: float
+    nadir: float
+    front: float
+
+
+@dataclass
+class RunningMetric:
+    """History of the changes of a front; scale (n_objectives,) are sizes of the objectives."""
+
+    scale: Array
+    window: int
+    threshold: float
+    changes: list[Change] = field(default_factory=list)
+    last: Array | None = None
+
+    def update(self, front: Array) -> None:
+        """Take note of the next generation's front, shape (n, n_objectives)."""
+        if self.last is not None:
+            self.changes.append(change(self.last, front, RESOLUTION * self.scale))
+        self.last = front
+
+    @property
+    def converged(self) -> bool:
+        """Whether all changes of the last `window` generations are below the threshold.
+
+        A front of one point has no extent to measure changes by, so it never counts as converged.
+        """
+        recent = self.changes[-self.window :]
+        if self.last is None or len(self.last) < 2 or len(recent) < self.window:
+            return False
+        return max(map(max, recent)) < self.threshold
+
+
+def change(before: Array, after: Array, least: Array) -> Change:
+    """Change between the fronts of two generations; extents are at least `least`."""
+    ideal, nadir = after.min(axis=0), after.max(axis=0)
+    extent = np.maximum(nadir - ideal, least)
+    distance = cKDTree((before - ideal) / extent).query((after - ideal) / extent)[0]
+    return Change(
+        float(np.max(np.abs(before.min(axis=0) - ideal) / extent)),
+        float(np.max(np.abs(before.max(axis=0) - nadir) / extent)),
+        float(np.mean(distance)),
+    )
+
+
+Algorithm = Literal["nsga2", "nsga3", "cmaes"]
+Evaluate = Callable[[Array], Array]
+CMAES_STEP = 0.3  # initial, of the unit cube
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Box of the parameters; those with `log` are searched by their logarithm."""
+
+    lower: Array
+    upper: Array
+    log: NDArray[np.bool_]
+
+    def points(self, unit: Array) -> Array:
+        """Design points (n, m) of points in the unit cube."""
+        linear = self.lower + unit * (self.upper - self.lower)
+        ratio = np.where(self.log, self.upper / np.where(self.log, self.lower, 1.0), 1.0)
+        return np.where(self.log, self.lower * ratio**unit, linear)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search found; the front has no duplicates and no dominated point."""
+
+    points: Array  # (n, m)
+    front: Array  # (n, n_objectives)
+    metric: RunningMetric
+    generations: int
+    reason: str  # why it ended: running_metric, generations, floor or algorithm
+
+
+class Searcher(Protocol):
+    """A search by ask and tell in the unit cube."""
+
+    @property
+    def front(self) -> tuple[Array, Array]:
+        """Individuals that may be on the front, and their objectives."""
+        ...
+
+    @property
+    def ended(self) -> bool:
+        """Whether the algorithm itself has nothing more to ask."""
+        ...
+
+    def ask(self) -> Array:
+        """Individuals to evaluate, shape (n, m)."""
+        ...
+
+    def tell(self, values: Array) -> None:
+        """Objectives of the individuals asked for, shape (n, n_objectives)."""
+        ...
+
+
+def search(
+    evaluate: Evaluate,
+    space: Space,
+    floor: Array,
+    metric: RunningMetric,
+    searcher: Searcher,
+    generations: int,
+) -> Searched:
+    """Search until the running metric converges, one point meets the floor, or generations end.
+
+    floor (n_objectives,) are values of the objectives that are as good as zero.
+    """
+    reason, generation = "generations", 0
+    units = front = np.zeros((0, 0))
+    while reason == "generations" and generation < generations:
+        generation += 1
+        searcher.tell(evaluate(space.points(searcher.ask())))
+        units, front = nondominated(*searcher.front)
+        metric.update(front)
+        if np.any(np.all(front <= floor, axis=1)):
+            reason = "floor"
+        elif metric.converged:
+            reason = "running_metric"
+        elif searcher.ended:
+            reason = "algorithm"
+    return Searched(space.points(units), front, metric, generation, reason)
+
+
+def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
+    """The points that no other dominates, one of equals, by rising first objective."""
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
+    _, first = np.unique(values, axis=0, return_index=True)
+    best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
+    kept = first[np.sort(best)]
+    return units[kept], values[kept]
+
+
+def searcher(
+    algorithm: Algorithm, operators: Operators, scale: Array, m: int, rng: np.random.Generator
+) -> Searcher:
+    """A search in m variables for objectives of the given scale (n_objectives,)."""
+    if algorithm == "nsga2":
+        return Nsga2Search(operators, m, rng)
+    seed = int(rng.integers(2**31))
+    if algorithm == "nsga3":
+        return PymooSearch(_nsga3(operators, len(scale)), m, len(scale), None, seed)
+    found = PymooSearch(_cmaes(operators), m, 1, scale, seed)
+    found.algorithm.opts["seed"] = np.nan  # else cma seeds numpy's global generator, and draws
+    found.algorithm.opts["randn"] = lambda *shape: rng.standard_normal(shape)  # from it
+    return found
+
+
+class PymooSearch:
+    """An algorithm of pymoo; with a `scale` it is told the sum of the objectives over it."""
+
+    def __init__(
+        self, algorithm: Any, m: int, objectives: int, scale: Array | None, seed: int
+    ) -> None:
+        from pymoo.config import Config
+        from pymoo.core.problem import Problem
+        from pymoo.core.termination import NoTermination
+
+        Config.warnings["not_compiled"] = False
+        self.cube = Problem(n_var=m, n_obj=objectives, xl=0.0, xu=1.0)
+        self.algorithm, self.scale = algorithm, scale
+        self.algorithm.setup(self.cube, seed=seed, termination=NoTermination())
+        self.asked: Any = None
+        self.best: tuple[Array, Array] | None = None
+
+    def ask(self) -> Array:
+        """Individuals to evaluate, within the cube."""
+        self.asked = self.algorithm.ask()
+        return self._asked_for()
+
+    def tell(self, values: Array) -> None:
+        """Hand the objectives to pymoo, and keep the best of all individuals."""
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.problems.static import StaticProblem
+
+        units, told = self._asked_for(), values
+        if self.scale is not None:
+            told = np.sum(values / self.scale, axis=1, keepdims=True)
+        Evaluator().eval(StaticProblem(self.cube, F=told), self.asked)
+        self.algorithm.tell(infills=self.asked)
+        if self.best is not None:
+            units, values = np.vstack([self.best[0], units]), np.vstack([self.best[1], values])
+        self.best = nondominated(units, values)
+
+    def _asked_for(self) -> Array:
+        return np.clip(np.asarray(self.asked.get("X"), dtype=np.float64), 0.0, 1.0)
+
+    @property
+    def front(self) -> tuple[Array, Array]:
+        """The population of NSGA-III; of CMA-ES the best of all individuals."""
+        if self.scale is None:
+            units, values = self.algorithm.pop.get("X", "F")
+            return units.astype(np.float64), values.astype(np.float64)
+        assert self.best is not None
+        return self.best
+
+    @property
+    def ended(self) -> bool:
+        """Whether the algorithm has stopped itself."""
+        return bool(self.algorithm.termination.force_termination)
+
+
+def _nsga3(operators: Operators, objectives: int) -> Any:
+    """NSGA-III with as many reference directions of Das and Dennis as the population has room."""
+    from pymoo.algorithms.moo.nsga3 import NSGA3
+    from pymoo.operators.crossover.sbx import SBX
+    from pymoo.operators.mutation.pm import PM
+    from pymoo.operators.selection.rnd import RandomSelection
+    from pymoo.util.ref_dirs import get_reference_directions
+
+    partitions = 1
+    while comb(objectives + partitions, partitions + 1) <= operators.population:
+        partitions += 1
+    directions = get_reference_directions("das-dennis", objectives, n_partitions=partitions)
+    return NSGA3(
+        directions,
+        pop_size=max(operators.population, len(directions)),
+        selection=RandomSelection(),
+        crossover=SBX(eta=operators.crossover_eta, prob=operators.crossover_probability),
+        mutation=PM(eta=operators.mutation_eta, prob=1.0, prob_var=operators.mutation_probability),
+    )
+
+
+def _cmaes(operators: Operators) -> Any:
+    """CMA-ES; its strategy's own sizes but for the population."""
+    from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
+
+    return SimpleCMAES(sigma=CMAES_STEP, opts={"popsize": operators.population})

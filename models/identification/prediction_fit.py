@@ -1,0 +1,265 @@
+"""Standard errors and covariance of a fit by prediction.
+
+    theta_hat - theta = sum_k G_k e_k,   G = (J'J)^-1 J'
+
+with the Jacobian J of the predictions and the noise e_k of the states. `white` takes the noise of
+each state as white, `stationary` and `hac` take its autocorrelation from what the fit leaves; a
+block bootstrap draws that again. A replicate is one Gauss-Newton step from the fit, not a fit of
+its own.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.problem import Finding
+from seatrial.models.identification.uncertainty import (
+    block_bootstrap,
+    check_bootstrap,
+    hac_variance,
+    stationary_variance,
+)
+from seatrial.models.vessel.basis import Array
+
+# Fitting a free-run prediction: what the best initial states leave, and its minimum.
+#
+# The identifiers `output_error` and `nsga2` (to polish) minimise
+#
+#     sum_k sum_j ((y_j(k) - y_hat_j(k, theta, x0)) / sigma_j)^2
+#
+# over the parameters theta and, where they are estimated, the initial states x0.
+
+
+STEP = 1e-7  # of the finite differences, relative to the size of the unknown
+TOLERANCE, ROUGH = 1e-8, 1e-4  # relative change of unknowns and error; of all but the last fit
+REWEIGHTINGS = 2
+GAUSS_NEWTON_STEPS, GAIN = 4, 1e-6  # of the initial states at one point; relative to what is left
+NO_NOISE = 1e-9  # of a state's spread: the least residual that counts as noise
+InitialState = Literal["measured", "estimated"]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A converged fit; `jacobian` and `rest` are divided by sigma."""
+
+    point: Array  # (m,)
+    start: Array  # (n_starts, 2 n_dof) states that the predictions begin with
+    jacobian: Array  # (N 2 n_dof, m) of what is predicted, without what the initial states explain
+    rest: Array  # (N, 2 n_dof) measured - predicted
+    sigma: Array  # (2 n_dof,)
+    evaluations: int
+
+
+class Misfit:
+    """What the best initial states leave of a recording, as a function of scaled parameters.
+
+    Estimated initial states are eliminated (variable projection, Golub and Pereyra (1973)): they
+    are solved for at every point by Gauss-Newton steps, and what they explain is projected out of
+    the Jacobian. Predictions that begin anew do not meet, so one state of all of them is moved at
+    once, and each has its own normal equations.
+    """
+
+    def __init__(self, predictor: Predictor, size: Array, sigma: Array, estimated: bool) -> None:
+        self.predictor, self.size, self.sigma, self.estimated = predictor, size, sigma, estimated
+        restart = predictor.course.restart
+        self.begin = np.flatnonzero(restart)
+        self.group = np.cumsum(restart) - 1  # prediction that each sample belongs to
+        self.start = predictor.course.start[restart]  # of the last accepted point
+
+    def best(self, x: Array) -> tuple[Array, Array]:
+        """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof)."""
+        start, rest = self.start, self._rest(x, self.start)
+        realistic = bool(np.isfinite(rest[0, 0]))
+        for _ in range(GAUSS_NEWTON_STEPS if self.estimated and realistic else 0):
+            slopes = self._slopes(x, start, rest)
+            moved = start - self._explained(slopes, rest[:, :, None])[..., 0]
+            left = self._rest(x, moved)
+            before, after = float(np.sum(rest**2)), float(np.sum(left**2))
+            if not after < before:
+                break
+            start, rest = moved, left
+            if before - after <= GAIN * before:
+                break
+        return start, rest
+
+    def jacobian(self, x: Array, start: Array, rest: Array) -> Array:
+        """Derivative of `rest` by forward differences, shape (N 2 n_dof, m).
+
+        Where a step ahead leaves the positive definite inertias, it is taken back.
+        """
+        columns = []
+        for i in range(len(x)):
+            column = self._slope(x, i, start, rest, STEP)
+            ahead = np.isfinite(column[0, 0])
+            columns.append(column if ahead else self._slope(x, i, start, rest, -STEP))
+        jacobian = np.stack(columns, axis=2)
+        if not np.all(np.isfinite(jacobian)):
+            raise IdentificationError(
+                "the fit has come to an inertia that is hardly positive definite: fewer "
+                "parameters, or bounds, keep it away from there"
+            )
+        if self.estimated:
+            slopes = self._slopes(x, start, rest)
+            jacobian -= slopes @ self._explained(slopes, jacobian)[self.group]
+        return np.asarray(jacobian.reshape(rest.size, -1))
+
+    def _slope(self, x: Array, i: int, start: Array, rest: Array, step: float) -> Array:
+        moved = x.copy()
+        moved[i] += step * max(abs(x[i]), 1.0)
+        return np.asarray((self._rest(moved, start) - rest) / (moved[i] - x[i]))
+
+    def _rest(self, x: Array, start: Array) -> Array:
+        predicted = self.predictor.predict(x * self.size, start)
+        return np.asarray((self.predictor.course.measured - predicted) / self.sigma)
+
+    def _slopes(self, x: Array, start: Array, rest: Array) -> Array:
+        """Derivative of `rest` by the initial states, shape (N, 2 n_dof, 2 n_dof)."""
+        slopes = []
+        for j, spread in enumerate(self.predictor.spread):
+            moved = start.copy()
+            moved[:, j] += STEP * spread
+            slopes.append((self._rest(x, moved) - rest) / (STEP * spread))
+        return np.stack(slopes, axis=2)
+
+    def _explained(self, slopes: Array, values: Array) -> Array:
+        """Least-squares coefficients of values (N, 2 n_dof, m) on the slopes, per prediction."""
+        turned = slopes.transpose(0, 2, 1)
+        normal = np.add.reduceat(turned @ slopes, self.begin, axis=0)
+        right = np.add.reduceat(turned @ values, self.begin, axis=0)
+        return np.asarray(np.linalg.solve(normal, right))
+
+
+def fit(
+    predictor: Predictor,
+    point: Array,
+    box: tuple[Array, Array],
+    sigma: Array | None = None,
+    initial_state: InitialState = "estimated",
+    final: bool = True,
+) -> Fit:
+    """Fit from a design point within bounds.
+
+    An unknown sigma begins as the spread of the states; the `final` fit then takes it from what
+    the fit leaves.
+    """
+    size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
+    weights = predictor.spread if sigma is None else sigma
+    misfit = Misfit(predictor, size, weights, initial_state == "estimated")
+    x = np.clip(point, *box) / size
+    evaluations = 0
+    for _ in range(1 + (REWEIGHTINGS if final and sigma is None else 0)):
+        misfit.sigma = weights
+        solved = _solve(misfit, x, (box[0] / size, box[1] / size), TOLERANCE if final else ROUGH)
+        x, evaluations = solved.x, evaluations + int(solved.nfev)
+        start, rest = misfit.best(x)
+        if final and sigma is None:
+            left = np.sqrt(np.mean((rest * weights) ** 2, axis=0))
+            rest *= weights / np.maximum(left, NO_NOISE * predictor.spread)
+            weights = np.maximum(left, NO_NOISE * predictor.spread)
+            if np.all(weights == NO_NOISE * predictor.spread):
+                break
+    misfit.sigma = weights
+    jacobian = -misfit.jacobian(x, start, rest) / size
+    return Fit(x * size, start, jacobian, rest, weights, evaluations)
+
+
+def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float) -> Any:
+    """Trust-region least squares of scipy, on a problem of as many residuals as unknowns plus one.
+
+    With the triangle R of (e, J) = Q R the residual e is |e| times the first column of Q, and
+    J'J, J'e and |e| are those of the other columns of R and of (|e|, 0, ..., 0): scipy solves the
+    same subproblems, but decomposes a matrix that does not grow with the recording. It refuses a
+    step to where the residual is NaN.
+    """
+    from scipy.optimize import least_squares
+
+    def residuals(x: Array) -> Array:
+        _, rest = misfit.best(x)
+        return np.array([float(np.linalg.norm(rest))] + [0.0] * len(x))
+
+    def jacobian(x: Array) -> Array:
+        misfit.start, rest = misfit.best(x)
+        columns = np.column_stack([rest.ravel(), misfit.jacobian(x, misfit.start, rest)])
+        triangle = np.asarray(np.linalg.qr(columns, mode="r"))
+        return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))
+
+    return least_squares(
+        residuals, x, jacobian, box, x_scale="jac", ftol=tolerance, xtol=tolerance,
+        gtol=tolerance, max_nfev=200,
+    )  # fmt: skip
+
+
+Errors = Literal["white", "stationary", "hac"]
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How standard errors are found: by `errors`, or from `bootstrap` replicates where given."""
+
+    errors: Errors
+    bootstrap: int | None
+    block_s: float
+
+    def __post_init__(self) -> None:
+        check_bootstrap(self.bootstrap, self.block_s)
+        if self.errors not in ("white", "stationary", "hac"):
+            raise ConfigurationError(
+                f"errors: got {self.errors!r}, expected white, stationary or hac"
+            )
+
+    def of(
+        self, free: FreeParameters, found: Fit, step_s: float, rng: np.random.Generator | None
+    ) -> tuple[Array, list[Finding]]:
+        """Standard errors of the residual table, NaN where nothing is free, and the covariance."""
+        m = len(free)
+        directions = np.vstack([free.directions, np.eye(m)])
+        gain = (directions @ np.linalg.pinv(found.jacobian)).reshape(-1, *found.rest.shape)
+        if self.bootstrap is None:
+            spread = deviations(gain, found.rest, self.errors)
+        else:
+            flat = gain.reshape(len(gain), -1)
+            length = round(self.block_s / step_s)
+            spread = block_bootstrap(
+                lambda e: flat @ e.ravel(), found.rest, length, self.bootstrap,
+                rng or np.random.default_rng(0),
+            )  # fmt: skip
+        unknowns = len(found.point) + found.start.size
+        spread = spread * np.sqrt(found.rest.size / max(found.rest.size - unknowns, 1))
+        free_entries = np.any(free.directions != 0.0, axis=1)
+        table = np.where(free_entries, spread[:-m], np.nan).reshape(free.shape)
+        return table, covariance_findings(free, found, spread[-m:])
+
+
+def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
+    """Standard deviation of sum_k G_k e_k for gains (n, N, states) and what is left (N, states)."""
+    if errors == "hac":
+        variance = hac_variance(np.einsum("eks,ks->ke", gain, rest))
+    else:
+        variance = np.zeros(len(gain))
+        for j in range(rest.shape[1]):
+            own = np.asarray(gain[:, :, j])
+            if errors == "stationary":
+                variance += stationary_variance(np.asarray(own.T), rest[:, j])
+            else:
+                variance += np.sum(own**2, axis=1) * np.mean(rest[:, j] ** 2)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def covariance_findings(free: FreeParameters, found: Fit, deviation: Array) -> list[Finding]:
+    """Covariance of every pair of parameters, i and j counted from 1, j up to i.
+
+    The correlations are those of (J'J)^-1, the standard deviations (m,) the reported ones.
+    """
+    inverse = np.linalg.pinv(found.jacobian.T @ found.jacobian)
+    root = np.sqrt(np.diag(inverse))
+    covariance = inverse / np.outer(root, root) * np.outer(deviation, deviation)
+    found_rows = []
+    for i, j in zip(*np.tril_indices(len(free)), strict=True):
+        unit, label = (f"{names[i]} {names[j]}" for names in (free.units, free.labels))
+        value = float(covariance[i, j])
+        found_rows.append(Finding("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label))
+    return found_rows

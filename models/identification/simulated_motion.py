@@ -1,0 +1,162 @@
+"""Instruments: the motion of a noise-free simulation under the recorded force.
+
+Ljungberg's instruments Z(k) are the regressors of a model that is simulated with the same inputs:
+they follow the true motion, since the inputs do, and know nothing of the noise in the measured
+one. The simulation is that of the closed loop with a controller that plays the recorded force
+back. In a recording under feedback the force does depend on past noise; white noise at an instant
+is still independent of a motion that only the force before it made.
+
+The heading is measured, not simulated: a simulated one drifts, and its sine and cosine would lose
+the true ones. The wind that instruments know is the mean of the measured one in NED.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, REFERENCES
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_body
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.weather import Weather
+
+RUNAWAY = 20.0  # a velocity this many times the largest measured one has run away
+STEP_S = 0.1  # longest integration step
+
+
+class Playback(NamedTuple):
+    """A force for every control period [N, Nm], shape (N, n_dof)."""
+
+    forces: Array
+
+
+class Adrift(NamedTuple):
+    """Guidance and reference of a vessel that nobody guides."""
+
+    gain: float = 0.0
+
+
+@lean_kernel
+def _play(
+    table: Playback, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """The next force; state (1,) is how many were played."""
+    k = int(state[0])
+    for i in range(tau.shape[0]):
+        tau[i], tau_fb[i] = table.forces[k, i], 0.0
+    state[0] = k + 1.0
+
+
+@lean_kernel
+def _ask_nothing(table: Adrift, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = table.gain
+
+
+@lean_kernel
+def _stay(table: Adrift, state: Array, setpoint: Array) -> None:
+    for i in range(state.shape[0]):
+        state[i, 0] = setpoint[i]
+
+
+CONTROLLERS[Playback] = _play
+GUIDANCE[Adrift] = _ask_nothing
+REFERENCES[Adrift] = _stay
+
+
+def held_force(recording: Recording, kind: str | None) -> Array:
+    """Force [N, Nm] of every control period (N, n_dof), of the kind that the residual has.
+
+    A command is held from its sample on. What passed a known lag is continuous: its mean over the
+    period. An acting force that was recorded is what acts at the period's end, exact where it
+    follows the command at once.
+    """
+    force = recording.force(kind)
+    if force is recording.tau:
+        return force
+    after = np.vstack([force[1:], force[-1:]])
+    return after if force is recording.tau_actual else 0.5 * (force + after)
+
+
+def simulated_motion(
+    recording: Recording, model: Vessel, force: str | None, restart_s: float | None
+) -> tuple[Recording, NDArray[np.bool_]]:
+    """The recording with the motion of a model in place of the measured one.
+
+    Every stretch without a gap begins at the measured state, and every `restart_s` again; the mask
+    (N,) is true at these samples, which have the measured noise and are no instruments.
+    Raises IdentificationError when the model cannot be simulated.
+    """
+    wind = mean_wind(recording)
+    limits = RUNAWAY * np.max(np.abs(recording.nu), axis=0)
+    limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
+    motions, first = [], []
+    for piece in stretches(recording, restart_s):
+        motions.append(_simulated(piece, model, force, wind, tuple(limits.tolist())))
+        first.append(np.arange(len(piece)) == 0)
+    nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
+    air = None if wind is None else _seen_aboard(wind, recording)
+    return replace(recording, nu=nu, nu_dot=nu_dot, wind=air), np.concatenate(first)
+
+
+def stretches(recording: Recording, restart_s: float | None) -> list[Recording]:
+    """The stretches without a gap, cut into pieces of at least `restart_s`."""
+    pieces = recording.pieces()
+    if restart_s is None:
+        return pieces
+    length = max(round(restart_s / recording.period_s), 2)
+    cut = []
+    for piece in pieces:
+        edges = list(range(0, max(len(piece) - length, 0) + 1, length))
+        ends = [*edges[1:], len(piece)]
+        cut += [piece.part(slice(a, b)) for a, b in zip(edges, ends, strict=True)]
+    return cut
+
+
+def mean_wind(recording: Recording) -> Array | None:
+    """Mean of the measured wind in NED [m/s], shape (2,); None where it was not measured."""
+    if recording.wind is None:
+        return None
+    north_east = in_body(recording.wind, -recording.attitude[:, 2])  # back by the same angle
+    return np.asarray(np.mean(north_east, axis=0))
+
+
+def _seen_aboard(wind: Array, recording: Recording) -> Array:
+    return in_body(np.tile(wind, (len(recording), 1)), recording.attitude[:, 2])
+
+
+def _simulated(
+    piece: Recording,
+    model: Vessel,
+    force: str | None,
+    wind: Array | None,
+    limits: tuple[float, ...],
+) -> tuple[Array, Array]:
+    """Velocity and acceleration of a model from the first measured state on, (N, n_dof) each."""
+    forces = held_force(piece, force)
+    n, n_dof = forces.shape
+    still = np.zeros((n, n_dof))
+    weather = Weather(still, still, still, still)
+    if wind is not None:
+        weather = weather._replace(wind_ned=np.tile(wind, (n, 1)))
+    adrift = Adrift()
+    try:
+        voyage = sail(
+            Plant(model, None, limits), weather, (adrift, np.zeros(1)), adrift,
+            (Playback(np.ascontiguousarray(forces)), np.zeros(1)), piece.eta[0],
+            piece.period_s, min(STEP_S, piece.period_s), piece.nu[0],
+        )  # fmt: skip
+    except (Diverged, ConfigurationError) as error:
+        raise IdentificationError(
+            f"the simulation that instruments are taken from fails under the recorded force: "
+            f"{error}; a shorter restart_s keeps it near the measured motion"
+        ) from error
+    return voyage.log.nu, voyage.log.nu_dot

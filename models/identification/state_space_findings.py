@@ -1,0 +1,113 @@
+"""What is stored of an identified state-space model, and how well it fits.
+
+The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A model can be biased and predict one
+step nearly perfectly, because the predictor corrects it at every sample; ten steps and a free run
+from the first sample show the bias.
+"""
+
+import numpy as np
+
+from seatrial.models.identification.block_hankel import stretches
+from seatrial.models.identification.physical_form import PhysicalForm
+from seatrial.models.identification.problem import Finding
+from seatrial.models.identification.sampled_data import Sampled
+from seatrial.models.identification.subspace import Realisation
+from seatrial.models.identification.validation import HIDES_BIAS, TEN
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import FORCE_UNIT
+
+MATRICES = ("A", "B", "C", "D", "K", "F")
+
+
+def realisation_findings(found: Realisation) -> list[Finding]:
+    """Order, singular values and what the predictor and the states are like."""
+    model = found.model
+    single = {
+        "selected_order": model.order,
+        "spectral_radius": model.spectral_radius,
+        "predictor_radius": model.predictor_radius,
+        "gain_recomputed": found.gain_recomputed,
+        "controllable_order": model.controllable_order,
+        "observable_order": model.observable_order,
+    }
+    listed = [Finding(name, "all", float(value)) for name, value in single.items()]
+    values = enumerate(found.singular_values, start=1)
+    return listed + [Finding("singular_value", "all", float(v), i=i) for i, v in values]
+
+
+def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[Finding]:
+    """Every matrix entry, the eigenvalues, and the Markov parameters up to a lag.
+
+    i and j of a matrix are its row and column; of a Markov parameter the lag and the input, its
+    dof the output; of an eigenvalue i counts them, the largest magnitude first.
+    """
+    listed = []
+    for name in MATRICES:
+        matrix = getattr(model, name)
+        if matrix is not None:
+            listed += [
+                Finding(name, "all", float(value), i=i + 1, j=j + 1)
+                for (i, j), value in np.ndenumerate(matrix)
+            ]
+    if model.x0 is not None:
+        listed += [Finding("x0", "all", float(v), i=i) for i, v in enumerate(model.x0, start=1)]
+    for i, value in enumerate(model.eigenvalues, start=1):
+        listed.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
+        listed.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))
+    for lag, matrix in enumerate(model.markov(lags)):
+        listed += [
+            Finding("markov", dofs[row], float(value), i=lag, j=j + 1, label=model.inputs[j])
+            for (row, j), value in np.ndenumerate(matrix)
+        ]
+    return listed
+
+
+def physical_findings(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Finding]:
+    """Condition of the transform, stiffness, and the delay of each pose behind its force."""
+    listed = [Finding("physical_form", "all", 1.0)]
+    listed.append(Finding("physical_condition", "all", form.condition))
+    for row, dof in enumerate(dofs):
+        listed.append(Finding("delay", dof, float(form.delay[row]), "s"))
+        for j, other in enumerate(dofs):
+            unit = f"{FORCE_UNIT[dof]}/{'m' if FORCE_UNIT[other] == 'N' else 'rad'}"
+            stiffness = float(form.stiffness[row, j])
+            listed.append(Finding("stiffness", dof, stiffness, unit, j=j + 1, label=other))
+    return listed
+
+
+def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) -> list[Finding]:
+    """One-step, ten-step and free-run fit [%] on held-out data, per output.
+
+    The first state of every stretch is estimated from that stretch.
+    """
+    predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
+    parts = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
+    for y, u in zip(*parts, strict=True):
+        start = model.initial_state(y, u)
+        predicted["one_step"].append(model.predict(y, u, 1, start))
+        predicted["ten_step"].append(model.predict(y, u, TEN, start))
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may run away
+            free = model.initial_state(y, u, free_run=True)
+            predicted["free_run"].append(model.simulate(u, free))
+    labels = {"one_step": HIDES_BIAS}
+    return [
+        Finding(f"fit_{name}", dof, float(value), "%", label=labels.get(name))
+        for name, rows in predicted.items()
+        for dof, value in zip(dofs, fit(held_out.y, np.vstack(rows)), strict=True)
+    ]
+
+
+def fit(y: Array, predicted: Array) -> Array:
+    """100 (1 - |y - y_hat| / |y - mean y|) [%] per column; 100 is perfect, 0 is the mean.
+
+    NaN where y does not vary.
+    """
+    error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)
+
+
+def variance_accounted_for(y: Array, predicted: Array) -> Array:
+    """100 (1 - var(y - y_hat) / var(y)) [%] per column, the measure of the SLICOT collection."""
+    return np.asarray(100.0 * (1.0 - np.var(y - predicted, axis=0) / np.var(y, axis=0)))

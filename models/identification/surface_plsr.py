@@ -1,0 +1,281 @@
+"""Surface analysis: PLSR over model order and number of terms. Jervan (2020), 4.4 and 4.5.1.
+
+For each degree of freedom alone and each order, the regression begins with all terms; the term
+with the smallest |Theta_pre| is dropped and it is fitted again, down to max(2, order) terms. With
+30 terms these are 464 models an output. The MSE of each on data that were left out is the surface
+
+    minimum       the (order, terms) of the least MSE
+    parsimonious  on the terms found there, the smallest order within 10 % of it
+
+and the whole may be repeated on what is left, F2 = F1 + Theta Phi, eq. (3.26). A stage that does
+not lower the MSE adds nothing.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.compiled import kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.cross_validation import (
+    Pair,
+    Selection,
+    left_out_mse,
+    part,
+    split,
+)
+from seatrial.models.identification.kernel_pls import (
+    Columns,
+    all_orders,
+    columns,
+    covariances,
+    mean_squares,
+    output_moment,
+    partial_least_squares,
+)
+from seatrial.models.identification.lag import thruster_of
+from seatrial.models.identification.plsr import PartialLeastSquares
+from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.residual import Samples
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import SQUARE_UNIT, Vessel, coefficient_unit
+
+PARSIMONY = 1.1  # an order may cost this factor of the least MSE
+RESOLUTION = 1e-12  # of the output's mean square; below it, moments cannot tell two models apart
+FEWEST = 2
+
+
+@kernel
+def surface(xx: Array, xy: Array, theta: Array) -> None:
+    """Theta_pre of every (order, number of terms), from E'E (J, J) and E'f (J, 1).
+
+    theta (J, J, J): order - 1, number of terms - 1, term; models that do not exist stay as given.
+    """
+    n = xx.shape[0]
+    kept = np.empty(n, dtype=np.int64)
+    for order in range(1, n + 1):
+        for i in range(n):
+            kept[i] = i
+        for count in range(n, max(min(FEWEST, n), order) - 1, -1):
+            part, cross = np.empty((count, count)), np.empty((count, 1))
+            for i in range(count):
+                cross[i, 0] = xy[kept[i], 0]
+                for j in range(count):
+                    part[i, j] = xx[kept[i], kept[j]]
+            found = np.zeros((order, count, 1))
+            weights, loadings = np.zeros((count, order)), np.zeros((count, order))
+            partial_least_squares(part, cross, weights, loadings, np.zeros((1, order)), found)
+            least = 0
+            for i in range(count):
+                theta[order - 1, count - 1, kept[i]] = found[order - 1, i, 0]
+                if abs(found[order - 1, i, 0]) < abs(found[order - 1, least, 0]):
+                    least = i
+            for i in range(least, count - 1):
+                kept[i] = kept[i + 1]
+
+
+def whole_surface(moment: Array, beta: Array) -> Array:
+    """Coefficients on Z of one output, (order, number of terms, 1 + J, 1); zero where dropped."""
+    n = len(beta)
+    c = covariances(moment, beta)
+    pre = np.zeros((n, n, n))
+    surface(np.ascontiguousarray(c.xx), np.ascontiguousarray(c.xy), pre)
+    theta = pre * c.x_gain * c.y_scale
+    constant = c.y_mean - theta @ c.x_mean
+    return np.concatenate([constant[..., None], theta], axis=2)[..., None]
+
+
+def exists(n: int) -> NDArray[np.bool_]:
+    """Which (order, number of terms) are models, shape (n, n): at least 2 and the order."""
+    order, count = np.arange(1, n + 1)[:, None], np.arange(1, n + 1)
+    return np.asarray(count >= np.maximum(order, min(FEWEST, n)))
+
+
+class Choice(NamedTuple):
+    """The model chosen for one output."""
+
+    order: int
+    kept: NDArray[np.int64]  # indices of the terms among the J
+    surface_mse: Array  # (J, J), NaN where no model exists
+    order_mse: Array  # of the orders on the kept terms
+
+
+def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) -> Choice:
+    """Choose order and terms of one output by the MSE on what the pairs leave out.
+
+    Where no model is better than none, order 0 and no terms are chosen.
+    """
+    n = len(beta)
+    mse = left_out_mse(
+        pairs, lambda used, left: mean_squares(left, whole_surface(used, beta))[..., 0]
+    )
+    mse[~exists(n)] = np.nan
+    nothing = left_out_mse(pairs, lambda _, left: mean_squares(left, np.zeros((1 + n, 1))))[0]
+    if nothing <= np.nanmin(mse):
+        return Choice(0, np.zeros(0, dtype=np.int64), mse, np.zeros(0))
+    best, count = least(mse, RESOLUTION * nothing)
+    kept = np.flatnonzero(whole_surface(moment, beta)[best, count, 1:, 0])
+    on_kept = left_out_mse(
+        [(restrict(used, kept), restrict(left, kept)) for used, left in pairs],
+        lambda used, left: mean_squares(left, all_orders(used, beta[kept], len(kept)))[..., 0],
+    )
+    if parsimonious:
+        best = int(np.argmax(on_kept <= PARSIMONY * np.min(on_kept)))
+    return Choice(best + 1, kept, mse, on_kept)
+
+
+def least(mse: Array, resolution: float) -> tuple[int, int]:
+    """Where the least MSE stands; where several are exact, the one with most terms and orders.
+
+    An MSE from moments loses what stands below rounding, so among exact models the one that has
+    left out least is kept.
+    """
+    exact = np.argwhere(mse <= resolution)
+    if len(exact) == 0:
+        exact = np.argwhere(mse == np.nanmin(mse))[:1]
+    best, count = max(exact.tolist(), key=lambda at: (at[1], at[0]))
+    return best, count
+
+
+def restrict(moment: Array, kept: NDArray[np.int64]) -> Array:
+    """Moments of one output with some of the terms alone."""
+    rows = np.concatenate([[0], 1 + kept, [len(moment) - 1]])
+    return np.asarray(moment[np.ix_(rows, rows)])
+
+
+def after(moment: Array, theta: Array) -> Array:
+    """Moments of Z with the outputs replaced by what theta (1 + J, K) leaves of them."""
+    change = np.eye(len(moment))
+    change[: len(theta), len(theta) :] = -theta
+    return np.asarray(change.T @ moment @ change)
+
+
+def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[Array]:
+    """Coefficients on Z (1 + J, K) of each stage, each fitted to what the last one left."""
+    found = []
+    for choices in stages:
+        theta = np.zeros((1 + len(beta), len(choices)))
+        for k, choice in enumerate(choices):
+            if choice.order == 0:
+                continue
+            part = restrict(output_moment(moment, len(beta), k), choice.kept)
+            fitted = all_orders(part, beta[choice.kept], choice.order)[-1, :, 0]
+            theta[np.concatenate([[0], 1 + choice.kept]), k] = fitted
+        found.append(theta)
+        moment = after(moment, theta)
+    return found
+
+
+def _left_by(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
+    """Both moments with what a stage, fitted to the first, explains taken out of the outputs."""
+    (theta,) = fit_stages(used, beta, [stage])
+    return after(used, theta), after(out, theta)
+
+
+@dataclass(frozen=True)
+class SurfacePlsr(PartialLeastSquares):
+    """PLSR of each degree of freedom alone, with order and terms from its surface.
+
+    `validation` says what the surface is computed on, `selection` which of its models is taken,
+    `stages` how often it is repeated on what is left. The bootstrap keeps order and terms.
+    """
+
+    selection: Literal["minimum", "parsimonious"]
+    validation: Selection
+    stages: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.stages <= 10:
+            raise ConfigurationError(f"stages must be 1 to 10, got {self.stages}")
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The residual table of all stages, with the surfaces."""
+        lag, findings = thruster_of(self, problem)
+        samples = self.samples(problem.training, problem.nominal, lag)
+        z, dofs = columns(samples), problem.nominal.dofs
+        held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
+        splits = split(self.validation, z.x, held_out, self.folds, rng)
+        whole = part(z.x, slice(None))
+        moment, pairs = whole.moment(z.y), splits.pairs(splits.moments(z.y))
+        stages: list[list[Choice]] = []
+        for stage in range(self.stages):
+            stages.append(self.stage(moment, z, pairs, stages))
+            findings += surface_findings(stages[-1], z.y_scale**2, dofs, stage, self.validation)
+
+        def theta(outputs: Array) -> Array:
+            return np.asarray(np.sum(fit_stages(whole.moment(outputs), z.beta, stages), axis=0))
+
+        sums = np.cumsum(fit_stages(moment, z.beta, stages), axis=0)
+        tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
+        parts = [tables[0], *(b - a for a, b in pairwise(tables))]
+        findings += stage_findings(samples, parts)
+        errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
+        model = problem.nominal + tables[-1]
+        return Identified(model, tables[-1], errors, findings, tuple(parts))
+
+    def stage(
+        self, moment: Array, z: Columns, pairs: list[Pair], before: list[list[Choice]]
+    ) -> list[Choice]:
+        """Choose the models of one stage; every fold is fitted by itself from the first on."""
+        for fitted in before:
+            pairs = [_left_by(fitted, z.beta, used, out) for used, out in pairs]
+            moment, _ = _left_by(fitted, z.beta, moment, moment)
+        sparing = self.selection == "parsimonious"
+        return [
+            choose(
+                [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs],
+                output_moment(moment, z.n_x, k),
+                z.beta,
+                sparing,
+            )
+            for k in range(len(z.y_scale))
+        ]
+
+
+def surface_findings(
+    choices: list[Choice], square: Array, dofs: tuple[str, ...], stage: int, label: str
+) -> tuple[Finding, ...]:
+    """The surface of each degree of freedom, the orders on its terms, and what was chosen."""
+    suffix = f"_stage{stage + 1}" if stage else ""
+    found = []
+    for k, (dof, choice) in enumerate(zip(dofs, choices, strict=True)):
+        unit = SQUARE_UNIT[dof]
+        for a, j in np.argwhere(~np.isnan(choice.surface_mse)):
+            value = float(choice.surface_mse[a, j] * square[k])
+            i, n = int(a) + 1, int(j) + 1
+            found.append(Finding(f"surface_mse{suffix}", dof, value, unit, i, n, label))
+        models = float(np.count_nonzero(~np.isnan(choice.surface_mse)))
+        found.append(Finding(f"surface_models{suffix}", dof, models, label=label))
+        for a, mse in enumerate(choice.order_mse * square[k]):
+            found.append(Finding(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label))
+        found.append(Finding(f"selected_order{suffix}", dof, float(choice.order), label=label))
+        count = float(len(choice.kept))
+        found.append(Finding(f"selected_variables{suffix}", dof, count, label=label))
+    return tuple(found)
+
+
+def stage_findings(samples: Samples, stages: list[Vessel]) -> tuple[Finding, ...]:
+    """Training MSE before the first and after each stage, and each stage's coefficients.
+
+    i is the number of the stage; one stage alone is the residual table and is not repeated.
+    """
+    rest, found = samples.epsilon, []
+    for stage in range(len(stages) + 1):
+        if stage:
+            rest = rest - samples.phi @ stages[stage - 1].theta
+        for k, dof in enumerate(stages[0].dofs):
+            mse = float(np.mean(rest[:, k] ** 2))
+            found.append(Finding("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
+    for stage, table in enumerate(stages if len(stages) > 1 else [], start=1):
+        for one, row in zip(table.terms, table.theta, strict=True):
+            for dof, value in zip(table.dofs, row, strict=True):
+                unit = coefficient_unit(one, dof)
+                if value:
+                    found.append(
+                        Finding("stage_coefficient", dof, float(value), unit, stage, label=one.name)
+                    )
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Recordings: measured or simulated motion and force, read, checked and cleaned."""

@@ -1,0 +1,217 @@
+"""From measured signals to signals that can be identified with.
+
+Outliers, common sample rate, accelerometer bias, acting force: Jervan (2020), section 5.2.
+Synchronisation, quaternions: Hoyer (2021), section 5.4. All functions are pure; time and signals
+run along the first axis.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.vessel.basis import Array
+
+Mask = NDArray[np.bool_]
+
+
+def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
+    """Samples further than `deviations` standard deviations from a moving mean; values (N,).
+
+    Mean and standard deviation (n - 1) are those of the `window` nearest samples, half of them
+    before and half after, *without* the sample itself: with it, no sample of ten can be further
+    away than (10 - 1) / sqrt(10) = 2.85 standard deviations, and nothing would ever be found.
+    Of pure white noise 1.9 % is taken for outliers; of smooth signals, steps and ramps nothing.
+    """
+    n = len(values)
+    if n <= window:
+        return np.zeros(n, dtype=bool)
+    start = np.clip(np.arange(n) - window // 2, 0, n - window - 1)
+    around = sliding_window_view(values, window + 1)[start]
+    mean = (np.sum(around, axis=1) - values) / window
+    distance = np.abs(values - mean)
+    squares = np.sum((around - mean[:, None]) ** 2, axis=1) - distance**2
+    deviation = np.sqrt(np.maximum(squares, 0.0) / (window - 1))
+    rounding = 1e-9 * float(np.max(np.abs(values)))  # a constant signal has none
+    return np.asarray(distance > np.maximum(deviations * deviation, rounding))
+
+
+def interpolated(t: Array, values: Array, wrong: Mask) -> Array:
+    """The same with the `wrong` samples on the line between their neighbours; values (N,)."""
+    if np.all(wrong):
+        return values
+    return np.where(wrong, np.interp(t, t[~wrong], values[~wrong]), values)
+
+
+def common_rate(
+    channels: Mapping[str, tuple[Array, Array]], rate_hz: float
+) -> tuple[Array, dict[str, Array]]:
+    """Channels (t, values), each with its own samples, on one grid; linear interpolation.
+
+    The grid begins where the last channel begins and ends where the first one ends. Angles must
+    be unrolled and quaternions free of sign flips before. There is no anti-aliasing filter, as in
+    the sources. Raises RecordingError where the channels do not overlap.
+    """
+    start = max(t[0] for t, _ in channels.values())
+    end = min(t[-1] for t, _ in channels.values())
+    count = int(np.floor((end - start) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
+    if count < 2:
+        last = max(channels, key=lambda name: channels[name][0][0])
+        first = min(channels, key=lambda name: channels[name][0][-1])
+        raise RecordingError(
+            f"got channels that share no two samples at {rate_hz:g} Hz: {last} begins at "
+            f"{start:g} s, {first} ends at {end:g} s"
+        )
+    grid = start + np.arange(count) / rate_hz
+    return grid, {name: np.interp(grid, t, x) for name, (t, x) in channels.items()}
+
+
+def without_bias(acceleration: Array, velocity: Array, period_s: float) -> Array:
+    """Acceleration [m/s^2] moved by a constant so that its integral is the velocity's change.
+
+    Over a record that ends with the velocity it began with this is the zero mean of Jervan (2020),
+    section 5.2.
+    """
+    duration = period_s * (len(acceleration) - 1)
+    gained = np.trapezoid(acceleration, dx=period_s, axis=0)
+    return np.asarray(acceleration - (gained - (velocity[-1] - velocity[0])) / duration)
+
+
+def central_difference(values: Array, period_s: float) -> Array:
+    """d/dt along the first axis, [unit/s]; second order, also at the two ends.
+
+    (x[k+1] - x[k-1]) / (2 h): no phase, gain sinc(2 f h). It commutes with every linear
+    time-invariant filter, but for the ends.
+    """
+    if len(values) < 3:
+        return np.asarray(np.gradient(values, period_s, axis=0))
+    return np.asarray(np.gradient(values, period_s, axis=0, edge_order=2))
+
+
+@dataclass(frozen=True)
+class Differentiation:
+    """How an acceleration is found from a velocity.
+
+    `central`: the central difference, unfiltered. `savitzky_golay`: the slope of a polynomial of
+    degree `polynomial` fitted to `window_s` around each sample. `butterworth`: central difference
+    after a low-pass of `order` at `cutoff_hz`, forward and backward. None of them has phase.
+    """
+
+    method: Literal["central", "savitzky_golay", "butterworth"]
+    window_s: float
+    polynomial: int
+    cutoff_hz: float
+    order: int
+
+    def __post_init__(self) -> None:
+        for name in ("window_s", "cutoff_hz", "polynomial", "order"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def derivative(self, values: Array, period_s: float) -> Array:
+        """d/dt along the first axis, [unit/s]."""
+        if self.method == "savitzky_golay":
+            return self._slope(values, period_s)
+        if self.method == "butterworth":
+            return central_difference(self._smooth(values, period_s), period_s)
+        return central_difference(values, period_s)
+
+    def _slope(self, values: Array, period_s: float) -> Array:
+        length = 2 * round(self.window_s / (2.0 * period_s)) + 1
+        if not self.polynomial < length <= len(values):
+            raise ConfigurationError(
+                f"excitation.differentiation.window_s must span more than {self.polynomial} and at "
+                f"most {len(values)} samples of {period_s:g} s, got {self.window_s:g}"
+            )
+        from scipy.signal import savgol_filter  # slow to import
+
+        return np.asarray(
+            savgol_filter(values, length, self.polynomial, deriv=1, delta=period_s, axis=0)
+        )
+
+    def _smooth(self, values: Array, period_s: float) -> Array:
+        nyquist = 0.5 / period_s
+        if self.cutoff_hz >= nyquist:
+            raise ConfigurationError(
+                f"excitation.differentiation.cutoff_hz must lie below {nyquist:g}, "
+                f"got {self.cutoff_hz:g}"
+            )
+        if len(values) < 6 * (self.order + 1):
+            raise RecordingError(f"got {len(values)} samples, too few for a low-pass")
+        from scipy.signal import butter, sosfiltfilt  # slow to import
+
+        sections = butter(self.order, self.cutoff_hz / nyquist, output="sos")
+        return np.asarray(sosfiltfilt(sections, values, axis=0))
+
+
+def without_sign_flips(quaternions: Array) -> Array:
+    """The same rotations, shape (N, 4), with neighbours on the same side: q . q_next >= 0.
+
+    q and -q are one rotation; a recorder that changes the sign at 180 degrees puts spikes into
+    derivatives and wrong values between samples. Hoyer (2021), section 5.4.3.
+    """
+    products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
+    return np.asarray(quaternions * signs[:, None])
+
+
+def euler_zyx(quaternions: Array) -> Array:
+    """(phi, theta, psi) [rad], shape (N, 3), from quaternions (w, x, y, z) of any length, (N, 4).
+
+    R = R_z(psi) R_y(theta) R_x(phi), Fossen (2011), section 2.2; psi in (-pi, pi].
+    """
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    psi = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.column_stack([phi, theta, psi])
+
+
+@dataclass(frozen=True)
+class AzimuthThrusters:
+    """Acting force of azimuth thrusters from their measured speed and angle.
+
+    tau_chi = sum_i polynomial[i] chi^i [N] of the speed chi [rpm], and with the angle alpha [rad]
+    and the distance l [m] of each thruster ahead of the centre
+
+        tau = sum over thrusters of tau_chi (cos alpha, sin alpha, l sin alpha)
+
+    Jervan (2020), eqs. (5.1) and (5.2). `rpm` and `angle` name the columns; none: not measured.
+    """
+
+    rpm: tuple[str, ...]
+    angle: tuple[str, ...]
+    arm_m: tuple[float, ...]
+    polynomial: tuple[float, ...]  # [N, N/rpm, N/rpm^2, ...]
+    rpm_limits: tuple[float, float]  # of the data that the polynomial was fitted to
+
+    def __post_init__(self) -> None:
+        counts = (len(self.rpm), len(self.angle), len(self.arm_m))
+        if self.rpm + self.angle and len(set(counts)) > 1:
+            raise ConfigurationError(
+                f"rpm, angle and arm_m must be as many as there are thrusters, got {counts}"
+            )
+        if not self.rpm_limits[0] < self.rpm_limits[1]:
+            raise ConfigurationError(f"rpm_limits must increase, got {self.rpm_limits}")
+
+    def force(self, rpm: Array, angle: Array) -> Array:
+        """(surge, sway, yaw) [N, N, Nm], shape (N, 3), from rpm and angle [rad], (N, thrusters).
+
+        Raises RecordingError where a speed lies outside the data that the map was fitted to.
+        """
+        low, high = self.rpm_limits
+        outside = (rpm < low) | (rpm > high)
+        if np.any(outside):
+            sample, thruster = np.argwhere(outside)[0]
+            raise RecordingError(
+                f"column {self.rpm[thruster]}, sample {sample}: got {rpm[sample, thruster]:g} rpm, "
+                f"expected {low:g} to {high:g}"
+            )
+        thrust = np.polynomial.polynomial.polyval(rpm, np.array(self.polynomial))
+        ahead, aside = thrust * np.cos(angle), thrust * np.sin(angle)
+        parts = (ahead, aside, aside * np.array(self.arm_m))
+        return np.column_stack([np.sum(part, axis=1) for part in parts])

@@ -1,0 +1,263 @@
+"""Measured recordings: a CSV file, read, checked, cleaned where asked, and cut."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS
+from seatrial.models.recording.column_map import ColumnMap
+from seatrial.models.recording.consistency import Description, describe
+from seatrial.models.recording.csv_table import Table, check_gaps, check_time, read_table
+from seatrial.models.recording.preprocessing import (
+    AzimuthThrusters,
+    Differentiation,
+    Mask,
+    common_rate,
+    interpolated,
+    outliers,
+    without_bias,
+)
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.splits import Split, by_trips, half, trips
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import unroll, wrap
+from seatrial.models.vessel.table import PLANAR
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Replace what is more than `deviations` standard deviations from its `window` neighbours."""
+
+    replace: bool
+    window: int
+    deviations: float
+
+    def __post_init__(self) -> None:
+        if self.window < 4:
+            raise ConfigurationError(f"window must be at least 4, got {self.window}")
+        if not self.deviations > 0.0:
+            raise ConfigurationError(f"deviations must be positive, got {self.deviations:g}")
+
+
+@dataclass(frozen=True)
+class RecordedFile:
+    """A measured CSV file as excitation: read, checked and cut, not simulated.
+
+    The samples strictly between `start_s` and `end_s` are used (null: all). The first
+    `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) where
+    `trip_starts_s` are given. The file is sampled uniformly, with `sample_time_s` (null: whatever
+    it has); or every column has its own samples, empty cells between them, and `resample_hz` puts
+    them on one grid. `heading_deg` is the heading of the frame of the positions in the frame of
+    the orientation: 180 where the map turns both horizontal positions round.
+    """
+
+    path: str | None
+    start_s: float | None
+    end_s: float | None
+    sample_time_s: float | None
+    resample_hz: float | None
+    max_gap_s: float
+    train_fraction: float
+    trip_starts_s: tuple[float, ...]
+    training_trips: tuple[int, ...]
+    heading_deg: float
+    columns: ColumnMap
+    outliers: Outliers
+    zero_acceleration_bias: bool
+    differentiation: Differentiation
+    thrusters: AzimuthThrusters
+    statistics: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.path:
+            raise ConfigurationError("excitation.path: expected a CSV file, got none")
+        if any(character in self.path for character in "\0\r\n"):
+            raise ConfigurationError(f"path: got {self.path!r}, expected one line of text")
+        if self.start_s is not None and self.end_s is not None and self.start_s >= self.end_s:
+            raise ConfigurationError(
+                f"start_s must lie before end_s = {self.end_s:g}, got {self.start_s:g}"
+            )
+        for name in ("sample_time_s", "resample_hz", "max_gap_s"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {value:g}")
+        if self.sample_time_s is not None and self.resample_hz is not None:
+            raise ConfigurationError(
+                f"sample_time_s = {self.sample_time_s:g} asks for a uniform file and resample_hz = "
+                f"{self.resample_hz:g} makes one, expected one of them to be null"
+            )
+        half(2, self.train_fraction)
+        trips(np.zeros(1), self.trip_starts_s)
+        if len(self.training_trips) and not len(self.trip_starts_s):
+            raise ConfigurationError("training_trips needs trip_starts_s, got none")
+        if self.trip_starts_s:
+            by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
+        if self.thrusters.rpm and self.columns.actual_force:
+            raise ConfigurationError(
+                "thrusters.rpm and columns.actual_force both give the acting force, expected one"
+            )
+
+    @property
+    def file(self) -> Path:
+        """The file, with `~` replaced by the home folder."""
+        return Path(self.path or "").expanduser()
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when the map has no columns for a vessel; reads nothing."""
+        self.columns.check(dofs)
+
+    def read(self, dofs: Sequence[str]) -> Recording:
+        """The recording of a vessel of these degrees of freedom.
+
+        Raises RecordingError, naming file, line and column. An identifier's low-pass comes later:
+        it is linear, so it commutes with the differentiation.
+        """
+        table = self._table(dofs)
+        t = table.columns[self.columns.time]
+        period_s = float((t[-1] - t[0]) / (len(t) - 1))
+        nu = self.columns.values(table, "velocity", dofs)
+        tau = self.columns.values(table, "force", dofs)
+        nu_dot, acting = self._acceleration(table, nu, period_s, dofs), self._acting(table, dofs)
+        kept = self._window(t)
+        attitude = self.columns.attitude(table, np.radians(self.heading_deg))[kept]
+        attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
+        return Recording(
+            tuple(dofs), t[kept], self._pose(table, kept, attitude, dofs), nu[kept], nu_dot[kept],
+            tau[kept], attitude, tau_actual=None if acting is None else acting[kept],
+        )  # fmt: skip
+
+    def split(self, t: Array) -> Split:
+        """Which of the samples that `read` gave are for training and which for testing.
+
+        Raises ConfigurationError where the window leaves no trip to train or to test with.
+        """
+        if not self.trip_starts_s:
+            return half(len(t), self.train_fraction)
+        return by_trips(trips(t, self.trip_starts_s), self.training_trips)
+
+    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
+        """How many samples of each column in use are outliers, over the whole file."""
+        table = self._measured(dofs)
+        return {name: int(np.sum(wrong)) for name, wrong in self._outliers(table).items()}
+
+    def describe(self) -> tuple[Description, ...]:
+        """Statistics of the columns `statistics` that the file has, in the window, as recorded."""
+        table = read_table(self.file, (self.columns.time,), self.statistics, gaps=True)
+        kept = self._window(table.columns[self.columns.time])
+        names = [name for name in self.statistics if name in table.columns]
+        return describe({name: table.columns[name][kept] for name in names})
+
+    def content_sha256(self) -> str:
+        """SHA-256 of the file: the same path may hold other data tomorrow."""
+        try:
+            return sha256(self.file.read_bytes()).hexdigest()
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"{self.file}: cannot be read, expected a CSV file") from error
+
+    def _table(self, dofs: Sequence[str]) -> Table:
+        """The columns in use, without outliers where asked, on one uniform grid."""
+        table = self._measured(dofs)
+        if self.outliers.replace:
+            columns, t = dict(table.columns), table.columns[self.columns.time]
+            for name, wrong in self._outliers(table).items():
+                known = ~np.isnan(columns[name])
+                columns[name] = columns[name].copy()
+                columns[name][known] = interpolated(t[known], columns[name][known], wrong[known])
+            table = replace(table, columns=columns)
+        return table if self.resample_hz is None else self._resampled(table, self.resample_hz)
+
+    def _measured(self, dofs: Sequence[str]) -> Table:
+        """The columns in use as the file has them: checked, angles and quaternions continuous."""
+        self.check(dofs)
+        required = self.columns.required(dofs)
+        if self._thrusters_serve(dofs):
+            required += [*self.thrusters.rpm, *self.thrusters.angle]
+        optional = (*(self.columns.orientation or ()), *self.columns.angles())
+        gaps = self.resample_hz is not None
+        table = read_table(self.file, required, optional, gaps=gaps)
+        if gaps:
+            check_gaps(table, self.columns.time, self.max_gap_s)
+        else:
+            check_time(table, self.columns.time, self.sample_time_s)
+        return self.columns.continuous(table, self.thrusters.angle)
+
+    def _outliers(self, table: Table) -> dict[str, Mask]:
+        """Outliers of every column but time, among its own samples."""
+        found = {}
+        for name, values in table.columns.items():
+            if name != self.columns.time:
+                known = ~np.isnan(values)
+                found[name] = np.zeros(len(values), dtype=bool)
+                found[name][known] = outliers(
+                    values[known], self.outliers.window, self.outliers.deviations
+                )
+        return found
+
+    def _resampled(self, table: Table, rate_hz: float) -> Table:
+        t = table.columns[self.columns.time]
+        channels = {}
+        for name, values in table.columns.items():
+            known = ~np.isnan(values)
+            if name != self.columns.time:
+                channels[name] = (t[known], values[known])
+        try:
+            grid, columns = common_rate(channels, rate_hz)
+        except RecordingError as error:
+            raise RecordingError(f"{table.path}: {error}") from error
+        return replace(table, columns={self.columns.time: grid, **columns})
+
+    def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
+        """nu_dot (N, n_dof): as recorded, its bias zeroed where asked; else differentiated."""
+        nu_dot = self.differentiation.derivative(nu, period_s)
+        for i, dof in enumerate(dofs):
+            if dof in self.columns.acceleration:
+                recorded = self.columns.values(table, "acceleration", (dof,))[:, 0]
+                if self.zero_acceleration_bias:
+                    recorded = without_bias(recorded, nu[:, i], period_s)
+                nu_dot[:, i] = recorded
+        return nu_dot
+
+    def _acting(self, table: Table, dofs: Sequence[str]) -> Array | None:
+        """The acting force (N, n_dof) where every degree of freedom has one, else None."""
+        if self._thrusters_serve(dofs):
+            rpm, angle = (
+                np.column_stack([table.columns[name] for name in names])
+                for names in (self.thrusters.rpm, self.thrusters.angle)
+            )
+            try:
+                force = self.thrusters.force(rpm, angle)
+            except RecordingError as error:
+                raise RecordingError(f"{table.path}: {error}") from error
+            return force[:, [PLANAR.index(dof) for dof in dofs]]
+        if all(dof in self.columns.actual_force for dof in dofs):
+            return self.columns.values(table, "actual_force", dofs)
+        return None
+
+    def _thrusters_serve(self, dofs: Sequence[str]) -> bool:
+        """Whether motor speeds give the acting force in all these degrees of freedom."""
+        return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
+
+    def _pose(self, table: Table, kept: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
+        poses = []
+        for dof in dofs:
+            if dof in DOFS[3:]:
+                poses.append(attitude[:, DOFS[3:].index(dof)])
+            else:
+                poses.append(self.columns.values(table, "position", (dof,))[kept, 0])
+        return np.column_stack(poses)
+
+    def _window(self, t: Array) -> Mask:
+        """The samples strictly between `start_s` and `end_s`."""
+        start = -np.inf if self.start_s is None else self.start_s
+        end = np.inf if self.end_s is None else self.end_s
+        kept = (start < t) & (t < end)
+        if np.count_nonzero(kept) < 2:
+            raise RecordingError(
+                f"{self.file}: got {np.count_nonzero(kept)} samples with {start:g} < t < {end:g} s,"
+                f" expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
+            )
+        return kept

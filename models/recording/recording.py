@@ -1,0 +1,170 @@
+"""Recordings: sampled motion and force of a vessel, simulated or measured."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models import notation
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
+
+LOWPASS_ORDER = 4
+FORCES = ("commanded", "filtered", "actual")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Uniformly sampled data of one vessel; SI units, radians; arrays have one row a sample.
+
+    `tau` is the commanded force; `tau_filtered` the command passed through a known thruster
+    lag; `tau_actual` the acting force where it was measured (or simulated). Forces at a row act
+    at its instant, the command at a row is applied from its instant on. `wind` is the measured
+    velocity of the air.
+    """
+
+    dofs: tuple[str, ...]
+    t: Array  # (N,) [s]
+    eta: Array  # (N, n_dof) pose: NED [m] and [rad], headings unrolled
+    nu: Array  # (N, n_dof) body velocity [m/s, rad/s]
+    nu_dot: Array  # (N, n_dof) body acceleration [m/s^2, rad/s^2]
+    tau: Array  # (N, n_dof) commanded force [N, Nm]
+    attitude: Array  # (N, 3) (phi, theta, psi) [rad]
+    tau_filtered: Array | None = None
+    tau_actual: Array | None = None
+    wind: Array | None = None  # (N, 2) velocity of the air in body axes [m/s]
+
+    def __post_init__(self) -> None:
+        if len(self.t) < 2:
+            raise RecordingError(f"got {len(self.t)} samples, expected at least 2")
+        shape = (len(self.t), len(self.dofs))
+        for name in ("eta", "nu", "nu_dot", "tau", "tau_filtered", "tau_actual"):
+            values = getattr(self, name)
+            if values is not None and values.shape != shape:
+                raise RecordingError(f"{name}: got shape {values.shape}, expected {shape}")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def period_s(self) -> float:
+        """Sample time [s]."""
+        span = self.t[-1] - self.t[0]  # over a gap, such as between trips, a whole multiple
+        return float(span / round(span / np.median(np.diff(self.t))))
+
+    def part(self, mask: NDArray[np.bool_] | slice) -> "Recording":
+        """The samples of a mask or slice."""
+
+        def cut(values: Array | None) -> Array | None:
+            return None if values is None else values[mask]
+
+        return replace(
+            self, t=self.t[mask], eta=self.eta[mask], nu=self.nu[mask], nu_dot=self.nu_dot[mask],
+            tau=self.tau[mask], attitude=self.attitude[mask],
+            tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
+            wind=cut(self.wind),
+        )  # fmt: skip
+
+    def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
+        """The same with `tau_filtered`, the command passed through a known lag from its start."""
+        if thruster is None:
+            return self
+        return replace(self, tau_filtered=acting_force(thruster, self.tau, self.period_s))
+
+    def force(self, kind: str | None) -> Array:
+        """The force [N, Nm] that a residual is formed with, shape (N, n_dof).
+
+        `commanded` is the thesis's; `filtered` the default where the lag is known; `actual` the
+        default where it is not but the acting force is recorded.
+        """
+        if kind is None:
+            known = self.tau_actual is not None
+            kind = "filtered" if self.tau_filtered is not None else "actual" if known else None
+        options = {"filtered": self.tau_filtered, "actual": self.tau_actual}
+        chosen = options.get(kind or "commanded", self.tau)
+        if chosen is None:
+            missing = (
+                "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
+            )
+            raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
+        return chosen
+
+    def variables(self) -> Array:
+        """Variables of the basis functions, shape (N, N_VARIABLES)."""
+        return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind)
+
+    def lowpass(self, cutoff_hz: float | None, drop_s: float = 2.0) -> "Recording":
+        """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
+
+        `drop_s` [s] are dropped at each end, where the filter has no neighbours.
+        """
+        if cutoff_hz is None:
+            return self
+        pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
+        return pieces[0] if len(pieces) == 1 else _joined(pieces)
+
+    def pieces(self) -> list["Recording"]:
+        """The stretches without a gap in time, such as the trips of a training part."""
+        gaps = np.flatnonzero(np.diff(self.t) > 1.5 * self.period_s) + 1
+        edges = [0, *gaps.tolist(), len(self)]
+        return [self.part(slice(a, b)) for a, b in pairwise(edges)]
+
+    def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
+        check_cutoff(cutoff_hz, self.period_s)
+        drop = round(drop_s / self.period_s)
+        if len(self) < 2 * drop + 30:
+            raise RecordingError(f"got {len(self)} samples, too few for a low-pass")
+        from scipy.signal import butter, sosfiltfilt  # slow to import
+
+        sections = butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos")
+
+        def smooth(values: Array) -> Array:
+            return np.asarray(sosfiltfilt(sections, values, axis=0))
+
+        smoothed = replace(
+            self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),
+            tau_filtered=None if self.tau_filtered is None else smooth(self.tau_filtered),
+            tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
+            wind=None if self.wind is None else smooth(self.wind),
+        )  # fmt: skip
+        return smoothed.part(slice(drop, len(self) - drop))
+
+
+def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
+    """Refuse a low-pass that a sample time [s] cannot hold."""
+    highest = 0.5 / period_s
+    if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
+        raise ConfigurationError(
+            f"identifier.lowpass_hz must lie between 0 and {highest:g}, got {cutoff_hz:g}"
+        )
+
+
+def _joined(pieces: Sequence[Recording]) -> Recording:
+    """Pieces one after the other, each with its own time."""
+
+    def join(name: str) -> Any:
+        parts = [getattr(piece, name) for piece in pieces]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    names = [field.name for field in fields(Recording) if field.name != "dofs"]
+    return replace(pieces[0], **{name: join(name) for name in names})
+
+
+def attitude_of(dofs: Sequence[str], eta: Array) -> Array:
+    """(phi, theta, psi) [rad], shape (N, 3), from a pose over `dofs`; missing angles are zero."""
+    attitude = np.zeros((len(eta), 3))
+    for column, dof in enumerate(dofs):
+        if dof in notation.DOFS[3:]:
+            attitude[:, notation.DOFS[3:].index(dof)] = eta[:, column]
+    return attitude
+
+
+def blocks(n: int, count: int) -> list[slice]:
+    """`count` consecutive blocks that cover n samples, for blocked cross-validation."""
+    edges = np.linspace(0, n, count + 1).round().astype(int)
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]

@@ -1,0 +1,1 @@
+"""Simulation: the equation of motion, the closed loop and linear models of it."""

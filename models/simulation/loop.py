@@ -1,0 +1,221 @@
+"""The closed loop: guidance, reference filter, controller, thrusters, vessel and weather.
+
+At every control instant t_k the loop measures, logs the acceleration under the force that acts
+just before the new command, asks the guidance law for a set-point and the controller for a
+force, and then advances the vessel over one control period by RK4 while the command is held.
+
+The loop knows no controller, no guidance law and no reference model: `registry` gives it the step
+of each by the type of its parameters.
+A command that is not a number never reaches the vessel: the last one is held, and logged as held.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.simulation.dynamics import Scratch, advance, rates, scratch
+from seatrial.models.simulation.registry import (
+    CONTROLLERS,
+    control_step,
+    guide_step,
+    reference_step,
+)
+from seatrial.models.simulation.voyage import Log, Voyage
+from seatrial.models.vessel.allocation_step import ALLOCATIONS, Direct, allocate_step
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import reference_in_body_kernel
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.pose import kinematics_of, pose_of, state_of
+from seatrial.models.vessel.table import PlantTable
+from seatrial.models.vessel.thruster import LagTable, lag_table
+from seatrial.models.weather.weather import Weather
+
+BLOCK = 2000  # control instants of the compiled loop that are timed together
+
+
+@lean_kernel
+def _observe(
+    k: int, plant: PlantTable, kinematics: Any, weather: Weather, guidance: Any,
+    guidance_state: Array, planar: bool, table: Any, reference: Array, thrust: Array, eta: Array,
+    nu: Array, limits: Array, work: Scratch, log: Log,
+) -> bool:  # fmt: skip
+    """Measure, log and ask for the reference at instant k; False when a limit was left."""
+    n_dof = nu.shape[0]
+    for i in range(n_dof):
+        if not abs(nu[i]) <= limits[i]:
+            return False
+    for i in range(n_dof):
+        log.eta[k, i] = log.eta[max(k - 1, 0), i]
+        log.nu[k, i], log.tau_actual[k, i] = nu[i], thrust[i, 0]
+    pose_of(kinematics, eta, work.frame, log.eta[k])
+    for i in range(n_dof):
+        log.eta_measured[k, i] = log.eta[k, i] + weather.pose_noise[k, i]
+        log.nu_measured[k, i] = nu[i] + weather.velocity_noise[k, i]
+    rates(
+        kinematics, plant, eta, nu, log.tau_actual[k], weather, k, work, work.eta_dot,
+        log.nu_dot[k],
+    )  # fmt: skip
+    guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
+    reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
+    reference_step(table, reference, log.setpoint[k])
+    return True
+
+
+@lean_kernel
+def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
+    """The last command again where that of row k is not a number."""
+    for i in range(tau.shape[1]):
+        if not np.isfinite(tau[k, i]):
+            for j in range(tau.shape[1]):
+                tau[k, j] = tau[k - 1, j] if k > 0 else 0.0
+                tau_fb[k, j] = tau_fb[k - 1, j] if k > 0 else 0.0
+                held[k, j] = 1.0
+            return
+
+
+@lean_kernel
+def _sail(
+    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, allocation: Any,
+    weather: Weather, guidance: Any, guidance_state: Array, planar: bool, table: Any,
+    reference: Array, controller: Any, controller_state: Any, added: Array, thrust: Array,
+    eta: Array, nu: Array, limits: Array, h: float, substeps: int, euler: bool, work: Scratch,
+    log: Log,
+) -> int:  # fmt: skip
+    """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
+    for k in range(first, last):
+        if not _observe(
+            k, plant, kinematics, weather, guidance, guidance_state, planar, table, reference,
+            thrust, eta, nu, limits, work, log,
+        ):  # fmt: skip
+            return k
+        control_step(
+            controller, controller_state, log.eta_measured[k], log.nu_measured[k], log.eta_d[k],
+            log.nu_d[k], log.nu_dot_d[k], log.tau[k], log.tau_fb[k],
+        )  # fmt: skip
+        for i in range(added.shape[1]):
+            log.tau[k, i] += added[k, i]
+        _hold(k, log.tau, log.tau_fb, log.held)
+        allocate_step(allocation, log.tau[k], log.applied[k])
+        advance(
+            kinematics, plant, lag, thrust, log.applied[k], eta, nu, weather, k, h, substeps,
+            work, euler,
+        )  # fmt: skip
+    return last
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Somebody who looks at the log while sailing and may change the controller's parameters.
+
+    `look(k, log, parameters, state)` is called before the instants k that are multiples of
+    `every`, from the first multiple on, and returns parameters of the same type.
+    """
+
+    every: int
+    look: Callable[[int, Log, Any, Any], Any]
+
+
+def sail(
+    plant: Plant,
+    weather: Weather,
+    guidance: tuple[NamedTuple, Array],
+    reference_filter: NamedTuple,
+    controller: tuple[NamedTuple, Any],
+    start: Array,
+    period_s: float,
+    step_s: float,
+    start_nu: Array | None = None,
+    watch: Watch | None = None,
+    added: Array | None = None,
+) -> Voyage:
+    """Sail from the pose `start` for as many control periods as the weather has rows.
+
+    The voyage begins at rest, unless a velocity `start_nu` over ground is given. A force `added`
+    to the controller's command [N, Nm], shape (N, n_dof), excites the vessel.
+
+    `guidance` and `controller` are (parameters, initial state) of registered steps and
+    `reference_filter` the table of a registered reference model; `period_s` is the control period
+    and `step_s` the longest integration step [s]. Raises Diverged with the time when a velocity
+    leaves its limit.
+    """
+    if not 0.0 < step_s <= period_s:
+        raise ConfigurationError(
+            f"integration step must be positive and at most {period_s} s, got {step_s}"
+        )
+    n, n_dof = weather.force_ned.shape
+    substeps = int(np.ceil(period_s / step_s - 1e-9))
+    h = period_s / substeps
+    log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
+    reference = np.zeros((n_dof, 3))
+    reference[:, 0] = start
+    parameters, state = controller
+    kinematics = kinematics_of(plant.vessel.dofs, plant.attitude)
+    pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
+    log.eta[:1] = start  # angles are unrolled from here
+    sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
+    before = (
+        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather.sailed(),
+        *guidance, plant.planar, reference_filter, reference,
+    )  # fmt: skip
+    craft = (
+        np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64),
+        np.zeros((n_dof, 2)), pose,
+        np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
+        np.array(plant.velocity_limits, dtype=np.float64), h, substeps,
+        plant.integrator == "euler",
+    )  # fmt: skip
+    steps = CONTROLLERS[type(parameters)], ALLOCATIONS[type(sharing)]
+    loop, edges = _loop(steps, plant, watch, n, period_s)
+    times: list[float] = []
+    for first, last in pairwise(edges):
+        table = plant.at(first * period_s).plant_table()
+        if watch is not None and first > 0 and first % watch.every == 0:
+            parameters = watch.look(first, log, parameters, state)
+        work = scratch(len(table.codes), n_dof, len(pose))
+        begun = perf_counter()
+        rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
+        if rows < last:
+            raise _diverged(plant, log, rows, period_s)
+        times.append((perf_counter() - begun) / max(last - first, 1))
+    t = period_s * np.arange(n, dtype=np.float64)
+    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+
+
+def _loop(
+    steps: Sequence[Callable[..., None]],
+    plant: Plant,
+    watch: Watch | None,
+    n: int,
+    period_s: float,
+) -> tuple[Callable[..., int], list[int]]:
+    """The compiled loop, or the same in Python for a step that is; and where it is interrupted.
+
+    It begins with an empty stretch, so that compiling or loading it is not timed.
+    """
+    compiled: Any = _sail
+    block = BLOCK
+    if not all(hasattr(step, "py_func") for step in steps):  # none has with numba disabled
+        compiled, block = getattr(compiled, "py_func", compiled), 1
+    edges = {*range(0, n, block), n}
+    if watch is not None:
+        edges |= set(range(watch.every, n, watch.every))
+    if plant.change is not None:
+        edges |= {min(n, int(np.ceil(plant.change[0] / period_s - 1e-9)))}
+    return compiled, [0, *sorted(edges)]
+
+
+def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:
+    """The error for a voyage that ended after `rows` instants."""
+    share = np.abs(log.nu[rows - 1]) / plant.velocity_limits
+    i = int(np.argmax(share))
+    name, limit = plant.vessel.velocities[i], plant.velocity_limits[i]
+    time = rows * period_s
+    return Diverged(
+        f"{plant.vessel.name}: |{name}| exceeds {limit:.3g} at t = {time:.1f} s", time, name
+    )

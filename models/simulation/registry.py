@@ -1,0 +1,92 @@
+"""The steps of the closed loop, registered for the type of their parameters.
+
+The loop knows no controller, no guidance law and no reference model. Each registers its compiled
+step for its own named tuple of parameters (`CONTROLLERS`, `GUIDANCE`, `REFERENCES`), so that the
+whole loop compiles with it, and the same source runs in Python for one that cannot be compiled.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from numba.extending import overload
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.vessel.basis import Array
+
+CONTROLLERS: dict[type, Callable[..., None]] = {}
+GUIDANCE: dict[type, Callable[..., None]] = {}
+REFERENCES: dict[type, Callable[..., None]] = {}
+
+
+class FilterTable(NamedTuple):
+    """Exact step of the reference filter: x <- a x + b r, x = (position, rate, acceleration)."""
+
+    a: Array  # (3, 3)
+    b: Array  # (3,)
+
+
+def control_step(
+    parameters: Any, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """One step of the controller registered for the type of `parameters`; writes tau, tau_fb."""
+    CONTROLLERS[type(parameters)](parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
+
+
+@overload(control_step)
+def _control_step(
+    parameters: Any, state: Any, eta: Any, nu: Any, eta_d: Any, nu_d: Any, nu_dot_d: Any,
+    tau: Any, tau_fb: Any,
+) -> Any:  # fmt: skip
+    step = CONTROLLERS[parameters.instance_class]
+
+    def chosen(
+        parameters: Any, state: Any, eta: Any, nu: Any, eta_d: Any, nu_d: Any, nu_dot_d: Any,
+        tau: Any, tau_fb: Any,
+    ) -> None:  # fmt: skip
+        step(parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
+
+    return chosen
+
+
+def guide_step(parameters: Any, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    """One step of the guidance law registered for the type of `parameters`; writes setpoint."""
+    GUIDANCE[type(parameters)](parameters, state, k, eta, setpoint)
+
+
+@overload(guide_step)
+def _guide_step(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) -> Any:
+    step = GUIDANCE[parameters.instance_class]
+
+    def chosen(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) -> None:
+        step(parameters, state, k, eta, setpoint)
+
+    return chosen
+
+
+def reference_step(table: Any, state: Array, setpoint: Array) -> None:
+    """Advance the reference model registered for the type of `table`; state (n_dof, 3)."""
+    REFERENCES[type(table)](table, state, setpoint)
+
+
+@overload(reference_step)
+def _reference_step(table: Any, state: Any, setpoint: Any) -> Any:
+    step = REFERENCES[table.instance_class]
+
+    def chosen(table: Any, state: Any, setpoint: Any) -> None:
+        step(table, state, setpoint)
+
+    return chosen
+
+
+@lean_kernel
+def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
+    """Advance the reference filter of every axis; state (n_dof, 3)."""
+    for i in range(state.shape[0]):
+        x0, x1, x2 = state[i, 0], state[i, 1], state[i, 2]
+        for j in range(3):
+            a = table.a[j]
+            state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.b[j] * setpoint[i]
+
+
+REFERENCES[FilterTable] = _step_filter

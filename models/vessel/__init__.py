@@ -1,0 +1,1 @@
+"""Vessels: coefficient tables over basis functions, thrusters and their allocation."""

@@ -1,0 +1,190 @@
+"""Named basis functions of the motion, their parser and the compiled kernel.
+
+Every term is a product of up to three factors out of 1, x_i and |x_i|, where x is the vector of
+*variables* below: accelerations, velocities, attitude, and the motion through the air. Terms are
+written as in the literature:
+
+    1   u_dot   u   |u|u   u^3   |u|   u^2   vr   |r|v   |u||v|   cos(psi)   sin(theta)   V_qu_q
+
+`u`, `v`, ... are velocities through the water, which are those over ground where there is no
+current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
+Ljungberg) and `V_q` their norm, the relative wind speed.
+
+With z = [x, |x|] and the codes (a, b, c) of a term, phi = z_a z_b z_c. Codes are what the kernel
+evaluates; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int64]
+ATTITUDE = tuple(f"{f}({angle})" for angle in ("phi", "theta", "psi") for f in ("cos", "sin"))
+AIR = ("V_q", "u_q", "v_q")
+VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR)
+N_VARIABLES = len(VARIABLES)
+INDEX = {name: i for i, name in enumerate(VARIABLES)}
+FACTORS = 3
+_FACTOR = re.compile(
+    r"\|(?P<abs>[a-zV_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-zV]_q|[a-z])"
+)
+_POWER = re.compile(r"\^([123])")
+
+
+@dataclass(frozen=True, order=True)
+class Term:
+    """One basis function: the sorted codes of its three factors (0 is the constant 1)."""
+
+    codes: tuple[int, int, int]
+
+    @cached_property
+    def name(self) -> str:
+        """The canonical spelling: magnitudes first, powers as `u^2`; `1` for the constant."""
+        return _spell(self.codes)
+
+    @property
+    def order(self) -> int:
+        """Number of variables multiplied together, beta of Jervan (2020), eq. (4.8)."""
+        return sum(code > 0 for code in self.codes)
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def term(text: str) -> Term:
+    """Parse one term; raises ConfigurationError that names the unknown part."""
+    codes: list[int] = []
+    rest = text.replace(" ", "").replace("*", "")
+    while rest and rest != "1":
+        match = _FACTOR.match(rest)
+        name = match and (match["abs"] or match["fun"] or match["var"])
+        if match is None or name not in INDEX:
+            raise ConfigurationError(
+                f"term {text!r}: got {rest!r}, expected factors out of {', '.join(VARIABLES)}"
+            )
+        rest = rest[match.end() :]
+        power = _POWER.match(rest)
+        rest = rest[power.end() :] if power else rest
+        code = INDEX[name] + (N_VARIABLES if match["abs"] else 0)
+        codes += [code] * (int(power[1]) if power else 1)
+    if len(codes) > FACTORS or not text:
+        raise ConfigurationError(
+            f"term {text!r}: got {len(codes)} factors, expected 1 to {FACTORS}"
+        )
+    return Term(_canonical(codes))
+
+
+def terms(texts: Iterable[str]) -> tuple[Term, ...]:
+    """Parse several terms; a repeated one is refused."""
+    parsed = tuple(term(text) for text in texts)
+    for i, one in enumerate(parsed):
+        if one in parsed[:i]:
+            raise ConfigurationError(f"term {one} is given twice")
+    return parsed
+
+
+def _canonical(codes: Sequence[int]) -> tuple[int, int, int]:
+    """Sorted codes in which |x||x| is written x x, padded with the constant."""
+    plain = list(codes)
+    for variable in {code - N_VARIABLES for code in codes if code >= N_VARIABLES}:
+        magnitude = variable + N_VARIABLES
+        for _ in range(plain.count(magnitude) // 2):
+            plain.remove(magnitude)
+            plain.remove(magnitude)
+            plain += [variable, variable]
+    first, second, third = sorted(plain + [0] * (FACTORS - len(plain)))
+    return first, second, third
+
+
+def _spell(codes: tuple[int, int, int]) -> str:
+    signed = [VARIABLES[c] for c in codes if 0 < c < N_VARIABLES]
+    magnitudes = [VARIABLES[c - N_VARIABLES] for c in codes if c >= N_VARIABLES]
+    parts = [f"|{name}|" for name in magnitudes]
+    for name in dict.fromkeys(signed):
+        power = signed.count(name)
+        parts.append(name if power == 1 else f"{name}^{power}")
+    return "".join(parts) or "1"
+
+
+def codes(basis: Sequence[Term]) -> Codes:
+    """Integer codes of a list of terms, shape (n_terms, 3)."""
+    return np.array([one.codes for one in basis], dtype=np.int64).reshape(len(basis), FACTORS)
+
+
+def magnify(x: Array) -> Array:
+    """z = [x, |x|] along the last axis; x has shape (..., N_VARIABLES)."""
+    return np.concatenate([x, np.abs(x)], axis=-1)
+
+
+def features(codes: Codes, z: Array, phi: Array) -> None:
+    """phi_k = z[a_k] z[b_k] z[c_k]; codes (n, 3), z (2 N_VARIABLES,), phi (n,) is written."""
+    for k in range(codes.shape[0]):
+        phi[k] = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
+
+
+features_kernel = lean_kernel(features)
+
+
+@kernel
+def _features_of_samples(codes: Codes, x: Array, phi: Array) -> None:
+    z = np.empty(2 * x.shape[1])
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            z[j] = x[i, j]
+            z[x.shape[1] + j] = abs(x[i, j])
+        features_kernel(codes, z, phi[i])
+
+
+def evaluate(basis: Sequence[Term], x: Array) -> Array:
+    """Regressor matrix Phi, shape (N, n_terms), of the variables x, shape (N, N_VARIABLES)."""
+    phi = np.empty((x.shape[0], len(basis)))
+    _features_of_samples(codes(basis), np.ascontiguousarray(x, dtype=np.float64), phi)
+    return phi
+
+
+def variables(
+    nu_dot: Array, nu: Array, attitude: Array, dofs: Sequence[str], wind: Array | None = None
+) -> Array:
+    """Variables x of sampled motion, shape (N, N_VARIABLES).
+
+    nu_dot [m/s^2, rad/s^2] and nu [m/s, rad/s] have shape (N, n_dof) with columns `dofs`;
+    attitude is (phi, theta, psi) [rad], shape (N, 3). `wind` is the velocity of the air in body
+    axes [m/s], shape (N, 2); None is still air.
+    """
+    x = np.zeros((len(nu), N_VARIABLES))
+    x[:, 0] = 1.0
+    for column, dof in enumerate(dofs):
+        x[:, INDEX[ACCELERATIONS[DOFS.index(dof)]]] = nu_dot[:, column]
+        x[:, INDEX[VELOCITIES[DOFS.index(dof)]]] = nu[:, column]
+    angles = slice(INDEX["cos(phi)"], INDEX["cos(phi)"] + len(ATTITUDE))
+    x[:, angles][:, 0::2], x[:, angles][:, 1::2] = np.cos(attitude), np.sin(attitude)
+    through = x[:, [INDEX["u"], INDEX["v"]]] - (0.0 if wind is None else wind)
+    x[:, INDEX["u_q"]], x[:, INDEX["v_q"]] = through.T
+    x[:, INDEX["V_q"]] = np.hypot(*through.T)
+    return x
+
+
+def full_basis(dofs: Sequence[str]) -> tuple[Term, ...]:
+    """The constant and the terms of Jervan (2020), eqs. (4.10)-(4.12), for any degrees of freedom.
+
+    Accelerations; nu, |nu|nu, nu^3, |nu|, nu^2; and for every pair the six cross products
+    without a common sign. For surge, sway and yaw these are 31 terms.
+    """
+    names = [VELOCITIES[DOFS.index(dof)] for dof in dofs]
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    texts = ["1", *(f"{a}_dot" for a in names), *names]
+    texts += [f"|{a}|{a}" for a in names] + [f"{a}^3" for a in names]
+    texts += [f"|{a}|" for a in names] + [f"{a}^2" for a in names]
+    texts += [f"{a}{b}" for a, b in pairs]
+    texts += [f"|{a}|{b}" for a in names for b in names if a != b]
+    texts += [f"|{a}||{b}|" for a, b in pairs]
+    return terms(texts)

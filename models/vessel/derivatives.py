@@ -1,0 +1,156 @@
+"""Coefficient tables from inertia matrices and hydrodynamic derivatives, named as by Fossen."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.table import Vessel
+
+
+def coriolis(inertia: Array, dofs: Sequence[str]) -> Vessel:
+    """C(nu) nu as a table, from the inertia matrix (n_dof, n_dof).
+
+    Kirchhoff's equations: with momenta p1 = M_1 nu (linear) and p2 = M_2 nu (angular),
+    C(nu) nu = [omega x p1, omega x p2 + v x p1], hence nu' C(nu) nu = 0. For a planar vessel
+    this is Jervan (2020), eq. (2.5), with the terms in m12 and m13 that it leaves out.
+    """
+    full = np.zeros((6, 6))
+    index = [DOFS.index(dof) for dof in dofs]
+    full[np.ix_(index, index)] = inertia
+    products: dict[Term, Array] = {}
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # cross product: a_j b_k - a_k b_j
+        for row, left, right in ((i, 3, 0), (3 + i, 3, 3), (3 + i, 0, 0)):
+            for sign, a, b in ((1.0, j, k), (-1.0, k, j)):
+                _add_product(products, row, VELOCITIES[left + a], sign * full[right + b])
+    kept = {t: c[index] for t, c in products.items() if np.any(c[index] != 0.0)}
+    ordered = tuple(sorted(kept))
+    theta = np.array([kept[one] for one in ordered]).reshape(len(ordered), len(dofs))
+    return Vessel("coriolis", tuple(dofs), ordered, theta)
+
+
+def _add_product(products: dict[Term, Array], row: int, factor: str, momentum: Array) -> None:
+    """Add factor * (momentum' nu) to one row of the sum of products."""
+    for velocity, value in zip(VELOCITIES, momentum, strict=True):
+        if value != 0.0:
+            entry = products.setdefault(basis.term(factor + velocity), np.zeros(6))
+            entry[row] += value
+
+
+def from_derivatives(
+    name: str,
+    dofs: Sequence[str],
+    inertia: Array,
+    derivatives: Mapping[str, float],
+    with_coriolis: bool = True,
+) -> Vessel:
+    """Table of a vessel from its inertia matrix and hydrodynamic derivatives.
+
+    Derivatives are named as by Fossen: `X_u`, `X_|u|u`, `Y_vvv`, `N_|v|r`, the force letter
+    before the underscore. The table stands on the force side, so an entry is minus the
+    derivative. Added mass is in the inertia matrix or among the derivatives (`X_udot`).
+    Jervan (2020), eqs. (2.3)-(2.6); Hoyer (2021), eqs. (2.11)-(2.18).
+    """
+    n = len(dofs)
+    matrix = np.asarray(inertia, dtype=np.float64)
+    if matrix.shape != (n, n):
+        raise ConfigurationError(f"inertia: got shape {matrix.shape}, expected ({n}, {n})")
+    accelerations = basis.terms(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
+    added = {key: v for key, v in derivatives.items() if parse_derivative(key)[1] in accelerations}
+    damping = {key: value for key, value in derivatives.items() if key not in added}
+    vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
+    vessel = vessel + derivative_table(name, dofs, added)
+    if with_coriolis:
+        vessel = vessel + coriolis(vessel.inertia, dofs)
+    return vessel + derivative_table(name, dofs, damping)
+
+
+def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
+    """The table of hydrodynamic (or wind) derivatives alone: entries are minus the derivatives."""
+    table = Vessel(name, tuple(dofs), (), np.zeros((0, len(dofs))))
+    for key, value in derivatives.items():
+        dof, one = parse_derivative(key)
+        if dof not in dofs:
+            raise ConfigurationError(f"derivatives.{key}: {name} has no {dof}")
+        row = np.array([[-value if d == dof else 0.0 for d in dofs]])
+        table = table + Vessel(name, tuple(dofs), (one,), row)
+    return table
+
+
+def parse_derivative(key: str) -> tuple[str, Term]:
+    """`Y_|v|r` -> ("sway", the term |v|r); `X_udot` names an added mass."""
+    letter, _, rest = key.partition("_")
+    if letter not in tuple("XYZKMN") or not rest:
+        raise ConfigurationError(
+            f"derivatives.{key}: expected a name such as X_u, X_|u|u, Y_vvv or N_|v|r"
+        )
+    name = rest if rest.endswith("_dot") else rest.replace("dot", "_dot")
+    return DOFS["XYZKMN".index(letter)], basis.term(name)
+
+
+# The rigid body and its buoyancy: inertia and restoring forces about the vehicle's origin.
+#
+# Positions r_g of gravity and r_b of buoyancy are in body axes from the origin CO; the inertia
+# matrix is the one about CO. Hoyer (2021), sections 2.2.1 and 2.2.2.
+
+
+# R(q)' e_3, the direction of gravity in body axes, is made of these
+DOWN = ("sin(theta)", "sin(phi)cos(theta)", "cos(phi)cos(theta)")
+Vector3 = tuple[float, float, float]
+
+
+def cross_matrix(a: Sequence[float] | Array) -> Array:
+    """S(a) with S(a) b = a x b, shape (3, 3)."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Mass [kg], inertia about CO [kg m^2], weight and buoyancy [N], and where they act [m]."""
+
+    mass_kg: float
+    inertia_kg_m2: tuple[Vector3, Vector3, Vector3]
+    centre_of_gravity_m: Vector3
+    weight_n: float
+    buoyancy_n: float
+    centre_of_buoyancy_m: Vector3
+
+    def __post_init__(self) -> None:
+        if not self.mass_kg > 0.0:
+            raise ConfigurationError(f"mass_kg must be positive, got {self.mass_kg}")
+        for name in ("weight_n", "buoyancy_n"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
+        matrix = np.array(self.inertia_kg_m2)
+        if not np.array_equal(matrix, matrix.T):
+            raise ConfigurationError("inertia_kg_m2 must be symmetric")
+        if np.min(np.linalg.eigvalsh(self.inertia())) <= 0.0:
+            raise ConfigurationError(
+                "inertia_kg_m2: about CO it must exceed that of the mass at the centre of gravity"
+            )
+
+    def inertia(self) -> Array:
+        """M_RB = [m I, -m S(r_g); m S(r_g), I_b], shape (6, 6). Hoyer (2021), eq. (2.9)."""
+        arm = self.mass_kg * cross_matrix(self.centre_of_gravity_m)
+        return np.block(
+            [[self.mass_kg * np.eye(3), -arm], [arm, np.array(self.inertia_kg_m2)]],
+        )
+
+    def restoring(self, dofs: tuple[str, ...]) -> Vessel:
+        """g(eta) as a table. Hoyer (2021), eq. (2.7).
+
+        With k = R' e_3 = (-sin theta, cos theta sin phi, cos theta cos phi) the forces are
+        -(W - B) k and the moments -(W r_g - B r_b) x k.
+        """
+        net = -(self.weight_n - self.buoyancy_n) * np.eye(3)
+        weight, buoyancy = self.weight_n, self.buoyancy_n
+        lever = weight * np.array(self.centre_of_gravity_m)
+        lever = lever - buoyancy * np.array(self.centre_of_buoyancy_m)
+        force = np.vstack([net, -cross_matrix(lever)]) @ np.diag([-1.0, 1.0, 1.0])
+        rows = [DOFS.index(dof) for dof in dofs]
+        return Vessel("restoring", dofs, basis.terms(DOWN), force[rows].T)

@@ -1,0 +1,261 @@
+"""Frames, rotations and angle wrapping.
+
+NED is the local north-east-down frame; body axes point forward, to starboard and down. In six
+degrees of freedom the attitude is (phi, theta, psi), applied in the order zyx, or the unit
+quaternion (eta, eps_1, eps_2, eps_3) of the rotation from body to NED; Fossen (2011), chapter 2.
+"""
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.vessel.basis import ATTITUDE, INDEX, N_VARIABLES, Array
+
+FIRST_ANGLE = INDEX[ATTITUDE[0]]
+SMALL = 1e-12
+SPATIAL = 6  # degrees of freedom with an attitude
+
+
+def rotation(psi: float) -> Array:
+    """Body to NED rotation about the down axis, shape (3, 3); psi [rad]. Jervan, eq. (2.2)."""
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def wrap(angle: float) -> float:
+    """The same angle in (-pi, pi]; [rad]."""
+    return float(np.pi - (np.pi - angle) % (2.0 * np.pi))
+
+
+def unroll(headings: Array) -> Array:
+    """Headings without jumps of a full turn along the first axis; [rad]."""
+    return np.asarray(np.unwrap(headings, axis=0), dtype=np.float64)
+
+
+def in_body(ned: Array, psi: Array) -> Array:
+    """Horizontal vectors (north, east), shape (N, 2), seen from body axes at headings (N,)."""
+    c, s = np.cos(psi), np.sin(psi)
+    return np.stack([c * ned[:, 0] + s * ned[:, 1], c * ned[:, 1] - s * ned[:, 0]], axis=1)
+
+
+def through_water(nu_dot: Array, nu: Array, psi: Array, current_ned: Array) -> tuple[Array, Array]:
+    """Acceleration and velocity through a stream that is constant in NED, planar, shape (N, 3).
+
+    nu_r = nu - nu_c and nu_r_dot = nu_dot + S(omega) nu_c; current_ned [m/s], shape (N, 2).
+    """
+    stream = in_body(current_ned, psi)
+    nu_r, nu_r_dot = nu.copy(), nu_dot.copy()
+    nu_r[:, :2] -= stream
+    nu_r_dot[:, 0] -= nu[:, 2] * stream[:, 1]
+    nu_r_dot[:, 1] += nu[:, 2] * stream[:, 0]
+    return nu_r_dot, nu_r
+
+
+def body_velocity(eta_dot: Array, psi: float) -> Array:
+    """nu = R(psi)' eta_dot for planar motion; eta_dot NED [m/s, m/s, rad/s], shape (3,)."""
+    return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)
+
+
+def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
+    """nu_dot = R' eta_ddot - r S R' eta_dot, the time derivative of `body_velocity`; shape (3,)."""
+    nu = body_velocity(eta_dot, psi)
+    turning = np.array([-nu[1], nu[0], 0.0]) * nu[2]
+    return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
+
+
+def half_turns(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
+    """Unit quaternion of (phi, theta, psi) [rad]."""
+    cx, sx = np.cos(0.5 * phi), np.sin(0.5 * phi)
+    cy, sy = np.cos(0.5 * theta), np.sin(0.5 * theta)
+    cz, sz = np.cos(0.5 * psi), np.sin(0.5 * psi)
+    return (
+        cx * cy * cz + sx * sy * sz,
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+    )
+
+
+half_turns_kernel = lean_kernel(half_turns)
+
+
+def quaternion_of(angles: Array) -> Array:
+    """Unit quaternion of (phi, theta, psi) [rad], shape (4,)."""
+    return np.array(half_turns(*angles))
+
+
+def frame_of_quaternion(q: Array, frame: Array) -> None:
+    """Rotation from body to NED of a quaternion (4,), written to frame (3, 3). Hoyer, eq. (2.3)."""
+    n, x, y, z = q[0], q[1], q[2], q[3]
+    frame[0, 0], frame[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
+    frame[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    frame[0, 1], frame[1, 0] = 2.0 * (x * y - z * n), 2.0 * (x * y + z * n)
+    frame[0, 2], frame[2, 0] = 2.0 * (x * z + y * n), 2.0 * (x * z - y * n)
+    frame[1, 2], frame[2, 1] = 2.0 * (y * z - x * n), 2.0 * (y * z + x * n)
+
+
+def frame_of_angles(angles: Array, frame: Array) -> None:
+    """Rotation from body to NED of (phi, theta, psi) [rad], written to frame (3, 3)."""
+    cx, sx = np.cos(angles[0]), np.sin(angles[0])
+    cy, sy = np.cos(angles[1]), np.sin(angles[1])
+    cz, sz = np.cos(angles[2]), np.sin(angles[2])
+    frame[0, 0], frame[1, 0], frame[2, 0] = cz * cy, sz * cy, -sy
+    frame[0, 1], frame[0, 2] = cz * sy * sx - sz * cx, sz * sx + cz * cx * sy
+    frame[1, 1], frame[1, 2] = cz * cx + sx * sy * sz, sy * sz * cx - cz * sx
+    frame[2, 1], frame[2, 2] = cy * sx, cy * cx
+
+
+def angles_of_frame(frame: Array, angles: Array) -> None:
+    """(phi, theta, psi) [rad] of a rotation (3, 3), each the turn that is nearest to `angles`.
+
+    Where the vessel points straight up or down phi and psi are one angle: phi is kept.
+    """
+    level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
+    roll = angles[0]
+    if level > SMALL:
+        roll = np.arctan2(frame[2, 1], frame[2, 2])
+        yaw = np.arctan2(frame[1, 0], frame[0, 0])
+    else:
+        c, s = np.cos(roll), np.sin(roll)
+        yaw = np.arctan2(s * frame[0, 2] - c * frame[0, 1], c * frame[1, 1] - s * frame[1, 2])
+    angles[0] += np.pi - (np.pi - (roll - angles[0])) % (2.0 * np.pi)
+    angles[2] += np.pi - (np.pi - (yaw - angles[2])) % (2.0 * np.pi)
+    angles[1] = np.arctan2(-frame[2, 0], level)
+
+
+def fill_attitude(z: Array, frame: Array) -> None:
+    """Write cosines and sines of the attitude, and their magnitudes, into z = [x, |x|].
+
+    From the rotation (3, 3), without its angles: products such as cos(theta) sin(phi) are right at
+    every attitude.
+    """
+    level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
+    share = 1.0 / max(level, SMALL)
+    at = FIRST_ANGLE
+    z[at], z[at + 1] = frame[2, 2] * share, frame[2, 1] * share
+    z[at + 2], z[at + 3] = level, -frame[2, 0]
+    z[at + 4], z[at + 5] = frame[0, 0] * share, frame[1, 0] * share
+    if level <= SMALL:
+        z[at], z[at + 1] = 1.0, 0.0
+        z[at + 4], z[at + 5] = frame[1, 1], -frame[0, 1]
+    for i in range(at, at + 6):
+        z[N_VARIABLES + i] = abs(z[i])
+
+
+def quaternion_rate(q: Array, p: float, q_rate: float, r: float, rate: Array) -> None:
+    """q_dot = T_q(q) omega, written to rate (4,). Hoyer (2021), eqs. (2.2)-(2.3)."""
+    n, x, y, z = q[0], q[1], q[2], q[3]
+    rate[0] = -0.5 * (x * p + y * q_rate + z * r)
+    rate[1] = 0.5 * (n * p - z * q_rate + y * r)
+    rate[2] = 0.5 * (z * p + n * q_rate - x * r)
+    rate[3] = 0.5 * (x * q_rate - y * p + n * r)
+
+
+def angle_rate(angles: Array, p: float, q: float, r: float, rate: Array) -> None:
+    """(phi, theta, psi)_dot = T(phi, theta) omega, singular at theta = 90 degrees; (3,)."""
+    c, s = np.cos(angles[0]), np.sin(angles[0])
+    turn = (s * q + c * r) / np.cos(angles[1])
+    rate[0] = p + np.sin(angles[1]) * turn
+    rate[1] = c * q - s * r
+    rate[2] = turn
+
+
+frame_of_quaternion_kernel = lean_kernel(frame_of_quaternion)
+frame_of_angles_kernel = lean_kernel(frame_of_angles)
+angles_of_frame_kernel = lean_kernel(angles_of_frame)
+fill_attitude_kernel = lean_kernel(fill_attitude)
+quaternion_rate_kernel = lean_kernel(quaternion_rate)
+angle_rate_kernel = lean_kernel(angle_rate)
+
+
+@lean_kernel
+def _turn_back(
+    cx: float, sx: float, cy: float, sy: float, cz: float, sz: float, ned: Array, body: Array
+) -> None:
+    """R' of a vector in NED (3,), from the cosines and sines of phi, theta and psi."""
+    x, y, z = ned[0], ned[1], ned[2]
+    body[0] = cz * cy * x + sz * cy * y - sy * z
+    body[1] = (cz * sy * sx - sz * cx) * x + (cz * cx + sx * sy * sz) * y + cy * sx * z
+    body[2] = (sz * sx + cz * cx * sy) * x + (sy * sz * cx - cz * sx) * y + cy * cx * z
+
+
+def spatial_reference(filtered: Array, nu_d: Array, nu_dot_d: Array) -> None:
+    """Body velocity and acceleration of a path in (x, y, z, phi, theta, psi), filtered (6, 3).
+
+    v = R' p_dot, v_dot = R' p_ddot - omega x v; omega = T^-1 Theta_dot, and its derivative.
+    """
+    cx, sx = np.cos(filtered[3, 0]), np.sin(filtered[3, 0])
+    cy, sy = np.cos(filtered[4, 0]), np.sin(filtered[4, 0])
+    cz, sz = np.cos(filtered[5, 0]), np.sin(filtered[5, 0])
+    roll, pitch, yaw = filtered[3, 1], filtered[4, 1], filtered[5, 1]
+    p, q, r = roll - sy * yaw, cx * pitch + sx * cy * yaw, cx * cy * yaw - sx * pitch
+    nu_d[3], nu_d[4], nu_d[5] = p, q, r
+    nu_dot_d[3] = filtered[3, 2] - sy * filtered[5, 2] - cy * pitch * yaw
+    nu_dot_d[4] = cx * filtered[4, 2] + sx * cy * filtered[5, 2] + roll * r - sx * sy * pitch * yaw
+    nu_dot_d[5] = cx * cy * filtered[5, 2] - sx * filtered[4, 2] - roll * q - cx * sy * pitch * yaw
+    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 1], nu_d)
+    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 2], nu_dot_d)
+    u, v, w = nu_d[0], nu_d[1], nu_d[2]
+    nu_dot_d[0] -= q * w - r * v
+    nu_dot_d[1] -= r * u - p * w
+    nu_dot_d[2] -= p * v - q * u
+
+
+spatial_reference_kernel = lean_kernel(spatial_reference)
+
+
+def spatial_error(eta_d: Array, eta: Array, e: Array) -> None:
+    """Position error in body axes, and twice the vector part of the quaternion error; (6,).
+
+    e = [R' (p_d - p), 2 sgn(eta_e) eps_e] with q_e = conj(q) q_d, small angles being themselves.
+    """
+    cx, sx, cy, sy = np.cos(eta[3]), np.sin(eta[3]), np.cos(eta[4]), np.sin(eta[4])
+    for i in range(3):
+        e[i] = eta_d[i] - eta[i]
+    _turn_back(cx, sx, cy, sy, np.cos(eta[5]), np.sin(eta[5]), e, e)
+    n, x, y, z = half_turns_kernel(eta[3], eta[4], eta[5])
+    n_d, x_d, y_d, z_d = half_turns_kernel(eta_d[3], eta_d[4], eta_d[5])
+    sign = 2.0 if n * n_d + x * x_d + y * y_d + z * z_d >= 0.0 else -2.0
+    e[3] = sign * (n * x_d - x * n_d - y * z_d + z * y_d)
+    e[4] = sign * (n * y_d - y * n_d - z * x_d + x * z_d)
+    e[5] = sign * (n * z_d - z * n_d - x * y_d + y * x_d)
+
+
+spatial_error_kernel = lean_kernel(spatial_error)
+
+
+def fill_angles(z: Array, angles: Array) -> None:
+    """Write cosines and sines of (phi, theta, psi), and their magnitudes, into z = [x, |x|]."""
+    for i in range(3):
+        at = FIRST_ANGLE + 2 * i
+        z[at], z[at + 1] = np.cos(angles[i]), np.sin(angles[i])
+        z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(z[at]), abs(z[at + 1])
+
+
+fill_angles_kernel = lean_kernel(fill_angles)
+
+
+def reference_in_body(
+    planar: bool, filtered: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array
+) -> None:
+    """Desired pose, body velocity and acceleration from the filter state (n_dof, 3).
+
+    Planar: nu_d = R(psi_d)' eta_d_dot, and its derivative; six degrees of freedom likewise.
+    Otherwise each axis stands alone.
+    """
+    for i in range(eta_d.shape[0]):
+        eta_d[i], nu_d[i], nu_dot_d[i] = filtered[i, 0], filtered[i, 1], filtered[i, 2]
+    if eta_d.shape[0] == SPATIAL:
+        spatial_reference_kernel(filtered, nu_d, nu_dot_d)
+    if not planar:
+        return
+    c, s = np.cos(filtered[2, 0]), np.sin(filtered[2, 0])
+    r = filtered[2, 1]
+    nu_d[0] = c * filtered[0, 1] + s * filtered[1, 1]
+    nu_d[1] = c * filtered[1, 1] - s * filtered[0, 1]
+    nu_d[2] = r
+    nu_dot_d[0] = c * filtered[0, 2] + s * filtered[1, 2] + r * nu_d[1]
+    nu_dot_d[1] = c * filtered[1, 2] - s * filtered[0, 2] - r * nu_d[0]
+    nu_dot_d[2] = filtered[2, 2]
+
+
+reference_in_body_kernel = lean_kernel(reference_in_body)

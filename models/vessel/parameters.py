@@ -1,0 +1,127 @@
+"""What a vessel's YAML says: derivatives, thrusters, limits and what suits its size."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.allocation import Allocation
+from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The true vessel of a simulation with its thrusters and limits."""
+
+    vessel: Vessel
+    thruster: SecondOrderLag | None
+    velocity_limits: tuple[float, ...]  # [m/s, rad/s]
+    change: tuple[float, Vessel] | None = None  # from a time [s] on it is another vessel
+    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
+    integrator: Literal["rk4", "euler"] = "rk4"
+    allocation: Allocation | None = None  # of the command to thrusters
+
+    @property
+    def planar(self) -> bool:
+        """Whether the pose is (x, y, psi) in NED; otherwise each axis integrates its velocity."""
+        return self.vessel.dofs == PLANAR
+
+    def at(self, time_s: float) -> Vessel:
+        """The vessel from a time [s] on."""
+        if self.change is None or time_s < self.change[0] - 1e-9:
+            return self.vessel
+        return self.change[1]
+
+
+@dataclass(frozen=True)
+class VesselParameters:
+    """A vessel as configured.
+
+    `tuning` holds what other groups take from the vessel they sail with (gains, noise, force
+    sizes) by interpolation; the vessel itself does not read it. `sources` says of every other
+    entry where its numbers come from.
+    """
+
+    name: str
+    dofs: tuple[str, ...]
+    inertia: tuple[tuple[float, ...], ...] | None  # [kg, kg m, kg m^2]
+    derivatives: dict[str, float]  # hydrodynamic derivatives, SI
+    velocity_limits: tuple[float, ...]  # [m/s, rad/s]; beyond them a simulation has diverged
+    coriolis: bool = True
+    plant_scale: float = 1.0
+    thruster: SecondOrderLag | None = None
+    tuning: dict[str, Any] = field(default_factory=dict)
+    body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
+    force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
+    thrusters: Allocation | None = None  # how they share a force
+    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
+    integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
+    parameters: str | None = None  # which of the sets completes the derivatives
+    parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.parameters is None) == bool(self.parameter_sets) or (
+            self.parameters is not None and self.parameters not in self.parameter_sets
+        ):
+            raise ConfigurationError(
+                f"parameters: got {self.parameters}, expected one of "
+                f"{', '.join(self.parameter_sets) or 'null'}"
+            )
+        if len(self.velocity_limits) != len(self.dofs) or min(self.velocity_limits) <= 0.0:
+            raise ConfigurationError(
+                f"velocity_limits must be {len(self.dofs)} positive numbers, "
+                f"got {list(self.velocity_limits)}"
+            )
+        limits = self.force_limits
+        if limits is not None and (len(limits) != len(self.dofs) or min(limits) <= 0.0):
+            raise ConfigurationError(
+                f"force_limits must be {len(self.dofs)} positive numbers, got {list(limits)}"
+            )
+        if self.thruster is not None:
+            self.thruster.check(self.dofs)
+        if self.thrusters is not None:
+            self.thrusters.matrix(self.dofs)
+        if (self.inertia is None) == (self.body is None):
+            raise ConfigurationError("inertia and body: expected one of them, not both or none")
+        self.nominal().plant_table()
+
+    def nominal(self) -> Vessel:
+        """The believed model F0."""
+        rows = [DOFS.index(dof) for dof in self.dofs]
+        if self.body is not None:
+            inertia = self.body.inertia()[np.ix_(rows, rows)]
+        else:
+            inertia = np.array(self.inertia, dtype=np.float64)
+        derivatives = self.derivatives | self.parameter_sets.get(self.parameters or "", {})
+        table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
+        return table if self.body is None else table + self.body.restoring(self.dofs)
+
+    def plant(self, table: Vessel) -> Plant:
+        """What is sailed: a table with this vessel's thrusters, limits and integration."""
+        return Plant(
+            table,
+            self.thruster,
+            self.velocity_limits,
+            attitude=self.attitude,
+            integrator=self.integrator,
+            allocation=self.thrusters,
+        )
+
+    @property
+    def limits_by_dof(self) -> dict[str, float]:
+        """Largest force of the thrusters [N, Nm] by degree of freedom, where it is known."""
+        limits = dict(zip(self.dofs, self.force_limits or (), strict=False))
+        lag = None if self.thruster is None else self.thruster.amplitude_limit
+        for dof, limit in zip(self.dofs, lag or (), strict=False):
+            limits[dof] = min(limit, limits.get(dof, np.inf))
+        return limits
+
+    @property
+    def planar(self) -> bool:
+        """Whether the vessel moves in surge, sway and yaw."""
+        return self.dofs == PLANAR

@@ -1,0 +1,199 @@
+"""Thrust allocation by a weighted pseudo-inverse, within the thrusters' limits.
+
+The lightest u (of least u' W u) with T u = tau and every thruster within its limit. Without limits
+it is u = W^-1 T' (T W^-1 T')^-1 tau; with them u = P(W^-1 T' lambda), where P keeps each thruster
+within its limit, for the multipliers lambda that make T u = tau. They are the maximum of the
+concave dual function, whose gradient is tau - T u: Newton's method, whose first step is the
+pseudo-inverse (Boyd and Vandenberghe (2004), sections 5.5 and 9.5).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.vessel.allocation_step import ALLOCATIONS
+from seatrial.models.vessel.basis import Array, Codes
+
+HALVINGS = 40  # of the interval in which the scale of an unreachable force lies
+SINGULAR = 1e-12  # of a pivot, relative to the largest entry
+NEWTON_STEPS = 40
+ROUNDING = 1e-13  # of a force, relative to that of all thrusters at their limit
+RIDGE = 1e-9  # of a diagonal, where thrusters at their limit do not answer
+
+
+class PseudoInverse(NamedTuple):
+    """Geometry for the kernel; work space for one distribution."""
+
+    T: Array  # (n_dof, n_u)
+    spare: Array  # (n_u,) 1 / weight
+    low: Array  # (n_thrusters,) [N]
+    high: Array
+    first: Codes  # (n_thrusters + 1,) first component of each thruster
+    u: Array  # (n_u,)
+    pull: Array  # (n_u,) u without limits
+    multiplier: Array  # (n_dof,) lambda
+    way: Array  # (n_dof,) step of lambda
+    reach: Array  # (n_dof,) [N, Nm] all thrusters at their limit
+    give: Array  # (n_dof,) diagonal of T W^-1 T'
+    G: Array  # (n_dof, n_dof + 1)
+
+
+@lean_kernel
+def _solve(G: Array) -> bool:
+    """Solve the square system in G = [A b] by elimination, the solution in its last column."""
+    n = G.shape[0]
+    largest = 0.0
+    for i in range(n):
+        for j in range(n):
+            largest = max(largest, abs(G[i, j]))
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(G[i, k]) > abs(G[pivot, k]):
+                pivot = i
+        if not abs(G[pivot, k]) > SINGULAR * largest:
+            return False
+        for j in range(k, n + 1):
+            G[k, j], G[pivot, j] = G[pivot, j], G[k, j]
+        for i in range(n):
+            if i != k:
+                factor = G[i, k] / G[k, k]
+                for j in range(k, n + 1):
+                    G[i, j] -= factor * G[k, j]
+    for k in range(n):
+        G[k, n] /= G[k, k]
+    return True
+
+
+@lean_kernel
+def _respond(table: PseudoInverse) -> float:
+    """Write u = W^-1 T' lambda, each thruster kept within its limit; the conjugate of the cost."""
+    total = 0.0
+    for t in range(table.low.shape[0]):
+        at, end = table.first[t], table.first[t + 1]
+        square = 0.0
+        for c in range(at, end):
+            table.pull[c] = 0.0
+            for i in range(table.multiplier.shape[0]):
+                table.pull[c] += table.spare[c] * table.T[i, c] * table.multiplier[i]
+            square += table.pull[c] ** 2
+        cut = 1.0
+        if end - at == 2 and square > table.high[t] ** 2:
+            cut = table.high[t] / np.sqrt(square)
+        for c in range(at, end):
+            table.u[c] = cut * table.pull[c]
+            if end - at == 1:
+                table.u[c] = min(max(table.pull[c], table.low[t]), table.high[t])
+            total += (table.pull[c] - 0.5 * table.u[c]) * table.u[c] / table.spare[c]
+    return total
+
+
+@lean_kernel
+def _curve(table: PseudoInverse, i: int, j: int) -> float:
+    """d (T u)_i / d lambda_j: thrusters at their limit do not answer, or only sideways."""
+    total = 0.0
+    for t in range(table.low.shape[0]):
+        at = table.first[t]
+        if table.first[t + 1] - at == 1:
+            if table.low[t] < table.pull[at] < table.high[t]:
+                total += table.T[i, at] * table.spare[at] * table.T[j, at]
+        else:
+            x, y = table.pull[at], table.pull[at + 1]
+            size = np.sqrt(x * x + y * y)
+            along = table.T[i, at] * table.T[j, at] + table.T[i, at + 1] * table.T[j, at + 1]
+            if size <= table.high[t]:
+                total += table.spare[at] * along
+            else:
+                mine = (table.T[i, at] * x + table.T[i, at + 1] * y) / size
+                other = (table.T[j, at] * x + table.T[j, at + 1] * y) / size
+                total += table.spare[at] * table.high[t] / size * (along - mine * other)
+    return total
+
+
+@lean_kernel
+def _lack(table: PseudoInverse, tau: Array, scale: float) -> bool:
+    """Write scale tau - T u into the last column of G; whether it is more than rounding."""
+    lacking = False
+    for i in range(tau.shape[0]):
+        rest = scale * tau[i]
+        for c in range(table.u.shape[0]):
+            rest -= table.T[i, c] * table.u[c]
+        table.G[i, -1] = rest
+        lacking = lacking or abs(rest) > ROUNDING * table.reach[i]
+    return lacking
+
+
+@lean_kernel
+def _climb(table: PseudoInverse, tau: Array, scale: float, value: float) -> float:
+    """A step of Newton's up the dual function, whose gradient is in G; halved until it rises."""
+    n = tau.shape[0]
+    slope = 0.0
+    for i in range(n):
+        table.way[i] = table.G[i, n]
+        for j in range(n):
+            table.G[i, j] = _curve(table, i, j)
+        table.G[i, i] += RIDGE * table.give[i]
+    if not _solve(table.G):
+        return value
+    for i in range(n):
+        slope += table.way[i] * table.G[i, n]
+        table.way[i] = table.G[i, n]
+        table.multiplier[i] += table.way[i]
+    length = 1.0
+    for _ in range(HALVINGS):
+        risen = -_respond(table)
+        for i in range(n):
+            risen += scale * tau[i] * table.multiplier[i]
+        if risen >= value + 1e-4 * length * slope - ROUNDING * abs(value):
+            return risen
+        length *= 0.5
+        for i in range(n):
+            table.multiplier[i] -= length * table.way[i]
+    return value
+
+
+@lean_kernel
+def _distribute(table: PseudoInverse, tau: Array, scale: float) -> bool:
+    """Write the lightest u within the limits with T u = scale tau; False where none is found.
+
+    Newton's method on the multipliers of T u = scale tau: its first step is the weighted
+    pseudo-inverse, the others spread what thrusters at their limit leave.
+    """
+    for i in range(tau.shape[0]):
+        table.multiplier[i] = 0.0
+    value = -_respond(table)
+    for _ in range(NEWTON_STEPS):
+        if not _lack(table, tau, scale):
+            return True
+        value = _climb(table, tau, scale, value)
+    return not _lack(table, tau, scale)
+
+
+@lean_kernel
+def _by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None:
+    """T u of the largest share of tau, up to all of it, that is found."""
+    low, high = 0.0, 1.0
+    if not _distribute(table, tau, 1.0):
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if _distribute(table, tau, middle):
+                low = middle
+            else:
+                high = middle
+        _distribute(table, tau, low)
+    for i in range(tau.shape[0]):
+        applied[i] = 0.0
+        for c in range(table.u.shape[0]):
+            applied[i] += table.T[i, c] * table.u[c]
+
+
+ALLOCATIONS[PseudoInverse] = _by_pseudo_inverse
+
+
+@kernel
+def allocate_all(table: PseudoInverse, tau: Array, u: Array, applied: Array) -> None:
+    """Write u (N, n_u) and T u (N, n_dof) for forces tau (N, n_dof)."""
+    for k in range(tau.shape[0]):
+        _by_pseudo_inverse(table, tau[k], applied[k])
+        u[k] = table.u

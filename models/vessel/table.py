@@ -1,0 +1,293 @@
+"""A vessel is a coefficient table: the force a motion needs is linear in its coefficients.
+
+    tau[dof] = sum_k theta[k, dof] phi_k(nu_dot, nu, attitude, nu_q)
+
+In a current nu and nu_dot are those through the water: in a uniform stream a vessel behaves as in
+still water, seen from the water. That holds for the rigid body too (Fossen (2011), property 8.1),
+so a table needs no parting into rigid-body and hydrodynamic terms. Velocities through the air,
+nu_q, are variables of their own.
+
+The nominal model, the true plant, a residual model and the improved model F1 = F0 + Theta Phi
+(Jervan (2020), eq. (3.22)) are the same type; improving again is addition. Inverse dynamics
+evaluates the table, forward dynamics solves its inertia columns for nu_dot.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
+
+PLANAR = ("surge", "sway", "yaw")
+FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
+SQUARE_UNIT = {dof: "N^2" if dof in DOFS[:3] else "(Nm)^2" for dof in DOFS}
+POSE_NAMES = dict(zip(DOFS, ("x", "y", "z", "phi", "theta", "psi"), strict=True))
+
+
+def poses_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Names of the pose of each degree of freedom: x, y, z, phi, theta, psi."""
+    return tuple(POSE_NAMES[dof] for dof in dofs)
+
+
+def velocities_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Letters of the body velocities: u, v, w, p, q, r."""
+    return tuple(VELOCITIES[DOFS.index(dof)] for dof in dofs)
+
+
+def accelerations_of(dofs: Sequence[str]) -> tuple[str, ...]:
+    """Names of the body accelerations: u_dot and so on."""
+    return tuple(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
+
+
+class ForceTable(NamedTuple):
+    """Inverse dynamics for the kernels: codes (n, 3), theta (n, n_dof), indices (n_dof,)."""
+
+    codes: Codes
+    theta: Array
+    acceleration_index: Codes
+    velocity_index: Codes
+    aerodynamic: bool  # it has terms in the velocity through the air
+
+
+class PlantTable(NamedTuple):
+    """Forward dynamics for the kernels: the terms without acceleration and inv(M)."""
+
+    codes: Codes
+    theta: Array
+    inverse_inertia: Array
+    velocity_index: Codes
+    aerodynamic: bool  # it has terms in the velocity through the air
+    turning: bool  # it has Coriolis forces, so that a stream turns in its axes when it turns
+
+
+@dataclass(frozen=True, eq=False)
+class Vessel:
+    """A coefficient table: rows are `terms`, columns `dofs`, entries `theta` in SI units."""
+
+    name: str
+    dofs: tuple[str, ...]
+    terms: tuple[Term, ...]
+    theta: Array  # shape (n_terms, n_dof), force per basis function
+
+    def __post_init__(self) -> None:
+        unknown = [dof for dof in self.dofs if dof not in DOFS]
+        if unknown:
+            raise ConfigurationError(f"dofs: got {unknown[0]!r}, expected some of {DOFS}")
+        theta = np.array(self.theta, dtype=np.float64)
+        if theta.shape != (len(self.terms), len(self.dofs)):
+            raise ConfigurationError(
+                f"theta: got shape {theta.shape}, expected ({len(self.terms)}, {len(self.dofs)})"
+            )
+        theta.setflags(write=False)
+        object.__setattr__(self, "theta", theta)
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """Letters of the body velocities, in the order of `dofs`."""
+        return velocities_of(self.dofs)
+
+    @property
+    def accelerations(self) -> tuple[str, ...]:
+        """Names of the accelerations, in the order of `dofs`."""
+        return accelerations_of(self.dofs)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """M [kg, kg m, kg m^2], shape (n_dof, n_dof): the coefficients of the accelerations."""
+        return np.array([self.row(name) for name in self.accelerations]).T
+
+    def row(self, name: str) -> Array:
+        """Coefficients of one term over `dofs`, zero where the table does not have it."""
+        one = basis.term(name)
+        if one not in self.terms:
+            return np.zeros(len(self.dofs))
+        return np.asarray(self.theta[self.terms.index(one)])
+
+    def coefficient(self, dof: str, name: str) -> float:
+        """theta of one term in one degree of freedom."""
+        return float(self.row(name)[self.dofs.index(dof)])
+
+    def variables(
+        self,
+        nu_dot: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
+        """Variables of sampled motion, shape (N, N_VARIABLES).
+
+        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level north, and `wind`, the
+        velocity of the air in body axes [m/s], shape (N, 2), to still air.
+        """
+        level = np.zeros((len(nu), 3)) if attitude is None else attitude
+        return basis.variables(nu_dot, nu, level, self.dofs, wind)
+
+    def inverse(
+        self,
+        nu_dot: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
+        """Force that the motion needs [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
+        x = self.variables(nu_dot, nu, attitude, wind)
+        return np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
+
+    def forward(
+        self,
+        tau: Array,
+        nu: Array,
+        attitude: Array | None = None,
+        wind: Array | None = None,
+    ) -> Array:
+        """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu))."""
+        rest = self.inverse(np.zeros_like(nu), nu, attitude, wind)
+        return np.asarray(np.linalg.solve(self.inertia, (tau - rest).T).T, dtype=np.float64)
+
+    def __add__(self, other: "Vessel") -> "Vessel":
+        """Sum of the tables over the union of their terms. Jervan (2020), eq. (3.26)."""
+        if other.dofs != self.dofs:
+            raise ConfigurationError(f"cannot add a model of {other.dofs} to one of {self.dofs}")
+        union = self.terms + tuple(one for one in other.terms if one not in self.terms)
+        return replace(self, terms=union, theta=self.on(union).theta + other.on(union).theta)
+
+    def __mul__(self, factor: float) -> "Vessel":
+        return replace(self, theta=factor * self.theta)
+
+    __rmul__ = __mul__
+
+    def __sub__(self, other: "Vessel") -> "Vessel":
+        return self + (-1.0) * other
+
+    def on(self, union: Sequence[Term]) -> "Vessel":
+        """The same table with its rows in the order of `union`; rows not in it are dropped."""
+        rows = [
+            self.theta[self.terms.index(one)] if one in self.terms else np.zeros(len(self.dofs))
+            for one in union
+        ]
+        theta = np.array(rows).reshape(len(rows), len(self.dofs))
+        return replace(self, terms=tuple(union), theta=theta)
+
+    def unit(self, one: Term, dof: str) -> str:
+        """SI unit of a coefficient (radians have none), such as kg, kg/s, kg/m, kg m^2, N."""
+        return coefficient_unit(one, dof)
+
+    def force_table(self) -> ForceTable:
+        """The table for the kernels, terms that are zero in every degree of freedom left out."""
+        kept = [i for i in range(len(self.terms)) if np.any(self.theta[i] != 0.0)]
+        return ForceTable(
+            basis.codes([self.terms[i] for i in kept]),
+            np.ascontiguousarray(self.theta[kept]),
+            np.array([INDEX[name] for name in self.accelerations]),
+            np.array([INDEX[name] for name in self.velocities]),
+            self._has(kept, AIR),
+        )
+
+    def plant_table(self) -> PlantTable:
+        """Forward dynamics for the kernels; worked out once.
+
+        Raises ConfigurationError when the inertia matrix is not positive definite or an
+        acceleration stands in a product: then nu_dot does not follow from a constant matrix.
+        """
+        return self._plant_table
+
+    @cached_property
+    def _plant_table(self) -> PlantTable:
+        eigenvalues = np.linalg.eigvals(self.inertia)
+        if np.min(eigenvalues.real) <= 0.0:
+            raise ConfigurationError(
+                f"{self.name}: the inertia matrix must be positive definite, "
+                f"got an eigenvalue of {np.min(eigenvalues.real):.3g}"
+            )
+        accelerated = set(range(1, 1 + len(ACCELERATIONS)))
+        kept = []
+        for i, one in enumerate(self.terms):
+            factors = {code % N_VARIABLES for code in one.codes}
+            if not factors & accelerated:
+                kept.append(i)
+            elif one.name not in ACCELERATIONS and np.any(self.theta[i] != 0.0):
+                raise ConfigurationError(f"{self.name}: term {one} cannot be solved for nu_dot")
+        kept = [i for i in kept if np.any(self.theta[i] != 0.0)]
+        return PlantTable(
+            basis.codes([self.terms[i] for i in kept]),
+            np.ascontiguousarray(self.theta[kept]),
+            np.ascontiguousarray(np.linalg.inv(self.inertia)),
+            np.array([INDEX[name] for name in self.velocities]),
+            self._has(kept, AIR),
+            self.turning,
+        )
+
+    @property
+    def turning(self) -> bool:
+        """Whether the table has Coriolis forces: a force from velocity times rate of turn."""
+        linear = [i for i, dof in enumerate(self.dofs) if dof in DOFS[:3]]
+        products = [basis.term(a + b) for a in VELOCITIES[:3] for b in VELOCITIES[3:]]
+        rows = [self.theta[self.terms.index(one)] for one in products if one in self.terms]
+        return any(bool(np.any(row[linear] != 0.0)) for row in rows)
+
+    def _has(self, kept: Sequence[int], names: Sequence[str]) -> bool:
+        """Whether one of some terms has one of some variables."""
+        wanted = {INDEX[name] for name in names}
+        return any(wanted & {code % N_VARIABLES for code in self.terms[i].codes} for i in kept)
+
+
+def coefficient_unit(one: Term, dof: str) -> str:
+    """SI unit of the coefficient of a term in a degree of freedom; radians count as 1."""
+    metres, seconds = (1, -2) if FORCE_UNIT[dof] == "N" else (2, -2)
+    for code in one.codes:
+        name = basis.VARIABLES[code % N_VARIABLES]
+        if name in (*VELOCITIES, *ACCELERATIONS, *AIR):
+            metres -= 0 if name[0] in VELOCITIES[3:] else 1
+            seconds += 2 if name in ACCELERATIONS else 1
+    if (metres, seconds) in ((1, -2), (2, -2)):
+        return "N" if metres == 1 else "Nm"
+    above = ["kg"] + [_power(u, n) for u, n in (("m", metres), ("s", seconds)) if n > 0]
+    below = [_power(u, -n) for u, n in (("m", metres), ("s", seconds)) if n < 0]
+    bottom = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return " ".join(above) + (f"/{bottom}" if below else "")
+
+
+def _power(unit: str, exponent: int) -> str:
+    return unit if exponent == 1 else f"{unit}^{exponent}"
+
+
+def fill_variables(z: Array, index: Codes, values: Array) -> None:
+    """Write values and their magnitudes into z = [x, |x|] at the given variables."""
+    half = z.shape[0] // 2
+    for i in range(index.shape[0]):
+        z[index[i]] = values[i]
+        z[half + index[i]] = abs(values[i])
+
+
+fill_variables_kernel = lean_kernel(fill_variables)
+SPEED_Q, U_Q, V_Q = (INDEX[name] for name in AIR)
+
+
+def fill_air(z: Array, ahead: float, aside: float) -> None:
+    """Write the velocity through the air [m/s] and its norm, and their magnitudes, into z."""
+    speed = np.sqrt(ahead * ahead + aside * aside)
+    z[U_Q], z[V_Q], z[SPEED_Q] = ahead, aside, speed
+    z[N_VARIABLES + U_Q], z[N_VARIABLES + V_Q] = abs(ahead), abs(aside)
+    z[N_VARIABLES + SPEED_Q] = speed
+
+
+fill_air_kernel = lean_kernel(fill_air)
+
+
+def weighted_sum(theta: Array, phi: Array, out: Array) -> None:
+    """out = theta' phi; theta (n, n_dof), phi (n,)."""
+    for i in range(theta.shape[1]):
+        total = 0.0
+        for k in range(theta.shape[0]):
+            total += theta[k, i] * phi[k]
+        out[i] = total
+
+
+weighted_sum_kernel = lean_kernel(weighted_sum)

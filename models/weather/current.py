@@ -1,0 +1,56 @@
+"""Current: the velocity of the water over ground."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
+from seatrial.models.weather.noise import first_order
+
+
+@dataclass(frozen=True)
+class Current:
+    """A horizontal current of a mean speed and the direction it sets to.
+
+    `variation`: `constant`; `slow`, Gauss-Markov processes in north and east about the mean
+    (Bargouth (2022), (2.7)-(2.8), with a time constant: without one they would wander off);
+    `white`, each component uniform in [0, max_m_s] anew at every sample, as in Bargouth's
+    appendices (there with 10 m/s, which no water does).
+    The speed stays below `max_m_s`.
+    """
+
+    speed_m_s: float
+    direction_deg: float
+    variation: Literal["constant", "slow", "white"]
+    deviation_m_s: float  # of each component, of `slow`
+    time_constant_s: float  # of `slow`
+    max_m_s: float
+
+    def __post_init__(self) -> None:
+        for name in ("speed_m_s", "deviation_m_s"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("time_constant_s", "max_m_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        if self.speed_m_s > self.max_m_s:
+            raise ConfigurationError(
+                f"speed_m_s must not be above max_m_s = {self.max_m_s:g}, got {self.speed_m_s:g}"
+            )
+
+    def realise(self, n: int, period_s: float, rng: np.random.Generator) -> Array:
+        """Velocity of the water (north, east) [m/s], shape (n, 2)."""
+        if self.variation == "white":
+            return np.asarray(rng.uniform(0.0, self.max_m_s, (n, 2)))
+        angle = np.radians(self.direction_deg)
+        mean = self.speed_m_s * np.array([np.cos(angle), np.sin(angle)])
+        velocity = np.tile(mean, (n, 1))
+        if self.variation == "slow":
+            for column in range(2):
+                velocity[:, column] += first_order(
+                    n, period_s, self.deviation_m_s, self.time_constant_s, rng
+                )
+        speed = np.hypot(*velocity.T)[:, None]
+        return np.asarray(velocity * np.minimum(1.0, self.max_m_s / np.maximum(speed, 1e-12)))

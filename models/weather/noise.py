@@ -1,0 +1,127 @@
+"""Measurement and process noise, and the coloured noise that wind and current are made of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seatrial.models.compiled import kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.basis import Array
+
+
+@dataclass(frozen=True)
+class MeasurementNoise:
+    """Standard deviations of white Gaussian noise, drawn once a sample. Jervan, Table 4.14."""
+
+    position_m: float
+    angle_deg: float
+    velocity_m_s: float
+    angular_rate_deg_s: float
+    acceleration_m_s2: float
+    angular_acceleration_deg_s2: float
+    wind_m_s: float = 0.0  # of each body component of the measured wind
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value < 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {value}")
+
+    def deviations(self, dofs: Sequence[str]) -> Array:
+        """Standard deviation of pose, velocity and acceleration, shape (3, n_dof), in SI."""
+        linear = [self.position_m, self.velocity_m_s, self.acceleration_m_s2]
+        angular = [self.angle_deg, self.angular_rate_deg_s, self.angular_acceleration_deg_s2]
+        columns = [linear if dof in DOFS[:3] else np.radians(angular) for dof in dofs]
+        return np.array(columns).T
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """White accelerations, held over a sample: eta of Bargouth (2022), (2.24)-(2.26).
+
+    `size` [m/s^2, rad/s^2], one a degree of freedom, is the standard deviation, or half the width
+    of a uniform distribution about zero.
+    """
+
+    size: tuple[float, ...]
+    distribution: Literal["normal", "uniform"]
+
+    def __post_init__(self) -> None:
+        if min(self.size, default=0.0) < 0.0:
+            raise ConfigurationError(f"size must not be negative, got {list(self.size)}")
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """One size a degree of freedom."""
+        if len(self.size) != len(dofs):
+            raise ConfigurationError(
+                f"disturbance.process.size: got {len(self.size)} numbers, expected {len(dofs)} "
+                f"for {', '.join(dofs)}"
+            )
+
+    def realise(self, n: int, rng: np.random.Generator) -> Array:
+        """Accelerations, shape (n, n_dof)."""
+        shape = (n, len(self.size))
+        normal = self.distribution == "normal"
+        drawn = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
+        return np.asarray(drawn * np.array(self.size), dtype=np.float64)
+
+
+@kernel
+def _filter(transition: Array, draws: Array, states: Array) -> None:
+    """x_{k+1} = transition x_k + draws_k, in place from states[0]; all (N, m) but (m, m)."""
+    for k in range(states.shape[0] - 1):
+        for i in range(states.shape[1]):
+            total = draws[k, i]
+            for j in range(states.shape[1]):
+                total += transition[i, j] * states[k, j]
+            states[k + 1, i] = total
+
+
+def gauss_markov(
+    n: int, period_s: float, system: Array, deviation: Array, rng: np.random.Generator
+) -> Array:
+    """A stationary Gaussian process dx = system x dt + noise, shape (n, m), sampled exactly.
+
+    `deviation` (m, m) is a Cholesky factor of its covariance P: with Phi = exp(system h) a step is
+    x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
+    """
+    from scipy.linalg import expm
+
+    transition = expm(system * period_s)
+    covariance = deviation @ deviation.T
+    innovation = covariance - transition @ covariance @ transition.T
+    draws = rng.standard_normal((n, len(system)))
+    states = np.empty((n, len(system)))
+    states[0] = deviation @ draws[0]
+    _filter(np.ascontiguousarray(transition), draws[1:] @ _square_root(innovation).T, states)
+    return states
+
+
+def _square_root(covariance: Array) -> Array:
+    """L with L L' = covariance, nearly singular for a step much shorter than a period."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def first_order(
+    n: int, period_s: float, deviation: float, time_constant_s: float, rng: np.random.Generator
+) -> Array:
+    """First-order Gauss-Markov process, x_dot = -x / T + noise, shape (n,)."""
+    system, spread = np.array([[-1.0 / time_constant_s]]), np.array([[deviation]])
+    return gauss_markov(n, period_s, system, spread, rng)[:, 0]
+
+
+def smoothed_levels(n: int, rng: np.random.Generator, levels: int = 4) -> Array:
+    """Random levels in (0, 1), each for its share of n samples, smoothed. Bargouth, appendix F.
+
+    The smoothing is a moving average over half of the samples, over fewer near the ends, so that
+    it stays centred (MATLAB's `smooth(A, 0.5)`). Shape (n,).
+    """
+    drawn = rng.random(levels)[np.minimum(np.arange(n) * levels // max(n, 1), levels - 1)]
+    reach = max((n // 2 - 1 + n // 2 % 2) // 2, 0)  # an odd span of about n / 2
+    index = np.arange(n)
+    half = np.minimum(np.minimum(index, n - 1 - index), reach)
+    total = np.concatenate([[0.0], np.cumsum(drawn)])
+    return np.asarray((total[index + half + 1] - total[index - half]) / (2 * half + 1))

@@ -1,0 +1,51 @@
+"""First-order wave-induced motion, added to what is measured. Fossen (2011), section 8.2.6.
+
+The source documents neglect waves. Here the motion of each measured coordinate is white noise
+through h(s) = K s / (s^2 + 2 lambda omega_0 s + omega_0^2), with the spectrum's peak at omega_0;
+K follows from the standard deviation that is wanted, sigma^2 = K^2 / (4 lambda omega_0).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import PLANAR
+from seatrial.models.weather.noise import gauss_markov
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Standard deviations of position and heading, peak period and relative damping lambda."""
+
+    position_m: float
+    heading_deg: float
+    peak_period_s: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        for name in ("position_m", "heading_deg"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("peak_period_s", "damping"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Waves rock what floats."""
+        if tuple(dofs) != PLANAR:
+            raise ConfigurationError(
+                f"disturbance.waves needs a vessel in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(dofs)}"
+            )
+
+    def realise(self, n: int, period_s: float, rng: np.random.Generator) -> Array:
+        """Motion of x, y [m] and psi [rad], shape (n, 3), each independent."""
+        w = 2.0 * np.pi / self.peak_period_s
+        system = np.array([[0.0, 1.0], [-w * w, -2.0 * self.damping * w]])
+        unit = np.diag([1.0 / w, 1.0])  # stationary: the output's state varies w times the other's
+        sizes = (self.position_m, self.position_m, np.radians(self.heading_deg))
+        motions = [size * gauss_markov(n, period_s, system, unit, rng)[:, 1] for size in sizes]
+        return np.stack(motions, axis=1)

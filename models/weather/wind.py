@@ -1,0 +1,217 @@
+"""Wind: how it blows, and the force it has on a vessel.
+
+The direction is the one the air moves *to* in NED, beta, unless `direction` says `from`. With the
+velocity through the air nu_q = nu - R(psi)' v_w and its norm V_q, Bargouth (2022), (2.2)-(2.6) are
+
+    X = -d1 V_q u_q,    Y = -d2 V_q v_q,    N = 2 d3 u_q v_q
+
+since V_q cos(gamma) = -u_q and V_q sin(gamma) = -v_q for the angle of attack gamma of the relative
+wind: at rest gamma = beta - psi as printed. Wind force is a table like any other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.derivatives import derivative_table
+from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.weather.noise import first_order, smoothed_levels
+
+# Bargouth (2022), Table 2.1: wind speeds [m/s] of the forces 1 to 12, first and last
+BEAUFORT = (
+    (0.5, 1.8), (1.9, 3.3), (3.4, 5.4), (5.5, 7.9), (8.0, 11.0), (11.1, 14.1), (14.2, 17.2),
+    (17.3, 20.8), (20.9, 24.4), (24.5, 28.5), (28.6, 32.6), (32.6, 32.6),
+)  # fmt: skip
+NORSOK_EXPONENT = 0.468
+NORSOK_BAND_HZ = (1.0 / 600.0, 0.5)  # where the spectrum is meant to hold
+
+
+class WindForce(Protocol):
+    """The force of the wind on a vessel, as a table."""
+
+    def table(self, dofs: tuple[str, ...]) -> Vessel:
+        """Its share of the force that a motion needs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Windage:
+    """Wind areas and coefficients, eq. (2.2); cx and so on are those of a head and a beam wind."""
+
+    frontal_area_m2: float
+    lateral_area_m2: float
+    length_m: float
+    cx: float
+    cy: float
+    cn: float
+    air_density_kg_m3: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {value}")
+
+    def coefficients(self) -> tuple[float, float, float]:
+        """d1, d2 [N s^2/m^2] and d3 [Nm s^2/m^2] of eq. (2.6)."""
+        pressure = 0.5 * self.air_density_kg_m3
+        lateral = pressure * self.lateral_area_m2
+        along = pressure * self.cx * self.frontal_area_m2
+        return along, self.cy * lateral, self.cn * lateral * self.length_m
+
+    def table(self, dofs: tuple[str, ...]) -> Vessel:
+        """The terms V_q u_q, V_q v_q and u_q v_q."""
+        d1, d2, d3 = self.coefficients()
+        derivatives = {"X_V_qu_q": -d1, "Y_V_qv_q": -d2, "N_u_qv_q": 2.0 * d3}
+        return derivative_table("wind", dofs, derivatives)
+
+
+@dataclass(frozen=True)
+class WindDerivatives:
+    """Wind force by derivatives in nu_q, such as X_|u_q|u_q: a second-order modulus model."""
+
+    derivatives: dict[str, float]
+
+    def __post_init__(self) -> None:
+        self.table(PLANAR)
+
+    def table(self, dofs: tuple[str, ...]) -> Vessel:
+        """Minus the derivatives."""
+        return derivative_table("wind", dofs, self.derivatives)
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Wind of a mean speed and direction, and how it varies.
+
+    `beaufort` (1 to 12, Table 2.1) is shorthand for the middle of a class and goes before
+    `speed_m_s`. `variation`: `constant`; `slow`, smoothed random levels of speed and direction
+    (Bargouth, appendix F: the mean speed is half of the largest); `gusting`, a first-order
+    Gauss-Markov process of relative standard deviation `intensity`; `spectrum`, NORSOK N-003
+    gusts at `height_m` above the sea; `file`, a CSV file with columns t [s], speed [m/s] and
+    direction [deg] of the wind.
+    """
+
+    windage: WindForce | None
+    speed_m_s: float
+    beaufort: int | None
+    direction_deg: float
+    direction: Literal["to", "from"]
+    variation: Literal["constant", "slow", "gusting", "spectrum", "file"]
+    direction_spread_deg: float  # of `slow`, over which directions are drawn
+    intensity: float  # of `gusting`
+    time_constant_s: float  # of `gusting`
+    height_m: float  # of `spectrum`
+    file: str | None
+
+    def __post_init__(self) -> None:
+        if self.beaufort is not None and not 1 <= self.beaufort <= len(BEAUFORT):
+            raise ConfigurationError(f"beaufort must be 1 to {len(BEAUFORT)}, got {self.beaufort}")
+        for name in ("speed_m_s", "direction_spread_deg", "intensity"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("time_constant_s", "height_m"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        if (self.variation == "file") != (self.file is not None):
+            raise ConfigurationError(
+                f"file: got {self.file}, expected a path with variation=file and null otherwise"
+            )
+
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
+        """Wind meets what stands above the water, of known areas, and moves in the plane.
+
+        A file has to cover the duration. Raises ConfigurationError, or RecordingError for a file
+        that cannot be read.
+        """
+        if tuple(dofs) != PLANAR:
+            raise ConfigurationError(
+                f"disturbance.wind needs a vessel in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(dofs)}"
+            )
+        if self.windage is None:
+            raise ConfigurationError(
+                "disturbance.wind.windage: got none, expected the vessel's areas or derivatives"
+            )
+        if self.variation == "file":
+            self._recorded(np.array([0.0, duration_s]))
+
+    def table(self, dofs: tuple[str, ...]) -> Vessel:
+        """Its share of the force that a motion needs."""
+        if self.windage is None:
+            raise ConfigurationError("disturbance.wind.windage: got none, expected areas")
+        return self.windage.table(dofs)
+
+    @property
+    def mean_speed(self) -> float:
+        """Speed [m/s], by `beaufort` where it is given."""
+        if self.beaufort is None:
+            return self.speed_m_s
+        return float(np.mean(BEAUFORT[self.beaufort - 1]))
+
+    def realise(self, n: int, period_s: float, rng: np.random.Generator) -> Array:
+        """Velocity of the air (north, east) [m/s], shape (n, 2)."""
+        if self.variation == "file":
+            return self._recorded(period_s * np.arange(n, dtype=np.float64))
+        speed, direction = np.full(n, self.mean_speed), np.full(n, self.direction_deg)
+        if self.variation == "slow":
+            speed = 2.0 * speed * smoothed_levels(n, rng)
+            direction = direction + self.direction_spread_deg * (smoothed_levels(n, rng) - 0.5)
+        elif self.variation == "gusting":
+            deviation = self.intensity * self.mean_speed
+            speed = speed + first_order(n, period_s, deviation, self.time_constant_s, rng)
+        elif self.variation == "spectrum" and self.mean_speed > 0.0:
+            speed = speed + gusts(n, period_s, self.mean_speed, self.height_m, rng)
+        return self._north_east(np.maximum(speed, 0.0), direction)
+
+    def _north_east(self, speed: Array, direction_deg: Array) -> Array:
+        angle = np.radians(direction_deg) + (np.pi if self.direction == "from" else 0.0)
+        return np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
+
+    def _recorded(self, t: Array) -> Array:
+        from seatrial.models.recording.csv_table import read_table
+
+        columns = read_table(Path(self.file or ""), ["t", "speed", "direction"]).columns
+        at = columns["t"]
+        if at[0] > t[0] or at[-1] < t[-1] or np.any(np.diff(at) <= 0.0):
+            raise ConfigurationError(
+                f"file: got {self.file} from {at[0]:g} to {at[-1]:g} s, expected increasing times "
+                f"that cover 0 to {t[-1]:g} s"
+            )
+        blown = self._north_east(columns["speed"], columns["direction"])
+        return np.stack([np.interp(t, at, column) for column in blown.T], axis=1)
+
+
+def gust_spectrum(frequency_hz: Array, mean_m_s: float, height_m: float) -> Array:
+    """One-sided spectrum of the wind speed [m^2/s^2/Hz]. NORSOK N-003 (1999), section 6.3.2.
+
+    S(f) = 320 (U/10)^2 (z/10)^0.45 / (1 + x^n)^(5/(3n)), x = 172 f (z/10)^(2/3) (U/10)^-0.75,
+    n = 0.468, with the mean speed U at 10 m and the height z.
+    """
+    speed, height = mean_m_s / 10.0, height_m / 10.0
+    x = 172.0 * frequency_hz * height ** (2.0 / 3.0) * speed**-0.75
+    power = (1.0 + x**NORSOK_EXPONENT) ** (5.0 / (3.0 * NORSOK_EXPONENT))
+    return np.asarray(320.0 * speed**2 * height**0.45 / power, dtype=np.float64)
+
+
+def gusts(
+    n: int, period_s: float, mean_m_s: float, height_m: float, rng: np.random.Generator
+) -> Array:
+    """Deviations from the mean speed with the spectrum above [m/s], shape (n,).
+
+    A sum of 200 waves sqrt(2 S(f) df) cos(2 pi f t + phase) in bands of equal ratio, frequency
+    and phase random: the sum does not repeat.
+    """
+    edges = np.geomspace(*NORSOK_BAND_HZ, 201)
+    frequency = rng.uniform(edges[:-1], edges[1:])
+    amplitude = np.sqrt(2.0 * gust_spectrum(frequency, mean_m_s, height_m) * np.diff(edges))
+    phase = rng.uniform(0.0, 2.0 * np.pi, len(frequency))
+    t = period_s * np.arange(n)
+    total = np.zeros(n)
+    for f, a, p in zip(frequency, amplitude, phase, strict=True):
+        total += a * np.cos(2.0 * np.pi * f * t + p)
+    return total

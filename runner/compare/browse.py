@@ -1,0 +1,162 @@
+"""Opens a logbook in Datasette: titles, descriptions, units and ready queries in its metadata.
+
+Datasette is the extra `browse`. It listens on 127.0.0.1 only; the file is opened read-only, and
+no one but the person at this machine is let in.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.results import open_results
+from seatrial.runner.database.tables import Base
+
+HOST = "127.0.0.1"
+LICENCE_NOTE = "Numbers are SI, angles radians, unless a column `unit` says otherwise; times UTC."
+TABLES = {
+    "run_overview": "One row a run: status, choices, headline metrics. Start here.",
+    "metric_wide": "One row a run, stage, model and DOF; one column a metric.",
+    "coefficient_error": "Identified against true coefficients, where the truth is not zero.",
+    "sweep": "One start of the program with several trials.",
+    "run": "One attempt at one trial: configuration, provenance, outcome.",
+    "metric": "One figure of merit of a run, with its unit.",
+    "coefficient": "One entry of a model of a run; a vessel can be rebuilt from these.",
+    "diagnostic": "How an identification went: error over order, singular values, Pareto sets.",
+    "series": "Files of sampled columns beside the database, with checksums.",
+    "reuse": "Trials of a sweep that another run had done already.",
+}
+COLUMNS = {
+    "fingerprint": "SHA-256 of the resolved configuration and the models' sources",
+    "attempt": "counts the runs of one fingerprint",
+    "superseded": "1 where another attempt at the same trial counts instead",
+    "status": "running, finished, diverged, failed or interrupted",
+    "heartbeat_at": "last sign of life of a running run, UTC",
+    "started_at": "UTC",
+    "finished_at": "UTC",
+    "duration_s": "wall time [s]",
+    "stage": "identification, validation or deployment",
+    "model": "nominal (believed), identified, plant (true) or residual",
+    "dof": "degree of freedom, or position, heading, all",
+    "unit": "unit of the value in this row",
+    "std_error": "standard error of the estimate, in the row's unit",
+    "true_value": "the plant's value, where it is known",
+    "relative_error": "|value - true_value| / |true_value|",
+    "below_true_model": "1 where the force error fits lag or feedback, not the vessel",
+    "force_mse": "mean square lack of fit of the force, held-out part [N^2 or (Nm)^2]",
+    "force_mae": "mean absolute lack of fit of the force [N or Nm]",
+    "force_mse_filtered": "as force_mse, thruster lag taken into account [N^2 or (Nm)^2]",
+    "coefficient_error": "largest relative error of a coefficient [1]",
+    "pose_rmse_one_step": "root mean square pose error one step ahead, held-out part; hides bias",
+    "pose_rmse_ten_step": "the same ten steps ahead [m or rad]",
+    "pose_rmse_free_run": "the same of a free run from the first sample [m or rad]",
+    "velocity_rmse_one_step": "as pose_rmse_one_step [m/s or rad/s]; hides bias",
+    "velocity_rmse_ten_step": "the same ten steps ahead [m/s or rad/s]",
+    "velocity_rmse_free_run": "the same of a free run from the first sample [m/s or rad/s]",
+    "e_pos_mae": "mean absolute position error [m]",
+    "e_pos_mse": "mean square position error [m^2]",
+    "e_psi_mae": "mean absolute heading error [deg]",
+    "e_psi_mse": "mean square heading error [deg^2]",
+    "nu_mse": "mean square velocity error [(m/s)^2 or (rad/s)^2]",
+    "nu_dot_mse": "mean square acceleration error [(m/s^2)^2 or (rad/s^2)^2]",
+    "tau_mean_abs": "mean absolute force [N or Nm]",
+    "tau_fb_mean_abs": "mean absolute feedback force [N or Nm]",
+    "power_mean": "mean power [W]",
+    "iaew": "integral of absolute error times work [m J s or rad J s]",
+}
+QUERIES = {
+    "compare_identifiers": (
+        "Force error by identifier and disturbance",
+        "SELECT identifier, disturbance, dof, count(*) AS n, avg(force_mse) AS mean_force_mse,"
+        " avg(force_mse_filtered) AS mean_filtered FROM metric_wide WHERE stage = 'validation'"
+        " AND model = 'identified' AND superseded = 0 GROUP BY identifier, disturbance, dof"
+        " ORDER BY dof, disturbance, mean_force_mse",
+    ),
+    "tracking": (
+        "Position error when deployed, nominal against identified",
+        "SELECT identifier, disturbance, model, count(*) AS n, avg(e_pos_mae) AS mean_e_pos_mae_m"
+        " FROM metric_wide WHERE stage = 'deployment' AND dof = 'position' AND superseded = 0"
+        " GROUP BY identifier, disturbance, model ORDER BY disturbance, identifier, model",
+    ),
+    "failures": (
+        "Runs that failed or diverged, with the reason",
+        "SELECT run_id, status, identifier, disturbance, seed, error_type, error"
+        " FROM run_overview WHERE status IN ('failed', 'diverged', 'interrupted')"
+        " AND superseded = 0 ORDER BY run_id DESC",
+    ),
+    "worst_coefficients": (
+        "Coefficients farthest from the truth",
+        "SELECT identifier, disturbance, dof, term, count(*) AS n,"
+        " avg(relative_error) AS mean_relative_error FROM coefficient_error"
+        " WHERE model = 'identified' AND superseded = 0 GROUP BY identifier, disturbance, dof, term"
+        " ORDER BY mean_relative_error DESC LIMIT 100",
+    ),
+    "coefficients_of_a_run": (
+        "The identified model of one run",
+        "SELECT dof, term, value, std_error, true_value, unit FROM coefficient"
+        " WHERE run_id = :run AND model = 'identified' ORDER BY dof, term",
+    ),
+}
+
+
+def browse_database(database: str, port: int, open_browser: bool) -> int:
+    """Serves the database until it is interrupted; the exit code of Datasette."""
+    with open_results(database) as results:
+        path = results.reader.address.path
+        known = columns_of(path) if path else {}
+    if path is None:
+        raise ConfigurationError("browse: Datasette reads SQLite; PostgreSQL has its own browsers")
+    if find_spec("datasette") is None:
+        raise ConfigurationError("browse: Datasette is missing: pip install 'seatrial[browse]'")
+    with TemporaryDirectory(prefix="seatrial-browse-") as folder:
+        metadata = Path(folder) / "metadata.json"
+        metadata.write_text(json.dumps(metadata_of(path, known)), encoding="utf-8")
+        command = [*arguments(path, metadata, port), *(["--open"] if open_browser else [])]
+        return subprocess.run([sys.executable, "-m", "datasette", *command], check=False).returncode
+
+
+def arguments(path: Path, metadata: Path, port: int) -> list[str]:
+    """Arguments of Datasette: this host only, no downloads, a time limit on queries."""
+    settings = {"allow_download": "off", "sql_time_limit_ms": "10000", "max_returned_rows": "5000"}
+    given = [word for name, value in settings.items() for word in ("--setting", name, value)]
+    return ["serve", str(path), "--host", HOST, "--port", str(port), "-m", str(metadata), *given]
+
+
+def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, Any]:
+    """Datasette's metadata for a logbook whose tables and views have the `known` columns."""
+    tables = {
+        name: {
+            "description": text,
+            "columns": {c: COLUMNS[c] for c in known.get(name, []) if c in COLUMNS},
+        }
+        for name, text in TABLES.items()
+    }
+    queries = {name: {"title": title, "sql": sql} for name, (title, sql) in QUERIES.items()}
+    return {
+        "title": "Sea trials",
+        "description": f"Runs, metrics and models stored by seatrial. {LICENCE_NOTE}",
+        "databases": {path.stem: {"tables": tables, "queries": queries}},
+    }
+
+
+def columns_of(path: Path) -> dict[str, list[str]]:
+    """The columns of every table and view that is described."""
+    from seatrial.runner.database.engine import open_to_read
+
+    connection = open_to_read(path)
+    try:
+        named = set(TABLES) | {table.name for table in Base.metadata.sorted_tables}
+        return {
+            name: [
+                row[0]
+                for row in connection.execute("SELECT name FROM pragma_table_info(?)", [name])
+            ]
+            for name in sorted(named)
+        }
+    finally:
+        connection.close()

@@ -1,0 +1,233 @@
+"""Commands that ask: runs, show, table, plot, sql."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from seatrial.runner.compare.cli import (
+    DEFAULT_DATABASE,
+    Database,
+    Form,
+    ResultsDir,
+    Several,
+    Where,
+    app,
+    axes_of,
+    show_grid,
+    show_grids,
+    shown_path,
+    split,
+)
+from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.kinds import PlotKind
+
+
+@app.command()
+def runs(
+    database: Database = DEFAULT_DATABASE,
+    where: Where = None,
+    status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="How many, newest first.")] = 50,
+    form: Form = Format.RICH,
+) -> None:
+    """List runs, newest first, failed ones too."""
+    from seatrial.runner.compare.results import open_results
+    from seatrial.runner.compare.runs import run_list
+
+    with open_results(database) as results:
+        show_grid(run_list(results, where, status, limit), form)
+
+
+@app.command()
+def show(
+    run: Annotated[int, typer.Argument(help="Number of the run.")],
+    database: Database = DEFAULT_DATABASE,
+    traceback: Annotated[bool, typer.Option("--traceback", help="Only its traceback.")] = False,
+    command: Annotated[
+        bool, typer.Option("--command", help="Only the command that repeats it, on one line.")
+    ] = False,
+    form: Form = Format.RICH,
+) -> None:
+    """Show all that is known of one run."""
+    from seatrial.runner.compare.results import open_results
+    from seatrial.runner.compare.runs import command_of, run_details, traceback_of
+
+    with open_results(database) as results:
+        if command:
+            typer.echo(command_of(results, run))
+        elif traceback:
+            typer.echo(traceback_of(results, run))
+        else:
+            show_grids(run_details(results, run), form)
+
+
+@app.command()
+def table(
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            "--rows", "-r", help="Factors of the rows, parted by commas.  [default: identifier]"
+        ),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            "--columns", "-c", help="Factors of the columns; none.  [default: disturbance]"
+        ),
+    ] = None,
+    metric: Annotated[
+        Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
+    ] = None,
+    coefficient: Annotated[
+        Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
+    ] = None,
+    coefficients: Annotated[
+        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
+    ] = False,
+    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ...; all.")] = None,
+    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None,
+    model: Annotated[
+        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
+    ] = None,
+    statistic: Annotated[
+        Several,
+        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
+    ] = None,
+    interval: Annotated[
+        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
+    ] = "t",
+    baseline: Annotated[
+        str | None,
+        typer.Option(help="As identifier=none: adds ratio, paired test and wins against it."),
+    ] = None,
+    where: Where = None,
+    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4,
+    database: Database = DEFAULT_DATABASE,
+    form: Form = Format.RICH,
+) -> None:
+    """Compare a metric or coefficients over seeds.
+
+    Rows and columns go by any choice (vessel, disturbance, excitation, identifier, controller,
+    evaluation, seed, ...), by a dotted name of the configuration (plant.scale), or by metric,
+    term, dof, stage and model.
+    """
+    from seatrial.runner.compare.results import open_results
+    from seatrial.runner.compare.selection import request_of
+    from seatrial.runner.compare.table import comparison
+
+    rows, columns = axes_of(rows, columns)
+    request = request_of(
+        rows=rows,
+        columns=columns,
+        metrics=metric,
+        terms=coefficient,
+        all_terms=coefficients,
+        dofs=dof,
+        stages=stage,
+        models=model,
+        statistics=statistic,
+        interval=interval,
+        baseline=baseline,
+        where=where,
+        digits=digits,
+    )
+    with open_results(database) as results:
+        show_grid(comparison(results, request), form)
+
+
+@app.command()
+def plot(
+    kind: Annotated[PlotKind, typer.Argument(help="Kind of figure.")],
+    run: Annotated[
+        int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
+    ] = None,
+    metric: Annotated[
+        str, typer.Option("--metric", "-m", help="Metric of the bars.")
+    ] = "force_mse",
+    rows: Annotated[
+        str | None,
+        typer.Option("--rows", "-r", help="Factor of the colours.  [default: identifier]"),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
+    ] = None,
+    dof: Annotated[Several, typer.Option(help="Only these degrees of freedom.")] = None,
+    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified",
+    facet: Annotated[
+        str | None, typer.Option("--facet", help="One figure for each level of this factor.")
+    ] = None,
+    log: Annotated[
+        bool | None,
+        typer.Option("--log/--linear", help="Scale of the bars; else by the range of the figures."),
+    ] = None,
+    where: Where = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder of the files; else figures beside the series."),
+    ] = None,
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Draw figures as PNG and SVG and print their paths.
+
+    bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
+    one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
+    identifier found; wind: its speed, direction and force in one run; excitation: forces, their
+    spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
+    controllers: those of several runs over one another; quality: velocity against position of a
+    measured recording; plan: the planned path of an informative mix; topology, times: an
+    objective over two parameters, and the time of predictions. What is of one run takes the newest
+    that meets --where, with --facet one for each level (--facet seed).
+    """
+    from seatrial.runner.compare.plots import draw
+    from seatrial.runner.compare.plots.request import PlotRequest
+    from seatrial.runner.compare.results import open_results
+
+    rows = rows or ("controller" if kind == "controllers" else None)
+    rows, columns = axes_of(rows, columns)
+    request = PlotRequest(
+        run=run,
+        metric=metric,
+        rows=rows,
+        columns=columns,
+        dofs=split(dof),
+        model=model,
+        facet=facet,
+        log=log,
+        where=where,
+    )
+    with open_results(database, results_dir) as results:
+        folder = output or shown_path(results.reader.results_dir / "figures")
+        for path in draw(kind, results, request, folder):
+            typer.echo(path)
+
+
+@app.command()
+def stats(
+    run: Annotated[int, typer.Argument(help="Number of a run of a measured recording.")],
+    database: Database = DEFAULT_DATABASE,
+    digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
+    form: Form = Format.RICH,
+) -> None:
+    """Describe the columns of a measured recording as its run stored them."""
+    from seatrial.runner.compare.results import open_results
+    from seatrial.runner.compare.runs import recording_statistics
+
+    with open_results(database) as results:
+        show_grid(recording_statistics(results, run, digits), form)
+
+
+@app.command()
+def sql(
+    query: Annotated[str, typer.Argument(metavar="SELECT", help="One query that reads.")],
+    database: Database = DEFAULT_DATABASE,
+    form: Form = Format.RICH,
+) -> None:
+    """Answer a query in SQL; whatever would write is refused."""
+    from seatrial.runner.compare.results import open_results
+    from seatrial.runner.compare.runs import answer
+
+    with open_results(database) as results:
+        show_grid(answer(results, query), form)

@@ -1,0 +1,190 @@
+"""Commands on the whole logbook: report, published, retry, export, prune, verify, browse."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from seatrial.runner.compare.cli import (
+    DEFAULT_DATABASE,
+    Database,
+    Form,
+    ResultsDir,
+    Several,
+    Where,
+    app,
+    axes_of,
+    show_grid,
+    show_grids,
+    shown_path,
+    split,
+)
+from seatrial.runner.compare.formats import Format
+
+
+@app.command()
+def report(
+    database: Database = DEFAULT_DATABASE,
+    sweep: Annotated[int | None, typer.Option(help="Only the runs of this sweep.")] = None,
+    where: Where = None,
+    rows: Annotated[
+        str | None, typer.Option("--rows", "-r", help="Factor of the rows.  [default: identifier]")
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option("--columns", "-c", help="Factor of the columns.  [default: disturbance]"),
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="The file; else report/report.html by the series."),
+    ] = None,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
+    from seatrial.runner.compare.report import ReportRequest, write_report
+    from seatrial.runner.compare.results import open_results
+
+    request = ReportRequest(*axes_of(rows, columns), where, sweep, title)
+    with open_results(database, results_dir) as results:
+        file = output or shown_path(results.reader.results_dir / "report" / "report.html")
+        write_report(results, request, file)
+    typer.echo(file)
+
+
+@app.command()
+def retry(
+    database: Database = DEFAULT_DATABASE,
+    status: Annotated[
+        Several, typer.Option(help="failed, diverged, interrupted.  [default: failed, interrupted]")
+    ] = None,
+    where: Where = None,
+    execute: Annotated[
+        bool, typer.Option("--execute", help="Start the commands, one after the other.")
+    ] = False,
+) -> None:
+    """Print the commands that repeat the trials that failed, or start them."""
+    from seatrial.runner.compare.housekeeping import execute_all, retry_commands
+    from seatrial.runner.compare.results import open_results
+
+    statuses = split(status) or ("failed", "interrupted")
+    with open_results(database) as results:
+        commands = retry_commands(results, where, statuses)
+    if not commands:
+        typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
+    elif execute:
+        raise typer.Exit(execute_all(commands))
+    for line in commands:
+        typer.echo(line)
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the files go.")],
+    database: Database = DEFAULT_DATABASE,
+) -> None:
+    """Write every table as Parquet and as CSV."""
+    from seatrial.runner.compare.results import open_results
+
+    with open_results(database) as results:
+        for path in results.reader.export(folder):
+            typer.echo(path)
+
+
+@app.command()
+def prune(
+    database: Database = DEFAULT_DATABASE,
+    older_than: Annotated[
+        str | None, typer.Option(metavar="AGE", help="Begun longer ago than 30d, 12h or 2w.")
+    ] = None,
+    status: Annotated[
+        Several, typer.Option(help="failed, diverged, interrupted, finished.")
+    ] = None,
+    where: Where = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Delete; else it is only shown.")] = False,
+    form: Form = Format.RICH,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Show which runs would be deleted with their files, and with --yes delete them."""
+    from seatrial.runner.compare.housekeeping import delete, prunable
+    from seatrial.runner.compare.results import open_results
+
+    with open_results(database, results_dir) as results:
+        found, grid = prunable(results, older_than, split(status), where)
+        address, folder = results.reader.address, results.reader.results_dir
+    show_grid(grid, form)
+    if found and yes:
+        typer.echo(delete(address, folder, found), err=True)
+    elif found:
+        typer.echo("nothing is deleted yet: --yes deletes these runs and their files", err=True)
+
+
+@app.command()
+def verify(
+    database: Database = DEFAULT_DATABASE,
+    form: Form = Format.RICH,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Check the database, every foreign key and the checksum of every series file."""
+    from seatrial.runner.compare.housekeeping import verification
+    from seatrial.runner.compare.results import open_results
+
+    with open_results(database, results_dir) as results:
+        grid = verification(results)
+    show_grid(grid, form)
+    if grid.rows:
+        raise typer.Exit(1)
+
+
+@app.command()
+def browse(
+    database: Database = DEFAULT_DATABASE,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.")] = 8001,
+    open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
+) -> None:
+    """Open the database in Datasette: read-only, on 127.0.0.1 only (extra `browse`)."""
+    from seatrial.runner.compare.browse import browse_database
+
+    raise typer.Exit(browse_database(database, port, open_browser))
+
+
+@app.command()
+def published(
+    experiment: Annotated[
+        str | None, typer.Option("--experiment", "-e", help="Only this one of conf/experiment.")
+    ] = None,
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Only how many figures have which verdict.")
+    ] = False,
+    page: Annotated[
+        Path | None, typer.Option("--page", help="Also write all of it to this HTML file.")
+    ] = None,
+    printed: Annotated[
+        Path | None,
+        typer.Option("--printed", help="Folder of the printed figures; else tests/published."),
+    ] = None,
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+    form: Form = Format.RICH,
+) -> None:
+    """Put printed figures beside ours: ratio, verdict and reason."""
+    from seatrial.runner.compare.published import FOLDER, by_table, judged, read_folder
+    from seatrial.runner.compare.published_page import NOTE, published_grid, summary_grid
+    from seatrial.runner.compare.results import open_results
+
+    figures = read_folder(printed or FOLDER, experiment)
+    with open_results(database, results_dir) as results:
+        tables = [judged(results, one) for one in figures.values() if one]
+        if page is not None:
+            from seatrial.runner.compare.published_page import write_published
+
+            write_published(results, tables, page)
+    if summary:
+        show_grid(summary_grid(tables), form)
+    else:
+        grids = [published_grid(one) for found in tables for one in by_table(found)]
+        grids[-1] = replace(grids[-1], notes=[NOTE])
+        show_grids(grids, form)
+    if page is not None:
+        typer.echo(page, err=True)

@@ -1,0 +1,238 @@
+"""The language of --where: comparisons of known names with values, joined by and, or, not.
+
+    condition  := both ("or" both)*
+    both       := single ("and" single)*
+    single     := "not" single | "(" condition ")" | comparison
+    comparison := NAME ("=" | "==" | "!=" | "<>" | "<" | "<=" | ">" | ">=") VALUE
+                | NAME ["not"] "in" "(" VALUE ("," VALUE)* ")"
+    VALUE      := number | 'text' | "text" | bare_word | true | false | null
+
+Parsing gives a tree of plain objects; nothing of the text reaches SQL but names that are looked
+up in a list of known ones, and values that are bound as parameters (see `names`).
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from seatrial.models.errors import ConfigurationError
+
+Value = str | float | int | bool | None
+OPERATORS = {
+    "=": "=",
+    "==": "=",
+    "!=": "!=",
+    "<>": "!=",
+    "<": "<",
+    "<=": "<=",
+    ">": ">",
+    ">=": ">=",
+}
+MAX_DEPTH = 50
+KEYWORDS = {"and", "or", "not", "in"}
+CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
+_TOKEN = re.compile(
+    r"""\s*(?:
+        (?P<text>'(?:[^']|'')*'|"(?:[^"]|"")*")
+      | (?P<operator><=|>=|!=|<>|==|=|<|>)
+      | (?P<mark>[(),])
+      | (?P<word>[A-Za-z0-9_.+\-:/]+)
+    )""",
+    re.VERBOSE,
+)
+NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
+_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One name against one value."""
+
+    name: str
+    operator: str  # one of OPERATORS' values
+    value: Value
+
+
+@dataclass(frozen=True)
+class Among:
+    """One name against a list of values."""
+
+    name: str
+    values: tuple[Value, ...]
+
+
+@dataclass(frozen=True)
+class Not:
+    """The opposite of a condition."""
+
+    condition: "Condition"
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Several conditions of which all ("and") or one ("or") must hold."""
+
+    by: str
+    conditions: tuple["Condition", ...]
+
+
+Condition = Comparison | Among | Not | Joined
+
+
+@dataclass(frozen=True)
+class Token:
+    """A piece of the text: kind is text, operator, mark, word or end."""
+
+    kind: str
+    text: str
+    position: int
+
+
+def parse(text: str) -> Condition:
+    """The condition that `text` says.
+
+    Raises ConfigurationError, in one line, where the text is not of the grammar above.
+    """
+    return _Parser(text).whole()
+
+
+def tokens(text: str) -> list[Token]:
+    """The pieces of a condition, closed by one of kind `end`."""
+    found: list[Token] = []
+    position = 0
+    while text[position:].strip():
+        match = _TOKEN.match(text, position)
+        if match is None or match.lastgroup is None:
+            rest = text[position:].strip()
+            raise ConfigurationError(
+                f"--where: cannot read {rest[:20]!r}; expected comparisons such as"
+                ' "seed<10 and identifier=ls"'
+            )
+        found.append(Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup)))
+        position = match.end()
+    return [*found, Token("end", "", len(text))]
+
+
+class _Parser:
+    """Recursive descent over the tokens, one method a rule of the grammar."""
+
+    def __init__(self, text: str) -> None:
+        self.tokens = tokens(text)
+        self.at = 0
+        self.depth = 0
+
+    def whole(self) -> Condition:
+        condition = self.either()
+        if self.now.kind != "end":
+            raise self.unexpected("and, or, or the end")
+        return condition
+
+    def either(self) -> Condition:
+        return self.joined("or", self.both)
+
+    def both(self) -> Condition:
+        return self.joined("and", self.single)
+
+    def joined(self, word: str, part: Callable[[], Condition]) -> Condition:
+        parts: list[Condition] = [part()]
+        while self.take_word(word):
+            parts.append(part())
+        return parts[0] if len(parts) == 1 else Joined(word, tuple(parts))
+
+    def single(self) -> Condition:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise ConfigurationError(f"--where: nested deeper than {MAX_DEPTH} levels")
+        found = self.negated_or_nested()
+        self.depth -= 1
+        return found
+
+    def negated_or_nested(self) -> Condition:
+        if self.take_word("not"):
+            return Not(self.single())
+        if self.take_mark("("):
+            inside = self.either()
+            self.need_mark(")")
+            return inside
+        return self.comparison()
+
+    def comparison(self) -> Condition:
+        name = self.name()
+        if self.take_word("not"):
+            if not self.take_word("in"):
+                raise self.unexpected("in")
+            return Not(Among(name, self.values()))
+        if self.take_word("in"):
+            return Among(name, self.values())
+        if self.now.kind != "operator":
+            raise self.unexpected("one of = != < <= > >= in")
+        operator = OPERATORS[self.take().text]
+        value = self.value()
+        if operator not in ("=", "!=") and (value is None or isinstance(value, bool)):
+            raise ConfigurationError(
+                f"--where: {name} {operator} {str(value).lower()} has no meaning; use = or !="
+            )
+        return Comparison(name, operator, value)
+
+    def name(self) -> str:
+        token = self.now
+        known_word = token.text.lower() in KEYWORDS
+        if token.kind != "word" or known_word or not NAME.fullmatch(token.text):
+            raise self.unexpected("a column or a dotted name of the configuration")
+        return self.take().text
+
+    def values(self) -> tuple[Value, ...]:
+        self.need_mark("(")
+        found = [self.value()]
+        while self.take_mark(","):
+            found.append(self.value())
+        self.need_mark(")")
+        return tuple(found)
+
+    def value(self) -> Value:
+        token = self.now
+        if token.kind == "text":
+            quote = token.text[0]
+            return self.take().text[1:-1].replace(2 * quote, quote)
+        if token.kind != "word" or token.text.lower() in KEYWORDS:
+            raise self.unexpected("a value")
+        return bare_value(self.take().text)
+
+    @property
+    def now(self) -> Token:
+        return self.tokens[self.at]
+
+    def take(self) -> Token:
+        token = self.now
+        self.at += 1
+        return token
+
+    def take_word(self, word: str) -> bool:
+        found = self.now.kind == "word" and self.now.text.lower() == word
+        self.at += found
+        return found
+
+    def take_mark(self, mark: str) -> bool:
+        found = self.now.kind == "mark" and self.now.text == mark
+        self.at += found
+        return found
+
+    def need_mark(self, mark: str) -> None:
+        if not self.take_mark(mark):
+            raise self.unexpected(repr(mark))
+
+    def unexpected(self, expected: str) -> ConfigurationError:
+        got = repr(self.now.text) if self.now.kind != "end" else "the end"
+        return ConfigurationError(
+            f"--where: expected {expected}, got {got} at character {self.now.position + 1}"
+        )
+
+
+def bare_value(word: str) -> Value:
+    """The value of an unquoted word: a constant, a number, or the text itself."""
+    if word.lower() in CONSTANTS:
+        return CONSTANTS[word.lower()]
+    if _WHOLE.fullmatch(word):
+        return int(word)
+    return float(word) if _NUMBER.fullmatch(word) else word

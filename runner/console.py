@@ -1,0 +1,286 @@
+"""What a sweep or a trial shows on the console: progress while it runs, its summary at the end.
+
+Progress comes from the logbook, because the runs may be in other processes: a live line on a
+terminal, plain lines elsewhere."""
+
+import logging
+import shlex
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Protocol
+
+from seatrial.models.errors import LogbookError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from seatrial.runner.database.records import RunSummary, SweepStatus
+    from seatrial.runner.job import Outcome
+
+
+DEFAULT_DATABASE = "sqlite:///results/results.db"
+COMPARE = "python -m runner.compare"
+LISTED = 20  # failed runs that a summary names; the command it prints shows all
+
+
+def sweep_summary(
+    status: "SweepStatus", outcomes: Sequence["Outcome"], url: str, factors: Sequence[str]
+) -> list[str]:
+    """The lines that end a sweep: how many, which failed and why, and where to look.
+
+    `factors` are the options that the sweep varied.
+    """
+    counts = Counter(status.counts)
+    busy = sum(outcome.state == "busy" for outcome in outcomes)
+    undone = status.planned - sum(counts[name] for name in ("finished", "failed", "diverged"))
+    parts = [f"{counts['finished']} finished"]
+    if status.reused - busy > 0:
+        parts[0] += f" ({status.reused - busy} already in the logbook)"
+    parts += [f"{counts['failed']} failed", f"{counts['diverged']} diverged"]
+    if busy:
+        parts.append(f"{busy} running in another process")
+    if undone - busy > 0:
+        parts.append(f"{undone - busy} not done")
+    lines = [f"sweep {status.sweep_id}, {_number(status.planned, 'run')}: {', '.join(parts)}"]
+    lines += [f"  {failure(run)}" for run in status.failed[:LISTED]]
+    if len(status.failed) > LISTED:
+        lines.append(f"  and {len(status.failed) - LISTED} more")
+    lines += [f"  lost: {outcome.error}" for outcome in outcomes if outcome.state == "lost"]
+    lines.append(f"results: {_shown(url)}")
+    lines.append(f"compare: {_comparison(status, url, factors)}")
+    return lines
+
+
+def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
+    """The command that shows a sweep: a table over what it varied, or a list."""
+    if not factors:
+        return compare("runs", url, "--where", f"sweep_id={status.sweep_id}")
+    columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
+    return compare("table", url, "--rows", factors[0], *columns)
+
+
+def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:
+    """0 when every trial is finished or in other hands, else 1."""
+    busy = sum(outcome.state == "busy" for outcome in outcomes)
+    return 0 if status.counts.get("finished", 0) + busy >= status.planned else 1
+
+
+def failure(run: "RunSummary") -> str:
+    """One line about a run that did not finish."""
+    choices = (
+        f"vessel={run.vessel} disturbance={run.disturbance} excitation={run.excitation} "
+        f"identifier={run.identifier} controller={run.controller} "
+        f"evaluation={run.evaluation} seed={run.seed}"
+    )
+    reason = ": ".join(part for part in (run.error_type, run.error) if part) or "no reason known"
+    return f"run {run.run_id} {run.status} ({choices}): {reason}"
+
+
+def outcome_line(outcome: "Outcome", url: str) -> str:
+    """One line about a single trial, with the command that shows more."""
+    if outcome.state in ("failed", "diverged"):
+        said = f"run {outcome.run_id} {outcome.state}: {outcome.error_type}: {outcome.error}"
+        return f"{said}; see {compare('show', url, str(outcome.run_id), '--traceback')}"
+    said = {
+        "finished": f"run {outcome.run_id} finished",
+        "skipped": f"already in the logbook as run {outcome.run_id} (rerun=true runs it again)",
+        "busy": f"another process is running it, as run {outcome.run_id}",
+    }[outcome.state]
+    return f"{said}; see {compare('show', url, str(outcome.run_id))}"
+
+
+def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
+    """A table of (state, trial, remark), and how many there are of each state."""
+    rows = list(trials)
+    width = max((len(name) for _, name, _ in rows), default=0)
+    lines = [f"{state:<11}  {name:<{width}}  {remark}".rstrip() for state, name, remark in rows]
+    counts = Counter(state for state, _, _ in rows)
+    many = ", ".join(f"{count} {state}" for state, count in counts.items())
+    return [*lines, f"{_number(len(rows), 'trial')}: {many}; nothing was run"]
+
+
+def compare(command: str, url: str, *arguments: str) -> str:
+    """A command line of the comparison program, for the database at `url`."""
+    words = [command, *arguments]
+    if url != DEFAULT_DATABASE:
+        words += ["--database", _shown(url)]
+    return f"{COMPARE} {shlex.join(words)}"
+
+
+def _shown(url: str) -> str:
+    from seatrial.runner.database import display_url
+
+    return display_url(url)
+
+
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+log = logging.getLogger(__name__)
+POLL_S = 0.25  # at least; asking takes at most a twentieth of the time
+QUIET_S = 5.0  # between two plain lines
+ENDED = ("finished", "failed", "diverged")
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far a sweep is; `left_s` [s] is None while there is nothing to guess it from."""
+
+    done: int
+    planned: int
+    running: int
+    failed: int  # failed and diverged
+    left_s: float | None
+
+    def __str__(self) -> str:
+        left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+        return (
+            f"{self.done} of {self.planned} done, {self.running} running, "
+            f"{self.failed} failed{left}"
+        )
+
+
+class View(Protocol):
+    """Where the progress is shown."""
+
+    def show(self, standing: Standing) -> None:
+        """Show how far it is; called a few times a second."""
+
+    def failure(self, line: str) -> None:
+        """Show that a run failed; called once a run."""
+
+
+@contextmanager
+def shown(url: str, sweep_id: int) -> Iterator[None]:
+    """Show the progress of a sweep while the block runs."""
+    stop = Event()
+    with _view() as view:
+        thread = Thread(target=_watch, args=(url, sweep_id, view, stop), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+
+
+def duration(seconds: float) -> str:
+    """A time to wait, in the unit a person would use."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
+    from seatrial.runner.database import Logbook
+
+    told: set[int] = set()
+    pace = Pace()
+    try:
+        with Logbook.read(url) as logbook:
+            wait = 0.0
+            while not stop.wait(wait):
+                asked = time.monotonic()
+                status = logbook.sweep_status(sweep_id)
+                view.show(_standing(status, pace))
+                for run in status.failed:
+                    if run.run_id not in told and run.status != "interrupted":
+                        told.add(run.run_id)
+                        view.failure(failure(run))
+                wait = max(POLL_S, 20.0 * (time.monotonic() - asked))
+    except LogbookError as error:
+        log.warning("the progress is not shown any more: %s", error)
+
+
+def _done(status: "SweepStatus") -> int:
+    return sum(status.counts.get(name, 0) for name in ENDED)
+
+
+def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
+    done = _done(status)
+    return Standing(
+        done=done,
+        planned=status.planned,
+        running=status.counts.get("running", 0),
+        failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
+        left_s=pace.left_s(done, status.planned, time.monotonic()),
+    )
+
+
+class Pace:
+    """Trials a second, counted from the first that ends: what comes before is preparation."""
+
+    def __init__(self) -> None:
+        self._before: int | None = None  # done when the watch began
+        self._first: tuple[int, float] | None = None  # done, and time [s], at the first end
+
+    def left_s(self, done: int, planned: int, now_s: float) -> float | None:
+        """Time [s] until all are done, or None while it cannot be known."""
+        if self._before is None:
+            self._before = done
+        if self._first is None and done > self._before:
+            self._first = (done, now_s)
+        if self._first is None or done == self._first[0] or now_s <= self._first[1]:
+            return None
+        return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
+
+
+@contextmanager
+def _view() -> Iterator[View]:
+    if not sys.stderr.isatty():
+        yield PlainLines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield LiveLine(progress)
+
+
+class LiveLine:
+    """One line at the bottom of the terminal."""
+
+    def __init__(self, progress: "Progress") -> None:
+        self._progress = progress
+        self._task = progress.add_task("starting", total=None)
+
+    def show(self, standing: Standing) -> None:
+        """Redraw the line."""
+        self._progress.update(
+            self._task,
+            total=standing.planned,
+            completed=standing.done,
+            description=str(standing),
+        )
+
+    def failure(self, line: str) -> None:
+        """Print above the line."""
+        self._progress.console.print(line, markup=False, highlight=False)
+
+
+@dataclass
+class PlainLines:
+    """A line in the log when there is news, but not all the time."""
+
+    _last: float = field(default=-QUIET_S)
+    _told: tuple[int, int] = (0, 0)
+
+    def show(self, standing: Standing) -> None:
+        """Log how far it is, if that has changed and the last line is some time ago."""
+        now = time.monotonic()
+        news = (standing.done, standing.failed)
+        if news != self._told and now - self._last >= QUIET_S:
+            log.info("%s", standing)
+            self._last, self._told = now, news
+
+    def failure(self, line: str) -> None:
+        """Log it."""
+        log.info("%s", line)

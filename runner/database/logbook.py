@@ -1,0 +1,231 @@
+"""The logbook, open to be written: sweeps and runs begin, end, and leave their results.
+
+with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) as logbook:
+    begun = logbook.begin_run(start)
+    if begun.state == "new":
+        logbook.finish_run(begun.run_id, Results(metrics=[...]))
+"""
+
+import os
+import socket
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, insert, select, update
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import engine as engines
+from seatrial.runner.database import maintenance, schema, tables
+from seatrial.runner.database import series_files as files
+from seatrial.runner.database.claims import claim, clean, give_up
+from seatrial.runner.database.engine import Address, parse
+from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.records import (
+    Begun,
+    Ending,
+    Pruned,
+    Results,
+    RunStart,
+    SeriesFile,
+    integer,
+    number,
+)
+
+
+class Logbook(Reader):
+    """A logbook, open to be written by this process."""
+
+    def __init__(self, address: Address, results_dir: Path) -> None:
+        super().__init__(address, engines.reader(address), results_dir)
+        self._writer: Engine = engines.writer(address)
+        self._heartbeat = Heartbeat(self._writer)
+        self._began: dict[int, float] = {}  # run: time.monotonic() at its start
+
+    @classmethod
+    def open(cls, url: str, *, results_dir: Path, create: bool = True) -> "Logbook":
+        """Open the logbook at `url`; it is made (unless not `create`) or upgraded as needed.
+
+        Raises LogbookError, and changes nothing, where the database is not ours, of a newer
+        version, damaged or out of reach.
+        """
+        address = parse(url)
+        schema.prepare(address, create=create)
+        return cls(address, results_dir.absolute())
+
+    def close(self) -> None:
+        """Give up the runs that have not ended, and close every connection."""
+        self._heartbeat.stop()
+        try:
+            if self._began:
+                with self._writing() as connection:
+                    for run_id in self._began:
+                        give_up(connection, run_id, "the program ended before the run did")
+        except LogbookError:
+            pass  # a run without a heartbeat is found to be interrupted all the same
+        finally:
+            self._began.clear()
+            super().close()
+            self._writer.dispose()  # last: the last writer of a SQLite file tidies up its log
+
+    @contextmanager
+    def _writing(self) -> Iterator[Connection]:
+        with engines.explained(self.address), self._writer.begin() as connection:
+            yield connection
+
+    def begin_sweep(self, name: str, command: str, overrides: Sequence[str], planned: int) -> int:
+        """Note the start of a sweep of `planned` trials; the answer is its id."""
+        row = {
+            "name": name,
+            "command": clean(command),
+            "overrides": clean(overrides),
+            "planned": planned,
+            "started_at": datetime.now(UTC),
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+        }
+        with self._writing() as connection:
+            key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
+        assert key is not None
+        return int(key[0])
+
+    def end_sweep(self, sweep_id: int) -> None:
+        """Note the end of a sweep; the file of a SQLite logbook is whole then, without its log."""
+        with self._writing() as connection:
+            connection.execute(
+                update(tables.Sweep)
+                .where(tables.Sweep.id == sweep_id)
+                .values(finished_at=datetime.now(UTC))
+            )
+        if self.address.path is not None:
+            with engines.explained(self.address):
+                engines.checkpoint(self.address.path)
+
+    def begin_run(
+        self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
+    ) -> Begun:
+        """Claim a trial: `new` where it is the caller's to run, else the run that has or does it.
+
+        From then on the run has a heartbeat, until it is finished or failed.
+        """
+        with self._writing() as connection:
+            begun = claim(connection, start, sweep_id, rerun)
+        if begun.state == "new":
+            self._began[begun.run_id] = time.monotonic()
+            self._heartbeat.watch(begun.run_id)
+        return begun
+
+    def finish_run(
+        self,
+        run_id: int,
+        results: Results,
+        status: Ending = "finished",
+        *,
+        error_type: str | None = None,
+        error: str | None = None,
+        traceback: str | None = None,
+    ) -> None:
+        """End a run: its series files, then all of its rows and its status in one transaction.
+
+        Raises LogbookError, and leaves the run as it was, where the results cannot be stored.
+        """
+        written = files.write(self.results_dir, run_id, results.series)
+        ending = {
+            "status": status,
+            "error_type": error_type,
+            "error": clean(error),
+            "traceback": clean(traceback),
+            "note": clean(results.note),
+            "finished_at": datetime.now(UTC),
+            "duration_s": self._duration(run_id),
+        }
+        try:
+            with self._writing() as connection:
+                self._end(connection, run_id, ending)
+                _insert_results(connection, run_id, results, written)
+        except BaseException:
+            files.discard(self.results_dir, written)
+            raise
+        self._heartbeat.forget(run_id)
+        self._began.pop(run_id, None)
+
+    def fail_run(
+        self,
+        run_id: int,
+        status: Ending,
+        error_type: str,
+        error: str,
+        traceback: str | None,
+        results: Results | None = None,
+    ) -> None:
+        """End a run that failed or diverged, with what it still has to show."""
+        self.finish_run(
+            run_id,
+            results or Results(),
+            status,
+            error_type=error_type,
+            error=error,
+            traceback=traceback,
+        )
+
+    def prune(self, run_ids: Sequence[int]) -> Pruned:
+        """Delete runs with their rows and then their files; one that is under way is left alone."""
+        with self._writing() as connection:
+            gone, paths = maintenance.delete_runs(connection, run_ids)
+        left = maintenance.remove(self.results_dir, paths)
+        return Pruned(gone, len(paths) - len(left), left)
+
+    def remove_orphans(self) -> list[Path]:
+        """Delete the series files that no row points to; the answer names them."""
+        with self._reading() as connection:
+            found = maintenance.orphans(connection, self.results_dir)
+        for path in found:
+            path.unlink(missing_ok=True)
+        return found
+
+    def _duration(self, run_id: int) -> float | None:
+        began = self._began.get(run_id)
+        return time.monotonic() - began if began is not None else None
+
+    def _end(self, connection: Connection, run_id: int, ending: dict[str, Any]) -> None:
+        under_way = (tables.Run.id == run_id, tables.Run.status == "running")
+        ended = connection.execute(update(tables.Run).where(*under_way), ending)
+        if ended.rowcount != 1:
+            status = connection.execute(
+                select(tables.Run.status).where(tables.Run.id == run_id)
+            ).scalar()
+            raise LogbookError(
+                f"{self.address}: run {run_id} cannot be ended: it is {status or 'not there'},"
+                " expected running"
+            )
+
+
+def _insert_results(
+    connection: Connection, run_id: int, results: Results, written: Sequence[SeriesFile]
+) -> None:
+    rows: dict[type[tables.Base], list[dict[str, Any]]] = {
+        tables.Metric: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
+        tables.Coefficient: [
+            vars(one) | _numbers(one, "value", "std_error", "true_value")
+            for one in results.coefficients
+        ],
+        tables.Diagnostic: [
+            vars(one) | _numbers(one, "value") | {"i": integer(one.i), "j": integer(one.j)}
+            for one in results.diagnostics
+        ],
+        tables.Series: [vars(file) for file in written],
+    }
+    for table, facts in rows.items():
+        if facts:
+            connection.execute(
+                insert(table.__table__),  # type: ignore[arg-type]
+                [{**fact, "run_id": run_id} for fact in facts],
+            )
+
+
+def _numbers(fact: Any, *names: str) -> dict[str, float | None]:
+    return {name: number(getattr(fact, name)) for name in names}

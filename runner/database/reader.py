@@ -1,0 +1,255 @@
+"""Everything that can be asked of a logbook, on a connection that cannot write."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    literal,
+    select,
+    union_all,
+)
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import engine as engines
+from seatrial.runner.database import maintenance, schema, sql_query, tables
+from seatrial.runner.database import series_files as files
+from seatrial.runner.database.engine import Address, parse
+from seatrial.runner.database.export import export
+from seatrial.runner.database.liveness import is_gone
+from seatrial.runner.database.records import (
+    Answer,
+    Coefficient,
+    Diagnostic,
+    Metric,
+    RunDetail,
+    RunSummary,
+    Series,
+    SeriesFile,
+    SweepStatus,
+    SweepSummary,
+    Verification,
+)
+from seatrial.runner.database.views import run_overview
+
+_FAILED = ("failed", "diverged", "interrupted")
+
+
+class Reader:
+    """A logbook, opened to be read; `results_dir` holds its series files."""
+
+    def __init__(self, address: Address, engine: Engine, results_dir: Path) -> None:
+        self.address = address
+        self.results_dir = results_dir
+        self._engine = engine
+
+    @classmethod
+    def read(cls, url: str, *, results_dir: Path | None = None) -> "Reader":
+        """Open the logbook at `url`; `results_dir` is the folder of a SQLite file by default.
+
+        Raises LogbookError where there is none, or none that this version can read.
+        """
+        address = parse(url)
+        schema.require_current(address)
+        beside = address.path.parent if address.path else Path("results")
+        return Reader(address, engines.reader(address), (results_dir or beside).absolute())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close every connection."""
+        self._engine.dispose()
+
+    @contextmanager
+    def _reading(self) -> Iterator[Connection]:
+        with engines.explained(self.address), self._engine.connect() as connection:
+            yield connection
+
+    def sql(self, query: str) -> Answer:
+        """The answer to one query in SQL; LogbookError where it fails, or would write."""
+        with engines.explained(self.address), self._engine.connect() as connection:
+            return sql_query.ask(connection, query)
+
+    def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
+        """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
+        with self._reading() as connection:
+            return connection.execute(statement).all()
+
+    def runs(
+        self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
+    ) -> list[RunSummary]:
+        """The runs for which every condition holds, over `run_overview` and the table `run`."""
+        return [_summary(row) for row in self.select(_runs(where, newest_first, limit))]
+
+    def sweeps(self) -> list[SweepSummary]:
+        """The sweeps, oldest first."""
+        rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
+        return [SweepSummary(**row._asdict()) for row in rows]
+
+    def run(self, run_id: int) -> RunDetail:
+        """One run with its configuration; LogbookError where there is no such run."""
+        found = self.runs(tables.Run.id == run_id)
+        if not found:
+            raise LogbookError(f"{self.address}: there is no run {run_id}")
+        (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
+        return RunDetail(
+            summary=found[0],
+            **{
+                name: getattr(row, name)
+                for name in RunDetail.__dataclass_fields__
+                if name != "summary"
+            },
+        )
+
+    def trial(self, fingerprint: str) -> RunSummary | None:
+        """The attempt that counts at the trial of this fingerprint, or None where it is new."""
+        found = self.runs(tables.Run.fingerprint == fingerprint)
+        return next((run for run in found if not run.superseded), None)
+
+    def metrics(self, run_id: int) -> list[Metric]:
+        """The metrics of a run, in the order they were stored in."""
+        return self._facts(Metric, tables.Metric, run_id)
+
+    def coefficients(self, run_id: int) -> list[Coefficient]:
+        """The coefficients of a run's models, in the order they were stored in."""
+        return self._facts(Coefficient, tables.Coefficient, run_id)
+
+    def diagnostics(self, run_id: int) -> list[Diagnostic]:
+        """The diagnostics of a run's identification, in the order they were stored in."""
+        return self._facts(Diagnostic, tables.Diagnostic, run_id)
+
+    def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
+        columns = table.__table__.c
+        names = record.__dataclass_fields__
+        statement = select(*(columns[name] for name in names)).where(columns.run_id == run_id)
+        return [record(*row) for row in self.select(statement.order_by(columns.id))]
+
+    def series_files(self, run_id: int) -> list[SeriesFile]:
+        """The series files of a run."""
+        return self._facts(SeriesFile, tables.Series, run_id)
+
+    def series(self, run_id: int, kind: str) -> Series:
+        """One series of a run, once its checksum is found right."""
+        for file in self.series_files(run_id):
+            if file.kind == kind:
+                return files.read(self.results_dir, file)
+        raise LogbookError(f"{self.address}: run {run_id} has no series {kind!r}")
+
+    def sweep_status(self, sweep_id: int) -> SweepStatus:
+        """How far a sweep is; LogbookError where there is no such sweep."""
+        with self._reading() as connection:
+            sweep = connection.execute(
+                select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id)
+            ).one_or_none()
+            trials = connection.execute(_trials(sweep_id)).all()
+        if sweep is None:
+            raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
+        last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
+        status = {trial.run_id: _status(trial) for trial in last.values()}
+        lost = [run_id for run_id, ending in status.items() if ending in _FAILED]
+        return SweepStatus(
+            sweep_id=sweep_id,
+            name=sweep.name,
+            planned=sweep.planned,
+            counts=dict(Counter(status.values())),
+            reused=sum(1 for trial in last.values() if trial.reused),
+            failed=self.runs(tables.Run.id.in_(lost)) if lost else [],
+            finished_at=sweep.finished_at,
+        )
+
+    def verify(self) -> Verification:
+        """Look at the database, every foreign key and every series file."""
+        with self._reading() as connection:
+            return maintenance.verify(connection, self.results_dir)
+
+    def export(self, folder: Path) -> list[Path]:
+        """Write every table to `folder` as Parquet and CSV; the answer names the files."""
+        with self._reading() as connection:
+            if not self.address.sqlite:  # one snapshot, as SQLite gives anyway
+                connection = connection.execution_options(isolation_level="REPEATABLE READ")
+            return export(connection, folder)
+
+    def prunable(
+        self,
+        *where: ColumnElement[bool],
+        older_than: timedelta | None = None,
+        statuses: Sequence[str] = (),
+    ) -> list[RunSummary]:
+        """The runs that `prune` may delete: not under way, and all the conditions hold."""
+        return self.runs(*maintenance.prunable(older_than, statuses), *where)
+
+
+def _runs(
+    where: Sequence[ColumnElement[bool]], newest_first: bool, limit: int | None
+) -> Select[Any]:
+    names = RunSummary.__dataclass_fields__
+    order = tables.Run.id.desc() if newest_first else tables.Run.id
+    return (
+        select(*(run_overview.c[name] for name in names), tables.Run.process)
+        .join_from(run_overview, tables.Run, tables.Run.id == run_overview.c.run_id)
+        .where(*where)
+        .order_by(order)
+        .limit(limit)
+    )
+
+
+def _trials(sweep_id: int) -> Select[Any]:
+    """Every attempt of a sweep and every run it found done or under way, by attempt."""
+    run, reuse = tables.Run, tables.Reuse
+    own = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
+    found = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
+    members = union_all(own, found).subquery("member")
+    return (
+        select(
+            run_overview.c.run_id,
+            run_overview.c.fingerprint,
+            run_overview.c.status,
+            run.process,
+            members.c.reused,
+        )
+        .join_from(members, run_overview, run_overview.c.run_id == members.c.id)
+        .join(run, run.id == members.c.id)
+        .order_by(run_overview.c.attempt)
+    )
+
+
+def _summary(row: Row[Any]) -> RunSummary:
+    values = row._asdict()
+    del values["process"]
+    return RunSummary(
+        **values
+        | {
+            "status": _status(row),
+            "superseded": bool(values["superseded"]),
+            "started_at": _utc(values["started_at"]),
+            "finished_at": _utc(values["finished_at"]),
+        }
+    )
+
+
+def _status(row: Row[Any]) -> str:
+    """The status that the view shows; a run whose process died here is known to be interrupted."""
+    status: str = row.status
+    return "interrupted" if status == "running" and is_gone(row.process) else status
+
+
+def _utc(time: datetime | None) -> datetime | None:
+    return time.replace(tzinfo=UTC) if time is not None else None

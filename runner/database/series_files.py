@@ -1,0 +1,169 @@
+"""Series files: Parquet beside the database, whole or not there at all.
+
+A file is written under a temporary name, flushed to the disk and renamed, before any row points
+to it. pyarrow is imported only when a file is written or read.
+"""
+
+import os
+import re
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database.records import Series, SeriesFile
+
+FOLDER = "series"
+FORMAT = "parquet"
+_KIND = re.compile(r"[a-z][a-z0-9_]*")
+
+
+def write(results_dir: Path, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
+    """Store each series as a file of run `run_id`; either all of them are there, or none.
+
+    Raises LogbookError where the disk is full or the folder cannot be written.
+    """
+    written: list[SeriesFile] = []
+    try:
+        for one in series:
+            written.append(_write_one(results_dir, run_id, one))
+    except BaseException:
+        discard(results_dir, written)
+        raise
+    return written
+
+
+def _write_one(results_dir: Path, run_id: int, series: Series) -> SeriesFile:
+    if not _KIND.fullmatch(series.kind):
+        raise ValueError(f"kind of series: got {series.kind!r}, expected a name like recording")
+    content = _parquet(series)
+    relative = f"{FOLDER}/run-{run_id:06d}-{series.kind}.{FORMAT}"
+    path = results_dir / relative
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write_whole(path, content)
+    except OSError as error:
+        raise LogbookError(f"{path}: cannot be written: {error.strerror}") from error
+    return SeriesFile(
+        kind=series.kind,
+        path=relative,
+        format=FORMAT,
+        n_rows=len(next(iter(series.columns.values()), ())),
+        sha256=sha256(content).hexdigest(),
+        columns=dict(series.units),
+    )
+
+
+def _array(column: NDArray[Any]) -> Any:
+    """A column for pyarrow, not copied where it holds floats.
+
+    `pyarrow.array` would import pandas, where that is installed, to see whether it is one of its.
+    """
+    import pyarrow as pa
+
+    if column.dtype != np.float64:
+        return pa.array(column)
+    return pa.Array.from_buffers(
+        pa.float64(), len(column), [None, pa.py_buffer(np.ascontiguousarray(column))]
+    )
+
+
+def _parquet(series: Series) -> memoryview:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = [_array(column) for column in series.columns.values()]
+    fields = [
+        pa.field(name, array.type, metadata={"unit": series.units[name]})
+        for name, array in zip(series.columns, arrays, strict=True)
+    ]
+    schema = pa.schema(fields, metadata={"kind": series.kind})
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, compression="zstd")
+    return memoryview(sink.getvalue())
+
+
+def _write_whole(path: Path, content: memoryview) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _flush_folder(path.parent)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Make the new name last a power failure, where the system can (Windows cannot)."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def discard(results_dir: Path, files: Sequence[SeriesFile]) -> None:
+    """Remove files that no row points to, as far as that can be done."""
+    for file in files:
+        try:
+            locate(results_dir, file.path).unlink(missing_ok=True)
+        except (OSError, LogbookError):
+            continue  # `verify` names what is left over
+
+
+def locate(results_dir: Path, relative: str) -> Path:
+    """The file at `relative`, a path from the database: inside the results folder, or an error."""
+    folder = (results_dir / FOLDER).resolve()
+    path = (results_dir / relative).resolve() if "\x00" not in relative else folder
+    if not path.is_relative_to(folder) or path == folder:
+        raise LogbookError(f"series path {relative!r}: expected a file within {folder}")
+    return path
+
+
+def read(results_dir: Path, file: SeriesFile) -> Series:
+    """The series as it was stored; LogbookError where the file is missing or was changed."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    content = checked(results_dir, file)
+    table: Any = pq.read_table(pa.BufferReader(content))
+    columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    return Series(file.kind, columns, dict(file.columns))
+
+
+def shape(content: bytes) -> tuple[int, list[str]]:
+    """Number of rows and names of the columns of a file; LogbookError where it is no Parquet."""
+    import pyarrow as pa  # slow to import
+    import pyarrow.parquet as pq
+
+    try:
+        found: Any = pq.read_metadata(pa.BufferReader(content))
+    except pa.ArrowException as error:
+        raise LogbookError(f"not a Parquet file: {error}") from error
+    return found.num_rows, list(found.schema.names)
+
+
+def checked(results_dir: Path, file: SeriesFile) -> bytes:
+    """The content of a file, once its checksum is found right."""
+    path = locate(results_dir, file.path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise LogbookError(f"{path}: cannot be read: {error.strerror}") from error
+    found = sha256(content).hexdigest()
+    if found != file.sha256:
+        raise LogbookError(
+            f"{path}: not what the run wrote: got SHA-256 {found[:12]}, expected {file.sha256[:12]}"
+        )
+    return content

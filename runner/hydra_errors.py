@@ -1,0 +1,131 @@
+"""Errors of Hydra and OmegaConf as one line: what, where, what was got, what was expected."""
+
+import re
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
+from omegaconf import DictConfig
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from seatrial.models.errors import SeatrialError
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+# Launchers that are no part of a plain installation, and the extra that brings them.
+LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
+EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
+_NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/']*)'")
+_NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
+_AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.*)'")
+_ALREADY = re.compile(r"An item is already at '(?P<key>[^']*)'")
+_NO_NAME = re.compile(r"null|true|false|[-+.\d].*|[\[{].*", re.IGNORECASE)
+_NOT_A_CHOICE = re.compile(r"Config group override must be")
+_NO_VARIABLE = re.compile(r"Environment variable '(?P<name>[^']*)' not found")
+_NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
+
+
+def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
+    """The message of an error, without line breaks and without what only a programmer reads.
+
+    `overrides` are the command line's, to guess which option was meant.
+    """
+    if isinstance(error, OverrideParseException):
+        return f"{error.override!r} cannot be read, expected option=value"
+    if isinstance(error, MissingConfigException):
+        return _missing_config(error)
+    key = getattr(error, "full_key", None)
+    if isinstance(error, MissingMandatoryValue):
+        return f"{key} is missing, give it as {key}=..."
+    text = str(error)
+    if found := _NO_KEY.search(text):
+        return _unknown_option(found["key"], overrides)
+    if found := _AMBIGUOUS.search(text):
+        return f"{found['override']}: several values, expected one (a sweep needs -m)"
+    if found := _ALREADY.search(text):
+        return f"+{found['key']}: there is such an option already, write {found['key']}=..."
+    if _NOT_A_CHOICE.match(text):
+        return _not_a_choice(overrides) or text
+    if found := _NO_VARIABLE.search(text):
+        return f"{key}: the environment variable {found['name']} is not set"
+    line = _joined(text)
+    if isinstance(error, OmegaConfBaseException) and key:
+        return f"{key}: {line}"
+    return line
+
+
+def _joined(text: str) -> str:
+    lines = []
+    for line in text.splitlines():
+        if "Config search path" in line:
+            break
+        if line.strip() and not _NOISE.match(line):
+            lines.append(line.strip())
+    return " ".join(lines) or "unknown error"
+
+
+def _missing_config(error: MissingConfigException) -> str:
+    found = _NOT_FOUND.search(str(error))
+    if found is None:
+        return _joined(str(error))
+    if (extra := LAUNCHERS.get(found["option"])) and found["group"] == "hydra/launcher":
+        return f"hydra/launcher={found['option']} is not installed: pip install -e '.[{extra}]'"
+    options = sorted(error.options or ()) or _options(found["group"])
+    close = get_close_matches(found["option"], options, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return (
+        f"{found['group']}: no option {found['option']!r}, "
+        f"{hint}expected {'one of ' + ', '.join(options) if options else 'none: there are none'}"
+    )
+
+
+def _not_a_choice(overrides: Sequence[str]) -> str | None:
+    """A group that was given something else than a name, e.g. null."""
+    for override in overrides:
+        group, _, value = override.partition("=")
+        options = _options(group)
+        if options and _NO_NAME.fullmatch(value):
+            return f"{group}: got {value}, expected one of {', '.join(options)}"
+    return None
+
+
+def _options(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def _unknown_option(key: str, overrides: Sequence[str]) -> str:
+    """Name the option, and those that look like it."""
+    known = _known_keys(overrides)
+    as_deep = [name for name in known if name.count(".") == key.count(".")]
+    close = get_close_matches(key, as_deep, n=2, cutoff=0.7)
+    if not close:  # right name in the wrong place, or the other way round
+        leaf = key.rpartition(".")[2]
+        close = [name for name in known if name.rpartition(".")[2] == leaf][:3]
+    hint = f"did you mean {' or '.join(close)}?" if close else "see python -m runner --cfg job"
+    return f"{key}: unknown option, {hint}"
+
+
+def _known_keys(overrides: Sequence[str]) -> list[str]:
+    """All keys of the configuration that the valid choices of groups among `overrides` give."""
+    choices = [item for item in overrides if (CONF / item.partition("=")[0]).is_dir()]
+    for attempt in (choices, []):
+        GlobalHydra.instance().clear()
+        try:
+            with initialize_config_dir(str(CONF), version_base="1.3"):
+                return _keys(compose("trial", overrides=list(attempt)), "")
+        except (HydraException, OmegaConfBaseException, ValueError):
+            continue
+    return []
+
+
+def _keys(node: DictConfig, prefix: str) -> list[str]:
+    keys = []
+    for name in map(str, node):
+        value: Any = node._get_node(name)
+        keys.append(f"{prefix}{name}")
+        if isinstance(value, DictConfig) and not value._is_none() and not value._is_missing():
+            keys += _keys(value, f"{prefix}{name}.")
+    return keys

@@ -1,0 +1,1 @@
+"""What a trial stores: metrics, coefficients, findings and time series, with units."""

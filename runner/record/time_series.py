@@ -1,0 +1,163 @@
+"""Time series that a trial stores: the recording, the residual force, the sailed missions."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.identification.problem import Identified, lack_of_fit
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation import metrics as measure
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import (
+    FORCE_UNIT,
+    PLANAR,
+    Vessel,
+    accelerations_of,
+    poses_of,
+    velocities_of,
+)
+from seatrial.models.weather.weather import Weather
+from seatrial.runner.closed_loop import Sailed
+from seatrial.runner.database.records import Series
+from seatrial.runner.record import time_series
+from seatrial.runner.record.deployment_metrics import _allocated
+from seatrial.runner.record.validation_metrics import POSE_UNIT, SPEED_UNIT
+
+if TYPE_CHECKING:
+    from seatrial.runner.closed_loop import Excited, Sailed
+
+
+def voyage_series(sailed: Sailed, model: str) -> Series:
+    """The deployment over time, with set-points and the force of the wind where there are some."""
+    one = time_series.deployment_series(sailed.voyage, model)
+    dofs, log = sailed.voyage.dofs, sailed.voyage.log
+    columns, units = dict(one.columns), dict(one.units)
+    for i, (name, dof) in enumerate(zip(poses_of(dofs), dofs, strict=True)):
+        columns[f"{name}_setpoint"] = log.setpoint[:, i]
+        units[f"{name}_setpoint"] = units[name]
+        if sailed.wind is not None:
+            columns[f"wind_{dof}"] = sailed.wind[:, i]
+            units[f"wind_{dof}"] = FORCE_UNIT[dof]
+    return replace(one, columns=columns, units=units)
+
+
+Mask = NDArray[np.bool_]
+
+
+def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
+    return dict(zip(names, np.asarray(values).T, strict=True))
+
+
+def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
+    """Units of series columns by their names."""
+    force = {dof: FORCE_UNIT[dof] for dof in dofs}
+    units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
+    units |= {f"{what}_{way}": "m/s" for what in ("wind", "current") for way in ("north", "east")}
+    units |= {"noise_wind_ahead": "m/s", "noise_wind_abeam": "m/s"}
+    units |= {name: POSE_UNIT[force[dof]] for name, dof in zip(poses_of(dofs), dofs, strict=True)}
+    for dof, speed, acceleration in zip(
+        dofs, velocities_of(dofs), accelerations_of(dofs), strict=True
+    ):
+        units[speed] = SPEED_UNIT[force[dof]]
+        units[acceleration] = f"{SPEED_UNIT[force[dof]]}^2"
+
+    def unit(column: str) -> str:
+        return (
+            units.get(column)
+            or units.get(column.removesuffix("_d"))
+            or units.get(column.removeprefix("wave_"))
+            or units.get(column.removeprefix("noise_"))
+            or units.get(column.removeprefix("process_"))
+            or force.get(column.rpartition("_")[2], "")
+        )
+
+    return {column: unit(column) for column in columns}
+
+
+def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
+    """The realised disturbances that vary, as far as they are present."""
+    ways = ("north", "east")
+    parts = (
+        ([f"wind_{way}" for way in ways], weather.wind_ned),
+        ([f"current_{way}" for way in ways], weather.current_ned),
+        ([f"wave_{name}" for name in poses_of(dofs)], weather.wave_motion),
+        ([f"process_{name}" for name in accelerations_of(dofs)], weather.process),
+    )
+    return {k: v for names, part in parts if len(part) for k, v in _columns(names, part).items()}
+
+
+def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
+    """The realised measurement noise and the force in NED, where there is some."""
+    waves = weather.wave_motion if len(weather.wave_motion) else 0.0
+    parts = (
+        ([f"noise_{name}" for name in poses_of(dofs)], weather.pose_noise - waves),
+        ([f"noise_{name}" for name in velocities_of(dofs)], weather.velocity_noise),
+        ([f"noise_{name}" for name in accelerations_of(dofs)], weather.acceleration_noise),
+        (["noise_wind_ahead", "noise_wind_abeam"], weather.wind_noise),
+        ([f"force_ned_{dof}" for dof in dofs], weather.force_ned),
+    )
+    return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
+
+
+def recording_series(recording: Recording, training: Mask, sailed: "Sailed | None") -> Series:
+    """The whole recording, as measured, and of a simulation the weather that was sailed in."""
+    dofs = recording.dofs
+    columns = {"t": recording.t, "train": training.astype(np.float64)}
+    columns |= _columns(poses_of(dofs), recording.eta)
+    columns |= _columns(velocities_of(dofs), recording.nu)
+    columns |= _columns(accelerations_of(dofs), recording.nu_dot)
+    columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
+    if recording.tau_actual is not None:
+        columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
+    if sailed is not None:
+        columns |= _weather(sailed.voyage.weather, dofs)
+        columns |= _noise(sailed.voyage.weather, dofs)
+        columns |= asked(sailed.voyage)
+        if sailed.wind is not None:
+            columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
+    return Series("recording", columns, _units(dofs, columns))
+
+
+def asked(voyage: Voyage) -> dict[str, Array]:
+    """The commands before the thrusters' allocation, where it changes them."""
+    if not _allocated(voyage):
+        return {}
+    return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
+
+
+def residual_series(excited: "Excited", nominal: Vessel, identified: Identified) -> Series:
+    """Commanded force and its residual from every model over the whole recording."""
+    recording = excited.recording
+    dofs = recording.dofs
+    columns = {"t": recording.t, "train": excited.training.astype(np.float64)}
+    columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
+    models = {"nominal": nominal, "identified": identified.model}
+    if excited.truth is not None:
+        models["plant"] = excited.truth
+    for name, model in models.items():
+        residual = lack_of_fit(recording, model, "commanded")
+        columns |= _columns([f"residual_{name}_{dof}" for dof in dofs], residual)
+    return Series("residual", columns, _units(dofs, columns))
+
+
+def deployment_series(voyage: Voyage, model: str) -> Series:
+    """A sailed mission: true pose, reference, velocities, forces, errors and weather over time."""
+    log, dofs = voyage.log, voyage.dofs
+    columns = {"t": voyage.t}
+    columns |= _columns(poses_of(dofs), log.eta)
+    columns |= _columns([f"{name}_d" for name in poses_of(dofs)], log.eta_d)
+    columns |= _columns(velocities_of(dofs), log.nu)
+    columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
+    columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
+    columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
+    if _allocated(voyage):
+        columns |= _columns([f"tau_applied_{dof}" for dof in dofs], log.applied)
+    columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
+    if dofs == PLANAR:
+        columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)
+    columns |= _weather(voyage.weather, dofs)
+    return Series(f"deployment_{model}", columns, _units(dofs, columns))

@@ -1,0 +1,356 @@
+"""Instrumental variables: outside data, the ferry, and consistency where least squares fails."""
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+from scipy.signal import lfilter
+
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.instrumental_variables import solve
+from seatrial.models.identification.problem import Problem
+from seatrial.models.identification.simulated_motion import Adrift, Playback, simulated_motion
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.current import Current
+from seatrial.models.weather.disturbance import Disturbance
+from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise, first_order
+from seatrial.models.weather.wind import Wind
+from seatrial.runner.config import build
+
+CONF = Path(__file__).parents[3] / "conf"
+DATA = os.environ.get("SEATRIAL_DATA")
+data = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set")
+
+AXES = ("surge", "sway", "yaw")
+
+
+# The pure estimator
+
+
+@data
+def test_two_stage_least_squares_of_griliches() -> None:
+    """Log wage on schooling and IQ, both endogenous: Stata's and statsmodels' numbers."""
+    table = np.genfromtxt(Path(DATA or "") / "iv" / "griliches76.csv", delimiter=",", names=True)
+    years = [1.0 * (table["year"] == year) for year in np.unique(table["year"])[1:]]
+    controls = [table[name] for name in ("expr", "tenure", "rns", "smsa")]
+    exogenous = [*controls, *years, np.ones(len(table))]
+    phi = np.column_stack([table["s"], table["iq"], *exogenous])
+    z = np.column_stack([*(table[name] for name in ("med", "kww", "age", "mrt")), *exogenous])
+    found = solve(z, phi, table["lw"][:, None])
+    assert found.theta[0, 0] == pytest.approx(0.172425, abs=1e-6)
+    assert found.theta[1, 0] == pytest.approx(-0.009099, abs=1e-6)
+    # s^2 (X' P X)^-1 with N - n degrees of freedom, by its definition
+    fitted = z @ np.linalg.lstsq(z, phi, rcond=None)[0]
+    rest = table["lw"] - phi @ found.theta[:, 0]
+    square = rest @ rest / (len(phi) - phi.shape[1])
+    expected = np.sqrt(square * np.diag(np.linalg.inv(fitted.T @ fitted)))
+    np.testing.assert_allclose(found.white_errors()[:, 0], expected, rtol=1e-6)
+
+
+def simultaneous(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two regressors that share noise with the target, and three instruments that do not."""
+    z, noise = rng.standard_normal((n, 3)), rng.standard_normal(n)
+    phi = z @ np.array([[1.0, 0.2], [0.0, 1.0], [0.5, 0.5]]) + 0.8 * noise[:, None]
+    return z, phi, (phi @ [2.0, -1.0] + noise)[:, None]
+
+
+def test_as_many_instruments_as_terms_solve_the_moment_equations() -> None:
+    z, phi, y = simultaneous(500, np.random.default_rng(1))
+    found = solve(z[:, :2], phi, y)
+    np.testing.assert_allclose(z[:, :2].T @ (y - phi @ found.theta), 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.gains.T @ y, found.theta, atol=1e-12)
+
+
+def test_instruments_that_are_the_regressors_are_least_squares() -> None:
+    _, phi, y = simultaneous(500, np.random.default_rng(1))
+    expected = np.linalg.lstsq(phi, y, rcond=None)[0]
+    np.testing.assert_allclose(solve(phi, phi, y).theta, expected, rtol=1e-10)
+
+
+def test_standard_errors_are_the_spread() -> None:
+    rng = np.random.default_rng(2)
+    found = [solve(*simultaneous(400, rng)) for _ in range(300)]
+    spread = np.std([one.theta[:, 0] for one in found], axis=0)
+    reported = np.median([one.white_errors()[:, 0] for one in found], axis=0)
+    np.testing.assert_allclose(reported, spread, rtol=0.15)
+
+
+def test_instruments_that_do_not_determine_are_refused() -> None:
+    z, phi, y = simultaneous(100, np.random.default_rng(3))
+    with pytest.raises(IdentificationError, match="got 1 instruments for 2 terms"):
+        solve(z[:, :1], phi, y)
+    with pytest.raises(IdentificationError, match="do not tell a, b from each other"):
+        solve(z[:, [0, 0]], phi, y, ("a", "b"))
+
+
+# Recordings of the ferry and of the basin
+
+
+@pytest.mark.parametrize("options", [{}, {"restart_s": 20.0}, {"instruments": "none"}])
+@pytest.mark.parametrize("disturbance", ["calm", "constant"])
+def test_noise_free_recordings_are_explained_exactly(
+    lap, identifier, rng, disturbance, options
+) -> None:
+    sailed = lap(disturbance)
+    found = identifier("iv", **options).identify(sailed.problem, rng)
+    truth = sailed.truth.on(found.residual.terms).theta
+    model = found.model.on(found.residual.terms).theta
+    real = truth != 0.0
+    np.testing.assert_allclose(model[real], truth[real], rtol=1e-6)
+
+
+def test_noisy_accelerations_do_not_bias_the_inertia(lap, identifier, rng) -> None:
+    sailed = lap("noise", 0)
+    error = {}
+    for instruments in ("none", "simulated"):
+        found = identifier("iv", instruments=instruments).identify(sailed.problem, rng)
+        ratio = np.diag(found.model.inertia) / np.diag(sailed.truth.inertia)
+        error[instruments] = np.max(np.abs(ratio - 1.0))
+    assert error["none"] > 0.05
+    assert error["simulated"] < 0.02
+
+
+def test_a_mean_force_without_its_columns_is_refused(constant, identifier, rng) -> None:
+    with pytest.raises(IdentificationError, match="orientation_terms=true"):
+        identifier("iv", orientation_terms=False).identify(constant.problem, rng)
+
+
+def surge(**options: Any) -> Any:
+    """Inertia and damping from the measured surge-1, the author's window."""
+    vessel = of_conf("vessel", "surge_linear")
+    file = of_conf(
+        "excitation", "recording", path=f"{DATA}/beluga/surge-1.csv", start_s=410.0, end_s=650.0
+    )
+    recording = file.read(vessel.dofs)
+    split = file.split(recording.t)
+    problem = Problem(
+        recording.part(split.train), recording.part(split.test), vessel.nominal(), None
+    )
+    iv = of_conf("identifier", "iv", **options)
+    iv.check(vessel.nominal(), None, True)
+    return iv.identify(problem, np.random.default_rng(0))
+
+
+def of_conf(group: str, name: str, **changes: Any) -> Any:
+    """The object of a configuration file that takes nothing from the vessel."""
+    node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
+    return build(OmegaConf.to_container(node, resolve=True), group)
+
+
+@data
+def test_measured_surge() -> None:
+    """Differentiated velocities are noisy: least squares finds a fifth of the inertia.
+
+    The outside figure, of a fit to positions, is (140.4, 98.3); to velocities (168.0, 67.7).
+    """
+    found, filtered = surge(), surge(lowpass_hz=0.5)
+    error = float(np.asarray(found.std_error)[0, 0])
+    assert 5.0 < error < 12.0
+    assert found.model.inertia[0, 0] == pytest.approx(140.4, abs=2.0 * error)
+    assert found.model.inertia[0, 0] == pytest.approx(filtered.model.inertia[0, 0], rel=0.03)
+    assert surge(instruments="none").model.inertia[0, 0] < 50.0
+
+
+# Options
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"iterations": -1}, "iterations must not be negative, got -1"),
+        ({"restart_s": 0.0}, "restart_s must be positive or null, got 0.0"),
+        ({"wind_terms": ["|u|u"]}, "wind_terms: got |u|u, expected terms in V_q, u_q, v_q"),
+        ({"instruments": "measured"}, "instruments"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        identifier("iv", **changes)
+    assert message in str(caught.value)
+
+
+def test_what_cannot_work_is_refused_before_any_work(identifier, calm, rng) -> None:
+    nominal = calm.problem.nominal
+    alone = Vessel("one", ("surge",), basis.terms(["u_dot", "u"]), np.ones((2, 1)))
+    with pytest.raises(ConfigurationError, match="orientation_terms needs a vessel in surge, sway"):
+        identifier("iv", orientation_terms=True).check(alone, None, False)
+    with pytest.raises(ConfigurationError, match="the recorded file has no wind"):
+        identifier("iv", wind_measurement=True).check(nominal, None, True)
+    with pytest.raises(ConfigurationError, match=r"u_q.* needs wind_measurement=true"):
+        identifier("iv", extra_terms=["|u_q|u_q"]).check(nominal, None, False)
+    heavy = Vessel("odd", ("surge",), basis.terms(["u_dot", "u"]), np.array([[-1.0], [1.0]]))
+    with pytest.raises(ConfigurationError, match="inertia matrix must be positive definite"):
+        identifier("iv").check(heavy, None, False)
+    with pytest.raises(IdentificationError, match="the recording has no measured wind"):
+        identifier("iv", wind_measurement=True).identify(calm.problem, rng)
+
+
+def test_instruments_of_the_true_model_are_the_true_motion(calm) -> None:
+    training = calm.problem.training
+    motion, first = simulated_motion(training, calm.truth, "filtered", None)
+    np.testing.assert_allclose(motion.nu, training.nu, atol=1e-3)
+    assert np.flatnonzero(first).tolist() == [0]
+
+
+def test_the_simulation_begins_again_from_the_measured_state(calm) -> None:
+    training = calm.problem.training
+    wrong = 1.2 * calm.truth
+    far, _ = simulated_motion(training, wrong, None, None)
+    near, first = simulated_motion(training, wrong, None, 5.0)
+    np.testing.assert_allclose(near.nu[first], training.nu[first])
+    assert np.mean(first) == pytest.approx(0.02, abs=0.001)
+    assert np.std(near.nu - training.nu) < 0.7 * np.std(far.nu - training.nu)
+
+
+# Consistency: a ship in wind and current, all velocities measured with noise
+
+PERIOD_S = 0.5
+OFFSET = np.array([0.4, 0.3, 0.3])  # velocities about which the ship is excited [m/s, rad/s]
+SPREAD = np.array([0.11, 0.085, 0.085])
+TERMS = ("u_dot", "v_dot", "r_dot", "uv", "ur", "vr", "u", "|u|u", "v", "|v|v", "r", "|r|r")
+# While velocities keep their signs these are the same columns; wind forces go to the quadratic
+LUMPED = {"r^2": "|r|r", "|v|r": "vr", "|u_q|u_q": "|u|u", "|v_q|v_q": "|v|v"}
+PREDICTORS = {"1": (False, False), "2": (True, False), "3": (True, True)}
+SLOW_WIND, FAST_WIND = 0.2, 2.0  # [m/s]; the ship makes 0.1 to 0.7
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The modulus ship of conf/vessel, under a force that was worked out for an offset motion."""
+
+    wind_m_s: float
+
+    def disturbance(self) -> Disturbance:
+        wind = Wind(
+            ship().tuning["windage"], self.wind_m_s, None, 60.0, "to", "gusting", 60.0, 0.15, 5.0,
+            10.0, None,
+        )  # fmt: skip
+        return Disturbance(
+            noise=MeasurementNoise(0.01, 0.2, 0.05, 1.5, 0.005, 0.2, 0.1),
+            wind=wind,
+            current=Current(0.03, -30.0, "constant", 0.0, 600.0, 1.0),
+            process=ProcessNoise((0.002, 0.002, 0.002), "normal"),
+        )
+
+    def run(self, n: int, seed: int) -> tuple[Problem, np.ndarray]:
+        """A recording of n samples with a nominal model 20 % off, and the effective parameters."""
+        rng, vessel, disturbance = np.random.default_rng(seed), ship(), self.disturbance()
+        force = offset_force(vessel.nominal(), n, rng)
+        weather = disturbance.realise(n, vessel.dofs, rng, rng, PERIOD_S)
+        truth = vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
+        voyage = sail(
+            Plant(truth, None, vessel.velocity_limits), weather, (Adrift(), np.zeros(1)), Adrift(),
+            (Playback(force), np.zeros(1)), np.zeros(3), PERIOD_S, 0.1, OFFSET,
+        )  # fmt: skip
+        recording = recording_of(voyage, weather)
+        wanted = effective(truth)
+        believed = wanted * rng.uniform(0.8, 1.2, wanted.shape)
+        nominal = Vessel("nominal", vessel.dofs, basis.terms(TERMS), believed)
+        return Problem(recording, recording, nominal, None), wanted
+
+
+@cache
+def ship() -> Any:
+    return of_conf("vessel", "modulus_ship")
+
+
+def offset_force(model: Vessel, n: int, rng: np.random.Generator) -> np.ndarray:
+    """The force of a smooth random motion about the offset, (n, 3)."""
+    keep = np.exp(-PERIOD_S / 1.0)
+    nu = np.empty((n, 3))
+    for i in range(3):
+        level = lfilter([1 - keep], [1, -keep], first_order(n, PERIOD_S, 1.0, 3.0, rng))
+        nu[:, i] = OFFSET[i] + SPREAD[i] * np.clip(level / np.std(level), -2.2, 2.2)
+    return model.inverse(np.gradient(nu, PERIOD_S, axis=0), nu)
+
+
+def effective(model: Vessel) -> np.ndarray:
+    """Coefficients over TERMS, shape (n_terms, 3), what is lumped added."""
+    rows = {name: model.row(name).copy() for name in TERMS}
+    for name, into in LUMPED.items():
+        rows[into] += model.row(name)
+    return np.array([rows[name] for name in TERMS])
+
+
+def predictor(name: str) -> Any:
+    """LS1 to LS3 and IV1 to IV3."""
+    orientation, wind = PREDICTORS[name[-1]]
+    return of_conf(
+        "identifier", "iv", basis=list(TERMS), iterations=1, orientation_terms=orientation,
+        wind_measurement=wind, instruments="none" if name.startswith("LS") else "simulated",
+    )  # fmt: skip
+
+
+def median_errors(
+    experiment: Experiment, names: tuple[str, ...], sizes: tuple[int, int], runs: int
+) -> dict[str, np.ndarray]:
+    """Median norm of the error of the effective parameters [SI], by predictor, (n_sizes,)."""
+    identifiers = {name: predictor(name) for name in names}
+    errors: dict[str, list[list[float]]] = {name: [] for name in names}
+    for n in sizes:
+        found: dict[str, list[float]] = {name: [] for name in names}
+        for seed in range(runs):
+            problem, wanted = experiment.run(n, seed)
+            for name, one in identifiers.items():
+                residual = one.estimate(problem).residual(problem.nominal.dofs)
+                wrong = effective(problem.nominal + residual) - wanted
+                found[name].append(float(np.linalg.norm(wrong)))
+        for name in names:
+            errors[name].append(np.median(found[name]).item())
+    return {name: np.array(values) for name, values in errors.items()}
+
+
+def test_the_experiment_keeps_the_signs_of_its_velocities() -> None:
+    problem, _ = Experiment(SLOW_WIND).run(2000, 0)
+    assert isinstance(problem.training, Recording)
+    found = predictor("IV2").identify(problem, np.random.default_rng(0))
+    share = {f.dof: f.value for f in found.findings if f.name == "same_sign"}
+    assert min(share[dof] for dof in AXES) > 0.95
+    assert found.std_error is not None
+    assert np.all(np.isfinite(found.std_error))
+
+
+@pytest.mark.parametrize(("wind", "name"), [(SLOW_WIND, "IV2"), (FAST_WIND, "IV3")])
+def test_instruments_are_consistent_where_least_squares_is_not(wind: float, name: str) -> None:
+    errors = median_errors(Experiment(wind), (name, "LS3"), (2000, 16_000), 5)
+    assert errors[name][0] / errors[name][1] > 2.0
+    assert errors["LS3"][1] == pytest.approx(errors["LS3"][0], rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize(("wind", "name"), [(SLOW_WIND, "IV2"), (FAST_WIND, "IV3")])
+def test_consistency_over_fifty_runs(wind: float, name: str) -> None:
+    """N = 2,000 against 128,000: the instruments' error falls with N, that of LS1 to LS3 not."""
+    errors = median_errors(Experiment(wind), ("LS1", "LS2", "LS3", name), (2000, 128_000), 50)
+    print({key: values.round(3).tolist() for key, values in errors.items()})
+    assert errors[name][0] / errors[name][1] >= 6.0
+    for least_squares in ("LS1", "LS2", "LS3"):
+        first, last = errors[least_squares]
+        assert abs(last / first - 1.0) < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["stationary", "hac"])
+def test_standard_errors_of_a_recording_are_the_spread(kind: str) -> None:
+    """Over 40 recordings within a factor of 2, and 1.96 of them cover about 95 % of the errors."""
+    iv = of_conf("identifier", "iv", basis=list(TERMS), iterations=1, errors=kind)
+    wrong, reported = [], []
+    for seed in range(40):
+        problem, wanted = Experiment(SLOW_WIND).run(8000, seed)
+        found = iv.identify(problem, np.random.default_rng(0))
+        wrong.append(effective(found.model) - wanted)
+        reported.append(np.asarray(found.std_error)[: len(TERMS)])
+    ratio = np.median(reported, axis=0) / np.std(wrong, axis=0)
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
+    assert 0.92 < np.mean(np.abs(np.array(wrong) / reported) < 1.96) < 0.995

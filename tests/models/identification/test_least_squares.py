@@ -1,0 +1,263 @@
+"""Least squares against the plant that sailed."""
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError, IdentificationError
+
+AXES = ("surge", "sway", "yaw")
+
+
+def diagonal(vessel) -> np.ndarray:
+    return np.diag(vessel.inertia)
+
+
+@pytest.mark.parametrize("basis", ["full", "physical"])
+def test_filtered_force_makes_least_squares_exact(calm, identifier, rng, basis) -> None:
+    found = identifier("ls", force="filtered", basis=basis).identify(calm.problem, rng)
+    truth = calm.residual.on(found.residual.terms).theta
+    real = truth != 0.0
+    assert np.max(np.abs(found.residual.theta[real] / truth[real] - 1.0)) < 1e-3
+    assert np.max(np.abs(found.residual.theta[~real]), initial=0.0) < 1e-3
+
+
+def test_commanded_force_is_biased_by_the_thruster_lag(calm, identifier, rng) -> None:
+    found = identifier("ls", force="commanded").identify(calm.problem, rng)
+    error = np.abs(diagonal(found.model) / diagonal(calm.truth) - 1.0)
+    assert np.max(error) > 0.01
+
+
+def test_inertia_under_noise(lap, identifier, rng) -> None:
+    ls = identifier("ls", lowpass_hz=0.5)
+    truth = diagonal(lap("calm").truth)
+    found = [diagonal(ls.identify(lap("noise", s).problem, rng).model) for s in range(20)]
+    assert np.max(np.abs(np.mean(found, axis=0) / truth - 1.0)) < 0.02
+
+
+def test_condition_number_is_that_of_the_standardised_columns(calm, identifier, rng) -> None:
+    ls = identifier("ls")
+    found = ls.identify(calm.problem, rng)
+    samples = ls.samples(calm.problem.training, calm.problem.nominal, calm.thruster)
+    columns = samples.phi[:, samples.varying]
+    columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
+    reported = {f.dof: f.value for f in found.findings if f.name == "condition_number"}
+    assert reported == pytest.approx(dict.fromkeys(AXES, np.linalg.cond(columns)))
+
+
+def test_a_term_that_does_not_vary_gets_zero_and_is_named(calm, identifier, rng) -> None:
+    ls = identifier("ls", basis="physical", extra_terms=["1", "cos(theta)"])
+    found = ls.identify(calm.problem, rng)
+    assert not np.any(found.residual.row("cos(theta)"))
+    assert [f.label for f in found.findings if f.name == "dropped_term"] == ["cos(theta)"]
+    assert found.std_error is not None
+    row = [str(one) for one in found.residual.terms].index("cos(theta)")
+    assert np.all(np.isnan(found.std_error[row]))
+
+
+def test_terms_that_cannot_be_told_apart_are_named(calm, identifier, rng) -> None:
+    ls = identifier("ls", basis=["u_dot", "1", "cos(phi)", "cos(psi)", "r^2", "|r|r", "r"])
+    training = calm.problem.training
+    one_way = training.part(training.nu[:, 2] > 1e-3)
+    problem = type(calm.problem)(
+        one_way, calm.problem.validation, calm.problem.nominal, calm.thruster
+    )
+    with pytest.raises(IdentificationError, match=r"r\^2"):
+        ls.identify(problem, rng)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lowpass_hz": -1.0}, "lowpass_hz must be positive, got -1.0"),
+        ({"basis": "all"}, "basis: got 'all', expected full, physical or a list of terms"),
+        ({"basis": ["u", "uu", "u^2"]}, "is given twice"),
+        ({"extra_terms": ["speed"]}, "expected factors"),
+        ({"force": "thrust"}, "force: got 'thrust'"),
+        ({"force": "filtered", "thruster": "none"}, "needs a thruster lag"),
+        ({"force": "actual", "thruster": "estimated"}, "force must be filtered or null"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        identifier("ls", **changes)
+    assert message in str(caught.value)
+
+
+def test_a_combination_that_cannot_work_is_refused(identifier, calm) -> None:
+    nominal = calm.problem.nominal
+    with pytest.raises(ConfigurationError, match="has no known thruster lag"):
+        identifier("ls", force="filtered").check(nominal, None, True)
+    with pytest.raises(ConfigurationError, match="term w has w, but milliampere moves in"):
+        identifier("ls", extra_terms=["w"]).check(nominal, calm.thruster, False)
+
+
+def findings(found, name: str) -> list:
+    return [f for f in found.findings if f.name == name]
+
+
+def relative_error(found, truth) -> float:
+    """Largest relative error of the residual's coefficients that are not zero."""
+    table = truth.on(found.residual.terms).theta
+    real = table != 0.0
+    return float(np.max(np.abs(found.residual.theta[real] / table[real] - 1.0)))
+
+
+@pytest.mark.parametrize("basis", ["full", "physical"])
+@pytest.mark.parametrize("name", ["ls", "ridge"])
+def test_a_constant_ned_force_is_found_exactly(constant, identifier, rng, name, basis) -> None:
+    found = identifier(name, ned_force=True, basis=basis).identify(constant.problem, rng)
+    force = {f.label: f.value for f in findings(found, "ned_force")}
+    assert force["north"] == pytest.approx(200.0, abs=1e-6)
+    assert force["east"] == pytest.approx(100.0, abs=1e-6)
+    assert relative_error(found, constant.residual) < 1e-6
+
+
+def test_without_its_columns_a_constant_force_spoils_the_inertia(constant, identifier, rng) -> None:
+    found = identifier("ls", basis="physical").identify(constant.problem, rng)
+    assert np.max(np.abs(diagonal(found.model) / diagonal(constant.truth) - 1.0)) > 0.02
+
+
+def test_a_ned_force_is_told_from_noise(lap, identifier, rng) -> None:
+    ls = identifier("ls", ned_force=True, lowpass_hz=0.5)
+    found = [ls.identify(lap("noise", seed).problem, rng) for seed in range(10)]
+    force = np.array([[f.value for f in findings(one, "ned_force")] for one in found])
+    error = np.array([[f.value for f in findings(one, "ned_force_std_error")] for one in found])
+    assert np.all(np.abs(force) < 4.0 * error)
+    assert np.all(error < 2.0)
+
+
+@pytest.mark.parametrize("disturbance", ["calm", "constant"])
+def test_the_thruster_lag_is_found_from_the_recording(lap, identifier, rng, disturbance) -> None:
+    ls = identifier("ls", thruster="estimated", ned_force=True)
+    problem = lap(disturbance).problem
+    blind = type(problem)(problem.training, problem.validation, problem.nominal, None)
+    found = ls.identify(blind, rng)
+    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, abs=1e-3)
+    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, abs=1e-3)
+    assert relative_error(found, lap(disturbance).residual) < 1e-3
+
+
+def test_the_thruster_lag_is_found_under_noise(lap, identifier, rng) -> None:
+    ls = identifier("ls", thruster="estimated", lowpass_hz=0.5, basis="physical")
+    found = ls.identify(lap("noise", 0).problem, rng)
+    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, rel=0.05)
+    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
+
+
+def test_without_a_thruster_the_command_is_taken(calm, identifier, rng) -> None:
+    problem = calm.problem
+    alone = problem.training.part(slice(None))
+    object.__setattr__(alone, "tau_actual", None)
+    problem = type(problem)(alone, problem.validation, problem.nominal, problem.thruster)
+    found = [
+        identifier("ls", **options).identify(problem, rng).residual.theta
+        for options in ({"thruster": "none"}, {"force": "commanded"})
+    ]
+    np.testing.assert_array_equal(*found)
+
+
+def spoiled(problem, rows: slice, factor: float):
+    """The problem with some of the acting force multiplied."""
+    training = problem.training.part(slice(None))
+    force = training.tau_actual.copy()
+    force[rows] *= factor
+    object.__setattr__(training, "tau_actual", force)
+    return type(problem)(training, problem.validation, problem.nominal, problem.thruster)
+
+
+def test_huber_weights_withstand_outliers(calm, identifier, rng) -> None:
+    problem = spoiled(calm.problem, slice(None, None, 25), 5.0)
+    error = {
+        weighting: relative_error(
+            identifier("ls", force="actual", basis="physical", weighting=weighting).identify(
+                problem, rng
+            ),
+            calm.residual,
+        )
+        for weighting in ("uniform", "huber")
+    }
+    assert error["uniform"] > 0.1
+    assert error["huber"] < 1e-3
+
+
+def test_a_half_life_forgets_what_is_long_ago(calm, identifier, rng) -> None:
+    problem = spoiled(calm.problem, slice(0, 1200), 1.5)
+    options = {"force": "actual", "basis": ["u_dot", "u", "|u|u"], "ned_force": False}
+    inertia = [
+        identifier("ls", half_life_s=half, **options).identify(problem, rng).model.inertia[0, 0]
+        for half in (None, 20.0)
+    ]
+    error = np.abs(np.array(inertia) / calm.truth.inertia[0, 0] - 1.0)
+    assert error[1] < 0.1 * error[0]
+
+
+def test_ridge_equals_scikit_learn(calm, identifier, rng) -> None:
+    from sklearn.linear_model import Ridge
+
+    ridge = identifier("ridge", penalty=0.01, force="commanded")
+    found = ridge.identify(calm.problem, rng)
+    samples = ridge.samples(calm.problem.training, calm.problem.nominal, None)
+    x = samples.phi[:, 1:]
+    scale = x.std(axis=0)
+    peer = Ridge(alpha=0.01 * len(x)).fit(x / scale, samples.epsilon)
+    np.testing.assert_allclose(found.residual.theta[1:], peer.coef_.T / scale[:, None], rtol=1e-8)
+    np.testing.assert_allclose(found.residual.theta[0], peer.intercept_, rtol=1e-8)
+
+
+def test_a_ridge_shares_among_terms_that_cannot_be_told_apart(calm, identifier, rng) -> None:
+    """r^2 and |r|r of a vessel that turns one way: scikit-learn's answer, an equal share each."""
+    from sklearn.linear_model import Ridge
+
+    ridge = identifier("ridge", penalty=0.01, basis=["1", "r_dot", "r^2", "|r|r", "r"])
+    training = calm.problem.training
+    one_way = training.part(training.nu[:, 2] > 1e-3)
+    problem = type(calm.problem)(
+        one_way, calm.problem.validation, calm.problem.nominal, calm.thruster
+    )
+    found = ridge.identify(problem, rng)
+    samples = ridge.samples(one_way, problem.nominal, calm.thruster)
+    x = samples.phi[:, 1:]
+    scale = x.std(axis=0)
+    peer = Ridge(alpha=0.01 * len(x), solver="svd").fit(x / scale, samples.epsilon)
+    np.testing.assert_allclose(found.residual.theta[1:], peer.coef_.T / scale[:, None], rtol=1e-6)
+    np.testing.assert_allclose(found.residual.theta[2], found.residual.theta[3], rtol=1e-6)
+    assert np.all(np.isfinite(found.std_error))
+    by_validation = identifier("ridge", basis=["1", "r_dot", "r^2", "|r|r", "r"])
+    assert np.all(np.isfinite(by_validation.identify(problem, rng).residual.theta))
+
+
+def test_the_penalty_minimises_generalised_cross_validation(lap, identifier, rng) -> None:
+    ridge = identifier("ridge", lowpass_hz=0.5)
+    problem = lap("noise", 2).problem
+    found = ridge.identify(problem, rng)
+    samples = ridge.samples(problem.training, problem.nominal, problem.thruster)
+    x = samples.phi[:, 1:] - samples.phi[:, 1:].mean(axis=0)
+    x /= x.std(axis=0)
+    y = samples.epsilon - samples.epsilon.mean(axis=0)
+    n = len(x)
+
+    def gcv(penalty: float, k: int) -> float:
+        """By its definition, with the hat matrix applied and its trace counted."""
+        solve = np.linalg.solve(x.T @ x + penalty * n * np.eye(x.shape[1]), x.T)
+        rest = y[:, k] - x @ (solve @ y[:, k])
+        return n * np.sum(rest**2) / (n - 1.0 - np.sum(solve.T * x)) ** 2
+
+    for k, chosen in enumerate(f.value for f in findings(found, "ridge_penalty")):
+        assert gcv(chosen, k) <= min(gcv(p, k) for p in np.geomspace(1e-9, 1.0, 46)) * (1 + 1e-9)
+
+
+def test_a_heavy_penalty_leaves_the_nominal_model(calm, identifier, rng) -> None:
+    found = identifier("ridge", penalty=1e12, basis="physical").identify(calm.problem, rng)
+    np.testing.assert_allclose(
+        found.model.on(calm.problem.nominal.terms).theta, calm.problem.nominal.theta, atol=1e-6
+    )
+
+
+def test_shared_unknowns_need_surge_sway_and_yaw(identifier, calm) -> None:
+    ls = identifier("ls", ned_force=True)
+    nominal = calm.problem.nominal
+    alone = type(nominal)("one", ("surge",), nominal.terms[:1], np.ones((1, 1)))
+    with pytest.raises(ConfigurationError, match="ned_force needs a vessel in surge, sway, yaw"):
+        ls.check(alone, None, False)
+    with pytest.raises(ConfigurationError, match=r"already has cos\(psi\)"):
+        identifier("ls", ned_force=True, extra_terms=["cos(psi)"]).check(nominal, None, False)

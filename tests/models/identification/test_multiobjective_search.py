@@ -1,0 +1,117 @@
+"""Searches on problems with a known front, and the running metric."""
+
+import numpy as np
+import pytest
+
+from seatrial.models.identification.genetic_algorithm import Operators
+from seatrial.models.identification.multiobjective_search import (
+    RunningMetric,
+    Space,
+    change,
+    nondominated,
+    search,
+    searcher,
+)
+
+BOX = Space(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
+
+
+def convex(points):
+    """ZDT1 in three variables: the front is f2 = 1 - sqrt(f1)."""
+    g = 1.0 + 9.0 * points[:, 1:].mean(axis=1)
+    return np.column_stack([points[:, 0], g * (1.0 - np.sqrt(points[:, 0] / g))])
+
+
+def bowl(points):
+    """Both objectives vanish at (0.3, 0.6, 0.5)."""
+    away = points - np.array([0.3, 0.6, 0.5])
+    return np.column_stack([np.abs(away).sum(axis=1), (away**2).sum(axis=1)])
+
+
+def run(evaluate, algorithm="nsga2", seed=0, population=100, generations=80, floor=0.0, **watch):
+    rng = np.random.default_rng(seed)
+    operators = Operators(population, 15.0, 0.9, 15.0, 1.0 / 3.0)
+    by = searcher(algorithm, operators, np.ones(2), 3, rng)
+    return search(evaluate, BOX, np.full(2, floor), metric(**watch), by, generations)
+
+
+def metric(window=10, threshold=1e-6):
+    return RunningMetric(np.ones(2), window, threshold)
+
+
+@pytest.mark.parametrize("algorithm", ["nsga2", "nsga3"])
+def test_front_of_zdt1(algorithm):
+    found = run(convex, algorithm)
+    f1, f2 = found.front.T
+    np.testing.assert_allclose(f2, 1.0 - np.sqrt(f1), atol=0.02)
+    assert len(found.front) > 60
+    assert np.max(np.diff(np.sort(f1))) < 0.1
+    np.testing.assert_array_equal(convex(found.points), found.front)
+
+
+@pytest.mark.parametrize("algorithm", ["nsga2", "nsga3", "cmaes"])
+def test_one_optimum(algorithm):
+    found = run(bowl, algorithm, floor=1e-3)
+    assert found.reason == "floor"
+    nearest = found.points[np.argmin(found.front[:, 0])]
+    np.testing.assert_allclose(nearest, [0.3, 0.6, 0.5], atol=2e-3)
+
+
+@pytest.mark.parametrize("algorithm", ["nsga2", "nsga3", "cmaes"])
+def test_the_generator_decides_and_numpys_own_is_left_alone(algorithm):
+    before = np.random.get_state()[1].copy()
+    first, again, other = (
+        run(convex, algorithm, seed, population=40, generations=5) for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first.points, again.points)
+    assert first.points.shape != other.points.shape or np.any(first.points != other.points)
+    np.testing.assert_array_equal(before, np.random.get_state()[1])
+
+
+def test_the_running_metric_ends_a_search():
+    found = run(convex, generations=300, window=5, threshold=0.05)
+    assert found.reason == "running_metric"
+    assert 5 < found.generations < 300
+    assert max(max(step) for step in found.metric.changes[-5:]) < 0.05
+    assert max(found.metric.changes[-6]) >= 0.05
+
+
+def test_generations_end_a_search():
+    found = run(convex, generations=7)
+    assert (found.reason, found.generations, len(found.metric.changes)) == ("generations", 7, 6)
+
+
+def test_change_of_a_front():
+    """Hoyer (2021), eq. (3.9), by hand; the extents are those after."""
+    before = np.array([[0.0, 10.0], [4.0, 2.0]])
+    after = np.array([[0.0, 8.0], [2.0, 4.0], [4.0, 0.0]])
+    ideal, nadir, front = change(before, after, np.full(2, 1e-12))
+    assert ideal == pytest.approx(2.0 / 8.0)
+    assert nadir == pytest.approx(2.0 / 8.0)
+    nearest = [2.0 / 8.0, np.hypot(0.5, 0.25), 2.0 / 8.0]
+    assert front == pytest.approx(np.mean(nearest))
+    assert max(change(after, after, np.full(2, 1e-12))) == 0.0
+
+
+def test_a_front_of_one_point_does_not_converge():
+    watched = metric(window=3)
+    for _ in range(6):
+        watched.update(np.array([[1.0, 1.0]]))
+    assert not watched.converged
+    for _ in range(4):
+        watched.update(np.array([[1.0, 1.0], [0.5, 2.0]]))
+    assert watched.converged
+
+
+def test_nondominated_points_and_one_of_equals():
+    values = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 2.0], [2.0, 2.0], [3.0, 0.5]])
+    points, front = nondominated(np.arange(5.0)[:, None], values)
+    np.testing.assert_array_equal(front, [[1.0, 2.0], [2.0, 1.0], [3.0, 0.5]])
+    np.testing.assert_array_equal(points[:, 0], [0.0, 1.0, 4.0])
+
+
+def test_logarithmic_parameters():
+    space = Space(np.array([1.0, -40.0]), np.array([100.0, -10.0]), np.array([True, True]))
+    half = space.points(np.full((1, 2), 0.5))[0]
+    np.testing.assert_allclose(half, [10.0, -20.0])
+    np.testing.assert_allclose(space.points(np.array([[0.0, 1.0]]))[0], [1.0, -10.0])

@@ -1,0 +1,193 @@
+"""Surface PLSR against scikit-learn one by one, and against the thesis."""
+
+import numpy as np
+import pytest
+from sklearn.cross_decomposition import PLSRegression
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.kernel_pls import columns, mean_squares, output_moment
+from seatrial.models.identification.problem import lack_of_fit
+from seatrial.models.identification.surface_plsr import exists, whole_surface
+from seatrial.models.vessel.basis import Array
+
+THESIS_MSE = (487.1, 825.1, 1372.2)  # Jervan (2020), Table 4.6: N^2, N^2, (Nm)^2
+SELECTED_MSE = (634.7, 894.2, 1563.2)  # Table 4.7
+
+
+def findings(found, name: str) -> list:
+    return [f for f in found.findings if f.name == name]
+
+
+@pytest.fixture(scope="module")
+def thesis(calm, identifier):
+    surface = identifier("surface_plsr", force="commanded", validation="test", bootstrap=None)
+    return surface.identify(calm.problem, np.random.default_rng(0))
+
+
+def test_thirty_terms_make_464_models() -> None:
+    assert np.sum(exists(30)) == 464
+
+
+def test_the_whole_surface_is_stored(thesis) -> None:
+    for dof in ("surge", "sway", "yaw"):
+        points = {(f.i, f.j) for f in findings(thesis, "surface_mse") if f.dof == dof}
+        assert len(points) == 464
+        assert points == {(i, j) for i in range(1, 31) for j in range(max(2, i), 31)}
+
+
+def test_reaches_the_thesis(calm, thesis) -> None:
+    rest = lack_of_fit(calm.problem.validation, thesis.model, "commanded")
+    mse = np.mean(rest**2, axis=0)
+    assert np.all(mse <= THESIS_MSE)
+    for k, dof in enumerate(("surge", "sway", "yaw")):
+        surface = [f.value for f in findings(thesis, "surface_mse") if f.dof == dof]
+        assert min(surface) == pytest.approx(mse[k], rel=1e-9)
+
+
+def test_the_number_of_terms_is_that_of_the_table(thesis) -> None:
+    counts = [f.value for f in findings(thesis, "selected_variables")]
+    np.testing.assert_array_equal(np.count_nonzero(thesis.residual.theta[1:], axis=0), counts)
+
+
+def test_parsimony_costs_at_most_a_tenth(calm, identifier, thesis, rng) -> None:
+    sparing = identifier(
+        "surface_plsr", force="commanded", validation="test", selection="parsimonious",
+        bootstrap=None,
+    ).identify(calm.problem, rng)  # fmt: skip
+    rest = lack_of_fit(calm.problem.validation, sparing.model, "commanded")
+    assert np.all(np.mean(rest**2, axis=0) <= SELECTED_MSE)
+    for dof in ("surge", "sway", "yaw"):
+        on_terms = [f.value for f in findings(sparing, "order_mse") if f.dof == dof]
+        order = next(f.value for f in findings(sparing, "selected_order") if f.dof == dof)
+        least = next(f.value for f in findings(thesis, "selected_order") if f.dof == dof)
+        assert order <= least
+        assert on_terms[int(order) - 1] <= 1.1 * min(on_terms)
+        assert all(value > 1.1 * min(on_terms) for value in on_terms[: int(order) - 1])
+
+
+def one_by_one(x: np.ndarray, y: np.ndarray, orders: range) -> dict[tuple[int, int], np.ndarray]:
+    """Theta_pre of every (order, number of terms) by scikit-learn."""
+    found = {}
+    for order in orders:
+        kept = np.arange(x.shape[1])
+        while len(kept) >= max(2, order):
+            coefficients = PLSRegression(order, scale=False).fit(x[:, kept], y).coef_[0]
+            theta = np.zeros(x.shape[1])
+            theta[kept] = coefficients
+            found[order, len(kept)] = theta
+            kept = np.delete(kept, np.argmin(np.abs(coefficients)))
+    return found
+
+
+def standard(calm, identifier) -> tuple:
+    surface = identifier("surface_plsr", force="commanded")
+    problem = calm.problem
+    z = columns(surface.samples(problem.training, problem.nominal, problem.thruster))
+    return z, z.x[:, 1:] / z.beta
+
+
+def test_equals_scikit_learn_one_by_one(calm, identifier) -> None:
+    z, x = standard(calm, identifier)
+    moment = z.z.T @ z.z
+    for k in range(3):
+        ours = whole_surface(output_moment(moment, z.n_x, k), z.beta)
+        theirs = one_by_one(x, z.y[:, k], range(1, 6))
+        for (order, count), theta in theirs.items():
+            found = ours[order - 1, count - 1, 1:, 0] * z.beta
+            np.testing.assert_allclose(found, theta, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_the_whole_surface_beside_scikit_learn_one_by_one(calm, identifier) -> None:
+    z, x = standard(calm, identifier)
+    held_out = z.z.T @ z.z
+
+    def ours() -> list[Array]:
+        moment = z.z.T @ z.z
+        return [
+            mean_squares(
+                output_moment(held_out, z.n_x, k),
+                whole_surface(output_moment(moment, z.n_x, k), z.beta),
+            )[..., 0]
+            for k in range(3)
+        ]
+
+    def theirs() -> list[Array]:
+        found = [np.full((30, 30), np.nan) for _ in range(3)]
+        for k, mse in enumerate(found):
+            for (order, count), theta in one_by_one(x, z.y[:, k], range(1, 31)).items():
+                mse[order - 1, count - 1] = np.mean((z.y[:, k] - x @ theta) ** 2)
+        return found
+
+    for our, their in zip(ours(), theirs(), strict=True):
+        known = ~np.isnan(their)
+        assert np.sum(known) == 464
+        np.testing.assert_allclose(our[known], their[known], rtol=1e-5, atol=1e-9)
+
+
+def test_filtered_force_makes_the_fit_exact(calm, identifier, rng) -> None:
+    # The force is identifiable to the last digits, single coefficients are not: while surge is
+    # never backward ur and |u|r are one column, and the surface may keep either.
+    found = identifier("surface_plsr", force="filtered", bootstrap=None).identify(calm.problem, rng)
+    training = calm.problem.training
+    left = np.mean(np.square(lack_of_fit(training, found.model, "filtered")), axis=0)
+    before = np.mean(np.square(lack_of_fit(training, calm.problem.nominal, "filtered")), axis=0)
+    assert np.all(left < 1e-12 * before)
+
+
+def test_stages_add_up_and_never_make_it_worse(calm, identifier, thesis, rng) -> None:
+    staged = identifier(
+        "surface_plsr", force="commanded", validation="test", stages=3, bootstrap=None
+    ).identify(calm.problem, rng)
+    total = staged.stages[0] + staged.stages[1] + staged.stages[2]
+    np.testing.assert_allclose(total.theta, staged.residual.theta, atol=1e-9)
+    np.testing.assert_allclose(staged.stages[0].theta, thesis.residual.theta, rtol=1e-12)
+    mse = [
+        np.mean(lack_of_fit(calm.problem.validation, one.model, "commanded") ** 2, axis=0)
+        for one in (thesis, staged)
+    ]
+    assert np.all(mse[1] <= mse[0] * (1.0 + 1e-9))
+    stored = [f for f in findings(staged, "stage_coefficient") if f.i == 1 and f.dof == "surge"]
+    assert {f.label for f in stored} == {
+        str(one)
+        for one, row in zip(staged.stages[0].terms, staged.stages[0].theta, strict=True)
+        if row[0]
+    }
+    training = [f.value for f in findings(staged, "stage_mse") if f.dof == "surge"]
+    rest = lack_of_fit(calm.problem.training, staged.model, "commanded")
+    assert training[-1] == pytest.approx(np.mean(rest[:, 0] ** 2), rel=1e-9)
+
+
+def test_nothing_to_learn_adds_nothing(lap, identifier, rng) -> None:
+    sailed = lap("noise", 0)
+    problem = type(sailed.problem)(
+        sailed.problem.training, sailed.problem.validation, sailed.truth, sailed.thruster
+    )
+    noise = rng.standard_normal(problem.training.nu.shape)
+    object.__setattr__(problem.training, "tau_actual", problem.training.tau_actual.copy())
+    training = problem.training.part(slice(None))
+    fitted = sailed.truth.inverse(training.nu_dot, training.nu, training.attitude)
+    object.__setattr__(training, "tau_actual", fitted + noise)
+    problem = type(problem)(training, problem.validation, sailed.truth, None)
+    found = identifier("surface_plsr", force="actual", bootstrap=None).identify(problem, rng)
+    assert [f.value for f in findings(found, "selected_order")].count(0.0) >= 2
+
+
+def test_bootstrap_errors_are_of_the_terms_that_stay(lap, identifier, rng) -> None:
+    surface = identifier("surface_plsr", lowpass_hz=0.5, bootstrap=50)
+    found = surface.identify(lap("noise", 0).problem, rng)
+    assert np.all((found.std_error > 0.0) == (found.residual.theta != 0.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stages": 0}, "stages must be 1 to 10, got 0"),
+        ({"selection": "best"}, "selection: got 'best', expected one of minimum, parsimonious"),
+        ({"validation": "peek"}, "validation: got 'peek'"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        identifier("surface_plsr", **changes)
+    assert message in str(caught.value)

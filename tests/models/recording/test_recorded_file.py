@@ -1,0 +1,565 @@
+"""Measured files: what is read from them, and what is refused."""
+
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from omegaconf import OmegaConf
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.consistency import quality_checks
+from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.runner.config import build
+
+CONF = Path(__file__).parents[2] / "conf" / "excitation" / "recording.yaml"
+PLANAR = ("surge", "sway", "yaw")
+ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+@pytest.fixture(scope="session")
+def beluga() -> Path:
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    found = Path(folder) / "beluga"
+    if not found.is_dir():
+        pytest.skip(f"there is no {found}")
+    return found
+
+
+def excitation(path: Path | str | None, **options: Any) -> RecordedFile:
+    """The excitation as configured, with some options changed."""
+    node = OmegaConf.merge(OmegaConf.load(CONF), {"path": None if path is None else str(path)})
+    made = build(OmegaConf.to_container(OmegaConf.merge(node, options)), "excitation")
+    assert isinstance(made, RecordedFile)
+    return made
+
+
+def write(path: Path, columns: Mapping[str, Sequence[Any]]) -> Path:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+    return path
+
+
+def surge_columns(n: int = 20) -> dict[str, list[Any]]:
+    k = np.arange(n)
+    return {
+        "Time": [f"{0.1 * i:.10g}" for i in k],
+        "position_x": list(-0.1 * k),
+        "surge_vel": list(0.01 * k**2),
+        "force_x": list(1.0 * k),
+    }
+
+
+def refusal(path: Path, dofs: Sequence[str] = ("surge",), **options: Any) -> str:
+    with pytest.raises(RecordingError) as caught:
+        excitation(path, **options).read(dofs)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+def test_window_of_hoyer_holds_2399_samples(beluga: Path) -> None:
+    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    assert len(recording) == 2399
+    assert recording.t[0] > 410.0
+    assert recording.t[-1] < 650.0
+    assert recording.period_s == pytest.approx(0.1)
+    # The sign of the map is right: the position grows with the velocity.
+    assert np.corrcoef(np.gradient(recording.eta[:, 0]), recording.nu[:, 0])[0, 1] > 0.98
+
+
+@pytest.mark.parametrize(
+    ("mass", "damping", "position_mae", "velocity_mae"),
+    [(140.4, 98.3, 0.2981, None), (168.0, 67.7, None, 0.01141), (145.05, 97.16, 0.2985, 0.0263)],
+)
+def test_prediction_errors_on_surge_1(
+    beluga: Path, mass: float, damping: float, position_mae: float, velocity_mae: float
+) -> None:
+    """Hoyer (2021), eq. (6.4) on the author's window: Euler from the first sample, tau as is."""
+    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    x, u = recording.eta[0, 0], recording.nu[0, 0]
+    track = []
+    for force in recording.tau[:, 0]:
+        track.append((x, u))
+        x, u = x + 0.1 * u, u + 0.1 * (force - damping * u) / mass
+    states = np.column_stack([recording.eta, recording.nu])
+    mae = np.mean(np.abs(states - np.array(track)), axis=0)
+    if position_mae is not None:
+        assert mae[0] == pytest.approx(position_mae, abs=0.0001)
+    if velocity_mae is not None:
+        assert mae[1] == pytest.approx(velocity_mae, rel=0.003)
+
+
+def test_columns_and_signs(tmp_path: Path) -> None:
+    recording = excitation(write(tmp_path / "a.csv", surge_columns())).read(("surge",))
+    k = np.arange(20)
+    np.testing.assert_allclose(recording.t, 0.1 * k, atol=1e-12)
+    np.testing.assert_allclose(recording.eta[:, 0], 0.1 * k)
+    np.testing.assert_allclose(recording.nu[:, 0], 0.01 * k**2)
+    np.testing.assert_allclose(recording.tau[:, 0], k)
+    np.testing.assert_allclose(recording.nu_dot[:, 0], 0.2 * k, atol=1e-12)  # of (t/0.1)^2 / 100
+    np.testing.assert_array_equal(recording.attitude, 0.0)
+    assert recording.tau_actual is None
+
+
+def test_pose_of_six_degrees_of_freedom_is_that_of_the_velocity(beluga: Path) -> None:
+    """eta_dot = R(phi, theta, psi) nu holds in the turned frame as well."""
+    recording = excitation(beluga / "sway-1.csv").read(ALL)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("ZYX", recording.attitude[:, ::-1])
+    rate = np.gradient(recording.eta[:, :3], recording.t, axis=0)
+    for measured, expected in zip(rate.T, turn.apply(recording.nu[:, :3]).T, strict=True):
+        assert np.corrcoef(measured, expected)[0, 1] > 0.95
+    np.testing.assert_array_equal(recording.eta[:, 3:], recording.attitude)
+
+
+def test_heading_is_unrolled_from_a_first_one_within_half_a_turn(beluga: Path) -> None:
+    for window in ({}, {"start_s": 410, "end_s": 650}):
+        recording = excitation(beluga / "surge-1.csv", **window).read(PLANAR)
+        heading = recording.eta[:, 2]
+        assert -np.pi < heading[0] <= np.pi
+        assert np.max(np.abs(np.diff(heading))) < 1.0
+        np.testing.assert_array_equal(heading, recording.attitude[:, 2])
+        rate = np.gradient(heading, recording.t)
+        assert np.corrcoef(rate, recording.nu[:, 2])[0, 1] > 0.75
+
+
+def test_only_the_columns_in_use_must_exist(beluga: Path) -> None:
+    recording = excitation(beluga / "synthetic_only_surge.csv").read(("surge",))
+    assert len(recording) == 230
+    assert recording.period_s == pytest.approx(0.1)
+    refused = refusal(beluga / "synthetic_only_surge.csv", PLANAR)
+    assert "no column 'sway_vel', expected it among , Time, force_x" in refused
+
+
+def test_recorded_acceleration_and_acting_force(tmp_path: Path) -> None:
+    columns = surge_columns() | {"acc": [7.0] * 20, "act": [3.0] * 20}
+    maps = {"acceleration": {"surge": "acc"}, "actual_force": {"surge": "-act"}}
+    recording = excitation(write(tmp_path / "a.csv", columns), columns=maps).read(("surge",))
+    np.testing.assert_array_equal(recording.nu_dot, 7.0)
+    assert recording.tau_actual is not None
+    np.testing.assert_array_equal(recording.tau_actual, -3.0)
+
+
+def test_angles_from_columns_where_there_is_no_quaternion(tmp_path: Path) -> None:
+    columns = surge_columns() | {"heading": list(np.linspace(3.0, 4.0, 20)), "r": [0.5] * 20}
+    columns |= {"n": [0.0] * 20}
+    maps = {
+        "orientation": None,
+        "position": {"yaw": "heading"},
+        "velocity": {"yaw": "r"},
+        "force": {"yaw": "n"},
+    }
+    given_file = excitation(write(tmp_path / "a.csv", columns), columns=maps, heading_deg=0.0)
+    recording = given_file.read(("surge", "yaw"))
+    np.testing.assert_allclose(recording.eta[:, 1], np.linspace(3.0, 4.0, 20))
+    np.testing.assert_array_equal(recording.attitude[:, :2], 0.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    values=arrays(
+        np.float64,
+        st.tuples(st.integers(3, 12), st.just(3)),
+        elements=st.floats(-1e9, 1e9, allow_nan=False),
+    ),
+    period=st.sampled_from([0.01, 0.1, 1.0, 2.5]),
+)
+def test_round_trip(tmp_path_factory: Any, values: Any, period: float) -> None:
+    path = tmp_path_factory.mktemp("round") / "a.csv"
+    t = [float(period * k) for k in range(len(values))]
+    x, u, force = ([float(v) for v in column] for column in values.T)
+    write(path, {"Time": t, "position_x": x, "surge_vel": u, "force_x": force})
+    recording = excitation(path).read(("surge",))
+    np.testing.assert_array_equal(recording.t, t)
+    np.testing.assert_array_equal(recording.eta[:, 0], -np.array(x))
+    np.testing.assert_array_equal(recording.nu[:, 0], u)
+    np.testing.assert_array_equal(recording.tau[:, 0], force)
+
+
+# Cleaning, where it is asked for.
+
+
+def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> None:
+    columns = surge_columns(100)
+    columns["surge_vel"][40] = 1000.0
+    path = write(tmp_path / "a.csv", columns)
+    kept = excitation(path)
+    assert kept.read(("surge",)).nu[40, 0] == 1000.0
+    assert kept.outlier_counts(("surge",)) == {"surge_vel": 1, "force_x": 0, "position_x": 0}
+    replaced = excitation(path, outliers={"replace": True}).read(("surge",))
+    assert replaced.nu[40, 0] == pytest.approx(0.01 * 40**2, abs=0.011)
+    assert replaced.nu_dot[40, 0] == pytest.approx(8.0)
+
+
+def test_columns_with_their_own_samples_on_one_grid(tmp_path: Path) -> None:
+    """A log of messages: every line holds one sensor's sample."""
+    rows = [("Time", "position_x", "surge_vel", "force_x")]
+    for k in range(400):
+        t = 0.037 * k
+        cells = ["", "nan", ""]
+        cells[k % 3] = f"{(-2.0 * t, 3.0 * t, 4.0 * t)[k % 3]:.12g}"
+        rows.append((f"{t:.12g}", *cells))
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(",".join(row) for row in rows))
+    recording = excitation(path, resample_hz=10.0).read(("surge",))
+    np.testing.assert_allclose(np.diff(recording.t), 0.1)
+    assert recording.t[0] == pytest.approx(0.074)  # when the last of the three begins
+    np.testing.assert_allclose(recording.eta[:, 0], 2.0 * recording.t, atol=1e-9)
+    np.testing.assert_allclose(recording.nu[:, 0], 3.0 * recording.t, atol=1e-9)
+    np.testing.assert_allclose(recording.nu_dot[:, 0], 3.0, atol=1e-8)
+    np.testing.assert_allclose(recording.tau[:, 0], 4.0 * recording.t, atol=1e-9)
+    assert "column surge_vel, line 2: got 'nan', expected a finite number" in refusal(path)
+    message = refusal(path, resample_hz=10.0, max_gap_s=0.1)
+    assert "column surge_vel, line 3: got no sample for 0.111 s after 0.037 s" in message
+
+
+def test_resampling_across_a_sign_flip_and_a_full_turn(tmp_path: Path) -> None:
+    """A steady turn, recorded with positive w: between samples the heading stays on its line."""
+    from scipy.spatial.transform import Rotation
+
+    t = 0.4 * np.arange(60)
+    quaternions = np.roll(Rotation.from_euler("z", 0.5 * t[:, None]).as_quat(), 1, axis=1)
+    quaternions *= np.where(quaternions[:, :1] < 0.0, -1.0, 1.0)
+    columns = {"Time": list(t), "yaw_vel": [0.5] * 60, "torque_z": [0.0] * 60}
+    columns |= {
+        f"orientation_{axis}": list(q) for axis, q in zip("wxyz", quaternions.T, strict=True)
+    }
+    path = write(tmp_path / "a.csv", columns)
+    recording = excitation(path, resample_hz=10.0, heading_deg=0.0).read(("yaw",))
+    np.testing.assert_allclose(recording.eta[:, 0], 0.5 * recording.t, atol=1e-3)
+
+
+def test_what_cannot_be_put_on_one_grid(tmp_path: Path) -> None:
+    columns = surge_columns()
+    columns["force_x"] = ["1", *[""] * 19]
+    path = write(tmp_path / "a.csv", columns)
+    assert "column force_x: got 1 samples" in refusal(path, resample_hz=10.0)
+    columns = surge_columns()
+    columns["force_x"] = [*["1"] * 5, *[""] * 15]
+    columns["surge_vel"] = [*[""] * 15, *["1"] * 5]
+    path = write(tmp_path / "a.csv", columns)
+    assert "share no two samples at 10 Hz" in refusal(path, resample_hz=10.0)
+    columns = surge_columns()
+    columns["Time"][4] = ""
+    assert "column Time, line 6" in refusal(write(path, columns), resample_hz=10.0)
+
+
+def test_acceleration_without_its_bias(tmp_path: Path) -> None:
+    columns = surge_columns() | {"acc": list(0.2 * np.arange(20) + 5.0)}
+    path = write(tmp_path / "a.csv", columns)
+    options = {"columns": {"acceleration": {"surge": "acc"}}, "zero_acceleration_bias": True}
+    recording = excitation(path, **options).read(("surge",))
+    np.testing.assert_allclose(recording.nu_dot[:, 0], 0.2 * np.arange(20), atol=1e-9)
+
+
+def planar_columns(n: int = 20) -> dict[str, list[Any]]:
+    columns = surge_columns(n)
+    for name in ("position_y", "sway_vel", "yaw_vel", "force_y", "torque_z"):
+        columns[name] = [0.0] * n
+    columns |= {"orientation_w": [1.0] * n}
+    columns |= {f"orientation_{axis}": [0.0] * n for axis in "xyz"}
+    return columns
+
+
+def test_acting_force_from_speed_and_angle(tmp_path: Path) -> None:
+    columns = planar_columns() | {"n1": [1000.0] * 20, "n2": [1000.0] * 20}
+    columns |= {"a1": [np.pi / 2] * 20, "a2": [-np.pi / 2] * 20}
+    path = write(tmp_path / "a.csv", columns)
+    names = {"thrusters": {"rpm": ["n1", "n2"], "angle": ["a1", "a2"]}}
+    recording = excitation(path, **names).read(PLANAR)
+    assert recording.tau_actual is not None
+    np.testing.assert_allclose(recording.tau_actual, np.tile([0.0, 0.0, 65.73], (20, 1)), atol=0.01)
+    assert excitation(path).read(PLANAR).tau_actual is None
+    columns["n2"][7] = -6000.0
+    message = refusal(write(path, columns), PLANAR, **names)
+    assert "column n2, sample 7: got -6000 rpm, expected -5400 to 5300" in message
+
+
+def test_splits_of_a_file(tmp_path: Path) -> None:
+    t = 0.1 * np.arange(40)
+    assert np.flatnonzero(excitation("a.csv", train_fraction=0.25).split(t).test)[0] == 10
+    by_trip = {"trip_starts_s": [0.0, 0.95, 1.95, 2.95], "training_trips": [1, 3]}
+    split = excitation("a.csv", **by_trip).split(t)
+    np.testing.assert_array_equal(split.train, np.repeat([True, False, True, False], 10))
+    np.testing.assert_array_equal(split.test, ~split.train)
+
+
+def test_statistics_of_a_file(beluga: Path) -> None:
+    whole = excitation(beluga / "surge-1.csv").describe()
+    assert [one.name for one in whole][:3] == ["force_x", "force_y", "force_z"]
+    assert len(whole) == 18
+    assert (whole[0].count, round(whole[0].mean, 2)) == (7961, 3.37)
+    window = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).describe()
+    assert {one.count for one in window} == {2399}
+    few = excitation(beluga / "synthetic_only_surge.csv").describe()
+    assert [one.name for one in few][-2:] == ["surge_vel", "position_x"]
+
+
+def test_quality_of_surge_1(beluga: Path) -> None:
+    """Over 240 s the integral of the velocity drifts by 0.37 m; a wrong sign shows at once.
+
+    The position jumps once, by 5 cm between two samples: hence 0.26 m/s, with a root mean square
+    of 0.015 m/s.
+    """
+    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    drift, rate = quality_checks(recording)
+    assert (drift.check, drift.unit) == ("integrated_velocity", "m")
+    assert drift.maximum == pytest.approx(0.367, abs=0.001)
+    assert (rate.check, rate.unit) == ("differentiated_position", "m/s")
+    assert rate.maximum == pytest.approx(0.260, abs=0.001)
+    assert np.sqrt(np.mean(rate.error**2)) == pytest.approx(0.0149, abs=0.0001)
+    turned = {"columns": {"position": {"surge": "position_x"}}}
+    options = {"start_s": 410, "end_s": 650} | turned
+    wrong = quality_checks(excitation(beluga / "surge-1.csv", **options).read(("surge",)))
+    assert wrong[0].maximum > 4.0
+
+
+def test_checksum_changes_with_the_content(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", surge_columns())
+    first = excitation(path).content_sha256()
+    assert len(first) == 64
+    write(path, surge_columns(21))
+    assert excitation(path).content_sha256() != first
+    with pytest.raises(RecordingError, match="cannot be read"):
+        excitation(tmp_path / "none.csv").content_sha256()
+
+
+# What is refused before anything is read.
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"path": None}, "excitation.path: expected a CSV file, got none"),
+        ({"path": ""}, "excitation.path: expected a CSV file, got none"),
+        (
+            {"start_s": 5.0, "end_s": 5.0},
+            "excitation: start_s must lie before end_s = 5, got 5",
+        ),
+        ({"sample_time_s": -1}, "excitation: sample_time_s must be positive, got -1"),
+        ({"train_fraction": 1.0}, "excitation: train_fraction must lie between 0 and 1, got 1"),
+        (
+            {"sample_time_s": 0.1, "resample_hz": 10},
+            "excitation: sample_time_s = 0.1 asks for a uniform file and resample_hz = 10 makes "
+            "one, expected one of them to be null",
+        ),
+        ({"max_gap_s": 0}, "excitation: max_gap_s must be positive, got 0"),
+        (
+            {"training_trips": [1]},
+            "excitation: training_trips needs trip_starts_s, got none",
+        ),
+        (
+            {"trip_starts_s": [0, 10], "training_trips": []},
+            "excitation: training_trips must leave trips to train and to test with, got [] of "
+            "trips [1, 2]",
+        ),
+        (
+            {"trip_starts_s": [10, 0], "training_trips": [1]},
+            "excitation: trip_starts_s must increase, got [10.0, 0.0]",
+        ),
+        (
+            {"outliers": {"window": 3}},
+            "excitation.outliers: window must be at least 4, got 3",
+        ),
+        (
+            {"outliers": {"deviations": 0}},
+            "excitation.outliers: deviations must be positive, got 0",
+        ),
+        (
+            {"differentiation": {"method": "magic"}},
+            "excitation.differentiation.method: got 'magic', expected one of central, "
+            "savitzky_golay, butterworth",
+        ),
+        (
+            {"thrusters": {"rpm": ["a"], "angle": ["b"]}},
+            "excitation.thrusters: rpm, angle and arm_m must be as many as there are thrusters, "
+            "got (1, 1, 2)",
+        ),
+        (
+            {
+                "thrusters": {"rpm": ["a", "b"], "angle": ["c", "d"]},
+                "columns": {"actual_force": {"surge": "e"}},
+            },
+            "excitation: thrusters.rpm and columns.actual_force both give the acting force, "
+            "expected one",
+        ),
+        (
+            {"columns": {"velocity": {"sideways": "v"}}},
+            "excitation.columns: columns.velocity: got 'sideways', expected some of surge, sway, "
+            "heave, roll, pitch, yaw",
+        ),
+        (
+            {"columns": {"force": {"surge": "-"}}},
+            "excitation.columns: columns.force.surge: got '-', expected the name of a column",
+        ),
+    ],
+)
+def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        excitation(**({"path": "there is none.csv"} | options))
+    assert str(caught.value) == message
+
+
+def test_a_degree_of_freedom_without_a_column() -> None:
+    one = excitation("there is none.csv")
+    object.__setattr__(one.columns, "force", {"surge": "force_x"})
+    with pytest.raises(ConfigurationError, match=r"^excitation.columns.force: no column for yaw"):
+        one.check(("surge", "yaw"))
+
+
+# What a bad file says.
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    assert "there is no such file" in refusal(tmp_path / "none.csv")
+    assert "is a folder" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("path", ["a\0b.csv", "a\nb.csv"])
+def test_path_that_no_file_should_have(path: str) -> None:
+    with pytest.raises(ConfigurationError, match="expected one line of text"):
+        excitation(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_or_read_but_nothing_else(
+    tmp_path_factory: Any, data: st.DataObject
+) -> None:
+    path = write(tmp_path_factory.mktemp("damaged") / "a.csv", planar_columns(12))
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        length = data.draw(st.sampled_from([0, 1, 1, 1, 3, 40]))
+        piece = data.draw(
+            st.sampled_from([b"", b"x", b"\n", b",", b'"', b"9", b"e", b"-", b"\xff"])
+        )
+        content[place : place + length] = piece
+    path.write_bytes(bytes(content))
+    options = data.draw(
+        st.sampled_from([{}, {"resample_hz": 7.0}, {"outliers": {"replace": True, "window": 4}}])
+    )
+    try:
+        recording = excitation(path, **options).read(PLANAR)
+    except RecordingError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
+    else:
+        for values in (recording.eta, recording.nu, recording.nu_dot, recording.tau):
+            assert np.all(np.isfinite(values))
+
+
+def test_missing_column_is_named_beside_those_present(tmp_path: Path) -> None:
+    columns = surge_columns()
+    del columns["surge_vel"]
+    message = refusal(write(tmp_path / "a.csv", columns))
+    assert "no column 'surge_vel', expected it among Time, position_x, force_x" in message
+
+
+def test_column_given_twice(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Time,position_x,surge_vel,force_x,force_x\n0,1,2,3,4\n0.1,1,2,3,4\n")
+    assert "2 columns 'force_x', expected one" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"Time": "0.3"}, "column Time, line 7: got 0.300000 s after 0.400000 s, expected time to"),
+        ({"Time": "0.55"}, "column Time, line 7: got a step of 0.15 s, expected a uniform sample"),
+        ({"Time": ""}, "column Time, line 7: got an empty cell, expected a finite number"),
+        ({"force_x": ""}, "column force_x, line 7: got an empty cell, expected a finite number"),
+        ({"force_x": "  "}, "column force_x, line 7: got an empty cell, expected a finite number"),
+        ({"force_x": "NaN"}, "column force_x, line 7: got 'NaN', expected a finite number"),
+        ({"force_x": "-inf"}, "column force_x, line 7: got '-inf', expected a finite number"),
+        ({"force_x": "1e31"}, "column force_x, line 7: got '1e31', expected a finite number"),
+        ({"force_x": "1e999"}, "column force_x, line 7: got '1e999', expected a finite number"),
+        ({"surge_vel": "fast"}, "column surge_vel, line 7: got 'fast', expected a finite number"),
+        ({"surge_vel": "1\n2"}, "column surge_vel, line 8: got '1 2', expected a finite number"),
+    ],
+)
+def test_bad_cell(tmp_path: Path, change: dict[str, str], message: str) -> None:
+    columns = surge_columns()
+    for name, cell in change.items():
+        columns[name][5] = cell
+    assert message in refusal(write(tmp_path / "a.csv", columns))
+
+
+def test_sample_time_is_checked_where_it_is_stated(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", surge_columns())
+    assert len(excitation(path, sample_time_s=0.1).read(("surge",))) == 20
+    message = refusal(path, sample_time_s=0.05)
+    assert "line 3: got a step of 0.1 s, expected a uniform sample time of 0.05 s" in message
+
+
+def test_text_and_holes_in_columns_not_in_use_do_no_harm(tmp_path: Path) -> None:
+    columns = surge_columns() | {"remark": ["windy", *[""] * 19]}
+    assert len(excitation(write(tmp_path / "a.csv", columns)).read(("surge",))) == 20
+
+
+def test_binary_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"Time,x\n1,2\n\x00\x01\x02")
+    assert "line 3: got binary data" in refusal(path)
+    path.write_bytes(b"Time,x\n\xff\xfe\xfa")
+    assert "line 2: got binary data or text that is not UTF-8" in refusal(path)
+
+
+def test_empty_file_and_header_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    for content in ("", "\n\n", "\ufeff"):
+        path.write_text(content, encoding="utf-8")
+        assert "is empty, expected a header and samples" in refusal(path)
+    path.write_text("Time,position_x,surge_vel,force_x\n")
+    assert "got a header and no rows" in refusal(path)
+    path.write_text("Time,position_x,surge_vel,force_x\n0,0,0,0\n")
+    assert "got 1 samples, expected at least 2" in refusal(path)
+
+
+def test_byte_order_mark_blank_lines_and_spaces_are_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "\ufeffTime, position_x, surge_vel, force_x\r\n0, 1, 2, 3\r\n\r\n1, 1, 2, 3\r\n\r\n",
+        encoding="utf-8",
+    )
+    assert len(excitation(path).read(("surge",))) == 2
+
+
+def test_row_of_another_length(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Time,position_x,surge_vel,force_x\n0,0,0,0\n1,0,0\n")
+    assert "line 3: got 3 cells, expected 4 as in the header" in refusal(path)
+
+
+def test_open_quotation_mark(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text('Time,position_x,surge_vel,force_x\n0,0,0,0\n1,"0,0,0\n' + "1,0,0,0\n" * 5)
+    assert "got 2 cells, expected 4" in refusal(path)
+    path.write_text('Time,position_x,surge_vel,force_x\n0,0,0,0\n1,"' + "0,0,0\n" * 50000)
+    assert "field larger than field limit" in refusal(path)
+
+
+def test_window_with_no_samples(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", surge_columns())
+    message = refusal(path, start_s=100.0)
+    assert "got 0 samples with 100 < t < inf s, expected at least 2" in message
+    assert "the file holds 0 to 1.9 s" in message
+
+
+def test_quaternion_that_is_none(tmp_path: Path) -> None:
+    columns = surge_columns() | {f"orientation_{axis}": [0.5] * 20 for axis in "wxyz"}
+    columns["orientation_y"][3] = 2.5
+    message = refusal(write(tmp_path / "a.csv", columns))
+    assert "line 5: got a quaternion of length 2.65, expected 1" in message

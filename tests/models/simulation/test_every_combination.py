@@ -1,0 +1,113 @@
+"""Every vessel sails with every disturbance and every excitation that suits it, two seconds each.
+
+What does not suit is refused by name before any work.
+"""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
+from seatrial.models.notation import DOFS
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.table import PLANAR
+from seatrial.runner.config import build
+
+CONF = Path(__file__).parents[2] / "conf"
+PERIOD_S, ROWS = 0.1, 20
+
+VESSELS = {
+    "milliampere": PLANAR, "modulus_ship": PLANAR, "supply_vessel": PLANAR,
+    "surge_linear": ("surge",), "surge_nonlinear": ("surge",),
+    "surge_nonlinear_printed": ("surge",),
+    "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
+}  # fmt: skip
+FLOATING = (
+    "wind",
+    "wind_current",
+    "wind_current_process",
+    "waves",
+    "rough",
+)  # disturbances of what floats
+PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
+TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
+
+
+def options(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+@cache
+def objects(vessel: str, group: str, name: str) -> Any:
+    """An option of a group, composed for a vessel."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        chosen = [f"vessel={vessel}", f"{group}={name}"]
+        config = OmegaConf.to_container(compose("trial", chosen), resolve=False)
+        resolved = OmegaConf.create(config)
+        return build(OmegaConf.to_container(resolved[group], resolve=True), group)
+
+
+def suits(vessel: str, group: str, name: str) -> bool:
+    dofs = VESSELS[vessel]
+    if group == "disturbance":
+        return dofs == PLANAR or name not in FLOATING
+    return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)
+
+
+def test_the_lists_are_complete() -> None:
+    assert set(options("vessel")) == set(VESSELS)
+
+
+@pytest.mark.parametrize("group", ["disturbance", "excitation"])
+@pytest.mark.parametrize("vessel", VESSELS)
+def test_what_does_not_suit_is_refused_by_name(vessel: str, group: str) -> None:
+    for name in options(group):
+        if name == "recording" or suits(vessel, group, name):
+            continue
+        with pytest.raises(ConfigurationError, match="needs a vessel in"):
+            objects(vessel, group, name).check(VESSELS[vessel])
+
+
+@pytest.mark.parametrize("vessel", VESSELS)
+def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
+    parameters = objects(vessel, "vessel", vessel)
+    dofs, table = parameters.dofs, parameters.nominal()
+    assert dofs == VESSELS[vessel]
+    pid = objects(vessel, "controller", "pid_ff")
+    start = np.zeros(len(dofs))
+    for excitation in options("excitation"):
+        if excitation == "recording" or not suits(vessel, "excitation", excitation):
+            continue
+        mission = objects(vessel, "excitation", excitation)
+        mission.check(dofs)
+        check_limits(mission, parameters.limits_by_dof, PERIOD_S)
+        t = PERIOD_S * np.arange(round(mission.duration_s / PERIOD_S), dtype=np.float64)
+        split = mission.split(t)
+        assert 0.05 < np.mean(split.train) < 0.95
+        assert not np.any(split.train & split.test)
+        force = added_force(mission, t, dofs, np.random.default_rng(0))
+        for disturbance in options("disturbance"):
+            if not suits(vessel, "disturbance", disturbance):
+                continue
+            case = objects(vessel, "disturbance", disturbance)
+            case.check(dofs)
+            rngs = np.random.default_rng(1), np.random.default_rng(2)
+            weather = case.realise(ROWS, dofs, *rngs, PERIOD_S)
+            voyage = sail(
+                parameters.plant(parameters.plant_scale * table + case.aerodynamics(dofs)),
+                weather, mission.guidance(t, start), mission.reference_filter.table(PERIOD_S),
+                steering(mission, dofs, PERIOD_S) or pid.build(table, PERIOD_S), start, PERIOD_S,
+                0.05, added=None if force is None else force[:ROWS],
+            )  # fmt: skip
+            what = f"{vessel} {disturbance} {excitation}"
+            assert np.all(np.isfinite(voyage.log.nu_dot)), what
+            assert len(recording_of(voyage, weather)) == ROWS
+            if is_open_loop(mission):
+                np.testing.assert_array_equal(voyage.log.tau_fb, 0.0)

@@ -1,0 +1,154 @@
+"""Linearisation against finite differences of the equations of motion."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from seatrial.models import notation
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.linearisation import gradient, linearise, operating_force, tangent
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import N_VARIABLES
+from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
+from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
+from seatrial.models.vessel.table import PLANAR, Vessel
+
+WINDAGE = {"X_|u_q|u_q": -9.0, "Y_|v_q|v_q": -30.0, "N_V_qv_q": -4.0}
+
+
+def rates(vessel: Vessel, state: np.ndarray, tau: np.ndarray, wind: np.ndarray) -> np.ndarray:
+    """(eta_dot, nu_dot) in the plane or in six degrees of freedom, written as in the books."""
+    n = len(vessel.dofs)
+    eta, nu, frame = state[:n], state[n:], np.empty((3, 3))
+    attitude = eta[3:] if n == 6 else np.array([0.0, 0.0, eta[2]])
+    frame_of_angles(attitude, frame)
+    air = (frame.T @ [*wind, 0.0])[:2]
+    nu_dot = vessel.forward(tau[None, :], nu[None, :], attitude[None, :], air[None, :])[0]
+    if n == 3:
+        return np.concatenate([frame @ nu, nu_dot])
+    turning = np.empty(3)
+    angle_rate(attitude, nu[3], nu[4], nu[5], turning)
+    return np.concatenate([frame @ nu[:3], turning, nu_dot])
+
+
+def check_against_differences(
+    vessel: Vessel, nu: np.ndarray, attitude: np.ndarray, wind: np.ndarray
+) -> None:
+    n = len(vessel.dofs)
+    tau = operating_force(vessel, nu, attitude, wind)
+    pose = np.array([3.0, -2.0, 1.0, *attitude]) if n == 6 else np.array([3.0, -2.0, attitude[2]])
+    state = np.concatenate([pose, nu])
+    np.testing.assert_allclose(rates(vessel, state, tau, wind)[n:], 0.0, atol=1e-9)
+    h, model = 1e-6, linearise(vessel, nu, attitude, wind)
+    for j, step in enumerate(h * np.eye(2 * n)):
+        up, down = (rates(vessel, state + sign * step, tau, wind) for sign in (1.0, -1.0))
+        np.testing.assert_allclose(model.A[:, j], (up - down) / (2.0 * h), rtol=1e-6, atol=1e-7)
+    for j, step in enumerate(np.eye(n)):
+        difference = rates(vessel, state, tau + step, wind) - rates(vessel, state, tau, wind)
+        np.testing.assert_allclose(model.B[:, j], difference, rtol=1e-6, atol=1e-12)
+
+
+def away_from_zero(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high) | st.floats(-high, -low)
+
+
+@given(
+    arrays(np.float64, 3, elements=away_from_zero(0.05, 2.0)),
+    st.floats(-3.0, 3.0),
+    arrays(np.float64, 2, elements=away_from_zero(4.0, 9.0)),
+)
+def test_the_matrices_are_the_finite_differences_of_the_equations_of_motion(
+    milliampere: Vessel, nu: np.ndarray, psi: float, wind: np.ndarray
+) -> None:
+    vessel = milliampere + derivative_table("wind", PLANAR, WINDAGE)
+    vessel = vessel + Vessel(
+        "drift", PLANAR, basis.terms(["cos(psi)", "|r|sin(psi)"]), np.full((2, 3), 50.0)
+    )
+    check_against_differences(vessel, nu, np.array([0.0, 0.0, psi]), wind)
+
+
+@given(
+    arrays(np.float64, 6, elements=away_from_zero(0.05, 2.0)),
+    arrays(np.float64, 3, elements=away_from_zero(0.05, 1.2)),
+    arrays(np.float64, 2, elements=away_from_zero(4.0, 9.0)),
+)
+def test_six_degrees_of_freedom_turn_by_three_angles(
+    nu: np.ndarray, attitude: np.ndarray, wind: np.ndarray
+) -> None:
+    inertia = np.diag([60.0, 75.0, 90.0, 2.0, 3.0, 3.5])
+    derivatives = {"X_|u|u": -2.0, "Y_v": -28.0, "Z_|w|w": -6.0, "K_p": -4.0, "M_q": -5.0}
+    vessel = from_derivatives("hull", notation.DOFS, inertia, derivatives | {"N_|r|r": -2.0})
+    vessel = vessel + derivative_table("wind", notation.DOFS, WINDAGE | {"K_|v_q|v_q": 3.0})
+    terms = basis.terms(["sin(theta)", "cos(theta)sin(phi)", "cos(theta)cos(phi)", "cos(psi)"])
+    restoring = np.random.default_rng(0).standard_normal((4, 6)) * 8.0
+    vessel = vessel + Vessel("restoring", notation.DOFS, terms, restoring)
+    check_against_differences(vessel, nu, attitude, wind)
+
+
+@given(arrays(np.float64, N_VARIABLES, elements=away_from_zero(0.1, 2.0)))
+def test_the_gradient_of_every_term_is_its_finite_difference(x: np.ndarray) -> None:
+    terms = basis.full_basis(PLANAR) + basis.terms(["cos(psi)", "|u_dot|rsin(psi)", "V_qu_q"])
+    slopes, h = gradient(basis.codes(terms), x), 1e-6
+    for j in range(1, N_VARIABLES):
+        step = h * np.eye(N_VARIABLES)[j]
+        up, down = (basis.evaluate(terms, (x + s * step)[None, :])[0] for s in (1.0, -1.0))
+        np.testing.assert_allclose(slopes[:, j], (up - down) / (2.0 * h), rtol=1e-6, atol=1e-8)
+
+
+def test_a_vessel_at_rest_keeps_only_its_linear_damping(milliampere: Vessel) -> None:
+    model = linearise(milliampere)
+    linear = np.array([milliampere.row(name) for name in ("u", "v", "r")]).T
+    expected = -np.linalg.solve(milliampere.inertia, linear)
+    np.testing.assert_allclose(model.A[3:, 3:], expected, rtol=1e-12)
+    np.testing.assert_array_equal(model.A[:3], np.eye(3, 6, 3))
+    assert model.outputs == ("x", "y", "psi")
+    assert model.controllable_order == model.observable_order == 6
+    assert not model.stable  # the pose integrates
+
+
+def test_a_single_axis_needs_no_heading() -> None:
+    vessel = Vessel("hull", ("surge",), basis.terms(["u_dot", "u", "|u|u"]), [[60.0], [20.0], [2]])
+    model = linearise(vessel, np.array([-1.5]))
+    np.testing.assert_allclose(model.A, [[0.0, 1.0], [0.0, -(20.0 + 2.0 * 2.0 * 1.5) / 60.0]])
+
+
+def test_an_acceleration_in_a_product_is_refused(milliampere: Vessel) -> None:
+    odd = milliampere + Vessel("odd", PLANAR, basis.terms(["u_dotu"]), np.ones((1, 3)))
+    with pytest.raises(ConfigurationError, match="cannot be solved"):
+        linearise(odd)
+
+
+@given(arrays(np.float64, 3, elements=away_from_zero(0.05, 2.0)))
+def test_a_tangent_has_the_force_and_the_finite_differences_of_the_table(
+    milliampere: Vessel, nu: np.ndarray
+) -> None:
+    flat, still, h = tangent(milliampere, nu), np.zeros((1, 3)), 1e-5
+    force = milliampere.inverse(still, nu[None, :])
+    np.testing.assert_allclose(flat.inverse(still, nu[None, :]), force, rtol=1e-9, atol=1e-6)
+    for step, name in zip(h * np.eye(3), ("u", "v", "r"), strict=True):
+        up, down = (milliampere.inverse(still, (nu + s * step)[None, :])[0] for s in (1.0, -1.0))
+        np.testing.assert_allclose(flat.row(name), (up - down) / (2.0 * h), rtol=1e-5, atol=1e-4)
+    assert {one.name for one in flat.terms} <= {"u_dot", "v_dot", "r_dot", "u", "v", "r", "1"}
+    np.testing.assert_array_equal(flat.inertia, milliampere.inertia)
+
+
+def test_a_tangent_without_offset_has_slopes_alone(milliampere: Vessel) -> None:
+    nu = np.array([0.5, -0.2, 0.1])
+    whole, slopes = tangent(milliampere, nu), tangent(milliampere, nu, offset=False)
+    assert "1" not in {one.name for one in slopes.terms}
+    assert (whole - slopes).row("1") == pytest.approx(whole.row("1"))
+    for name in ("u", "v", "r"):
+        np.testing.assert_array_equal(slopes.row(name), whole.row(name))
+
+
+def test_a_tangent_is_its_own_tangent_and_leaves_the_air_alone(milliampere: Vessel) -> None:
+    windy = milliampere + derivative_table("wind", PLANAR, WINDAGE)
+    nu = np.array([0.5, -0.2, 0.1])
+    once = tangent(windy, nu)
+    again = tangent(once, np.array([-1.0, 2.0, 0.3]))
+    np.testing.assert_allclose((again - once).theta, 0.0, atol=1e-9)
+    air = [one for one in windy.terms if "_q" in one.name]
+    assert air
+    np.testing.assert_array_equal(once.on(air).theta, windy.on(air).theta)

@@ -1,0 +1,353 @@
+"""Six degrees of freedom against the equations of Hoyer (2021), chapter 2, and laws."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from seatrial.models.control.pid import PidFeedforward
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.notation import DOFS
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.derivatives import RigidBody, coriolis, cross_matrix, from_derivatives
+from seatrial.models.vessel.kinematics import (
+    angle_rate,
+    angles_of_frame,
+    fill_attitude,
+    frame_of_angles,
+    frame_of_quaternion,
+    quaternion_of,
+    quaternion_rate,
+    spatial_reference,
+)
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.disturbance import ConstantForce
+from seatrial.models.weather.weather import Weather
+from tests.trials import composed
+
+angles = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
+motions = arrays(np.float64, 6, elements=st.floats(-2.0, 2.0))
+LIMITS = (50.0,) * 6
+STILL = np.zeros(6)
+
+
+@cache
+def beluga(kind: str) -> Any:
+    return composed(f"vessel=beluga_{kind}", "excitation=waypoints").vessel
+
+
+def drift(
+    vessel: Vessel, seconds: float, pose: Array, nu: Array = STILL, *, force: Array = STILL,
+    step_s: float = 0.05, attitude: Any = "quaternion", integrator: Any = "rk4",
+    current: tuple[float, float] = (0.0, 0.0),
+) -> Voyage:  # fmt: skip
+    """A vessel let go at a pose with a velocity, under a force that is constant in NED."""
+    n = round(seconds / 0.1)
+    weather = Weather(*(np.zeros((n, 6)) for _ in range(3)), np.tile(force, (n, 1)))
+    weather = weather._replace(current_ned=np.tile(current, (n, 1)))
+    same = (0.0,) * 6
+    pid = PidFeedforward(same, same, same, feedback=True, feedforward=False)
+    plant = Plant(vessel, None, LIMITS, attitude=attitude, integrator=integrator)
+    return sail(
+        plant, weather, (Timetable(np.zeros((n, 6))), np.zeros(1)),
+        ReferenceFilter(0.5, 0.7).table(0.1), pid.build(vessel, 0.1), pose, 0.1, step_s,
+        start_nu=nu,
+    )  # fmt: skip
+
+
+def frame(attitude: Array) -> Array:
+    found = np.empty((3, 3))
+    frame_of_angles(attitude, found)
+    return found
+
+
+@given(angles)
+def test_frames_equal_those_of_scipy(attitude: Array) -> None:
+    expected = Rotation.from_euler("ZYX", attitude[::-1]).as_matrix()
+    np.testing.assert_allclose(frame(attitude), expected, atol=1e-12)
+    found = np.empty((3, 3))
+    frame_of_quaternion(quaternion_of(attitude), found)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@given(angles)
+def test_angles_are_read_back_as_the_nearest_turns(attitude: Array) -> None:
+    read = attitude + 0.3
+    angles_of_frame(frame(attitude), read)
+    np.testing.assert_allclose(frame(read), frame(attitude), atol=1e-9)
+    if abs(attitude[1]) < 1.5:
+        np.testing.assert_allclose(read, attitude, atol=1e-6)
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_angles_of_a_vehicle_on_end_keep_the_roll(pitch: float) -> None:
+    attitude = np.array([0.4, pitch, 1.1])
+    read = np.array([0.4, 0.0, 0.0])
+    angles_of_frame(frame(attitude), read)
+    np.testing.assert_allclose(frame(read), frame(attitude), atol=1e-7)
+    assert read[0] == pytest.approx(0.4, abs=1e-6)
+
+
+@given(angles)
+def test_attitude_variables_follow_from_the_frame(attitude: Array) -> None:
+    from seatrial.models.vessel.basis import ATTITUDE, INDEX, N_VARIABLES
+
+    z = np.zeros(2 * N_VARIABLES)
+    fill_attitude(z, frame(attitude))
+    named = {name: z[INDEX[name]] for name in ATTITUDE}
+    (cx, cy, cz), (sx, sy, sz) = np.cos(attitude), np.sin(attitude)
+    assert named["sin(theta)"] == pytest.approx(sy, abs=1e-12)
+    assert named["cos(theta)"] * named["sin(phi)"] == pytest.approx(cy * sx, abs=1e-9)
+    assert named["cos(theta)"] * named["cos(phi)"] == pytest.approx(cy * cx, abs=1e-9)
+    assert named["cos(theta)"] * named["cos(psi)"] == pytest.approx(cy * cz, abs=1e-9)
+    assert named["cos(theta)"] * named["sin(psi)"] == pytest.approx(cy * sz, abs=1e-9)
+
+
+@given(angles, arrays(np.float64, 3, elements=st.floats(-2.0, 2.0)))
+def test_kinematics_are_the_derivative_of_the_rotation(attitude: Array, omega: Array) -> None:
+    h = 1e-6
+    turned = frame(attitude) @ Rotation.from_rotvec(h * omega).as_matrix()
+    rate = np.empty(4)
+    quaternion_rate(quaternion_of(attitude), *omega, rate)
+    after = np.empty((3, 3))
+    frame_of_quaternion(quaternion_of(attitude) + h * rate, after)
+    np.testing.assert_allclose(after, turned, atol=1e-9)
+    if abs(np.cos(attitude[1])) > 0.1:
+        angle = np.empty(3)
+        angle_rate(attitude, *omega, angle)
+        np.testing.assert_allclose(frame(attitude + h * angle), turned, atol=1e-9)
+
+
+def test_the_body_reference_is_the_derivative_of_the_path() -> None:
+    def path(t: float) -> Array:
+        return np.array(
+            [np.sin(t), np.cos(2 * t), 0.1 * t**2, 0.4 * np.sin(t), 0.7 * t, 0.3 * t**2]
+        )
+
+    def motion(t: float) -> tuple[Array, Array]:
+        h = 1e-4
+        rate = (path(t + h) - path(t - h)) / (2 * h)
+        acceleration = (path(t + h) - 2 * path(t) + path(t - h)) / h**2
+        nu, nu_dot = rate.copy(), acceleration.copy()
+        spatial_reference(np.column_stack([path(t), rate, acceleration]), nu, nu_dot)
+        return nu, nu_dot
+
+    t, h = 0.9, 1e-3
+    nu, nu_dot = motion(t)
+    R = frame(path(t)[3:])
+    velocity = (path(t + 1e-5)[:3] - path(t - 1e-5)[:3]) / 2e-5
+    np.testing.assert_allclose(R @ nu[:3], velocity, atol=1e-6)
+    spin = R.T @ (frame(path(t + 1e-5)[3:]) - frame(path(t - 1e-5)[3:])) / 2e-5
+    np.testing.assert_allclose(cross_matrix(nu[3:]), spin, atol=1e-6)
+    np.testing.assert_allclose(nu_dot, (motion(t + h)[0] - motion(t - h)[0]) / (2 * h), atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["full", "diagonal", "linear"])
+def test_inertia_is_symmetric_and_positive(kind: str) -> None:
+    inertia = beluga(kind).nominal().inertia
+    np.testing.assert_allclose(inertia, inertia.T, atol=1e-12)
+    assert np.min(np.linalg.eigvalsh(inertia)) > 0.0
+    assert inertia[0, 0] == pytest.approx(60.0)  # the surge models of the thesis
+
+
+@pytest.mark.parametrize(("kind", "count"), [("full", 108), ("diagonal", 18), ("linear", 12)])
+def test_the_number_of_hydrodynamic_parameters_is_the_thesis_s(kind: str, count: int) -> None:
+    assert len(beluga(kind).derivatives) == count
+
+
+@given(motions)
+def test_coriolis_is_skew_and_the_printed_one(nu: Array) -> None:
+    """C_RB (2.10), and C_A (2.12) with the blocks of M_A where the thesis has minus them."""
+    parameters = beluga("full")
+    body = parameters.body
+    v, omega = nu[:3], nu[3:]
+    rigid = body.inertia()
+    added = parameters.nominal().inertia - rigid
+    m, S_r, S_w = body.mass_kg, cross_matrix(body.centre_of_gravity_m), cross_matrix(omega)
+    inner = rigid[3:, 3:]
+    C_rb = np.block([[m * S_w, -m * S_w @ S_r], [m * S_r @ S_w, -cross_matrix(inner @ omega)]])
+    p1 = cross_matrix(added[:3, :3] @ v + added[:3, 3:] @ omega)
+    p2 = cross_matrix(added[3:, :3] @ v + added[3:, 3:] @ omega)
+    C_a = np.block([[np.zeros((3, 3)), -p1], [-p1, -p2]])
+    for C in (C_rb, C_a):
+        np.testing.assert_allclose(C, -C.T, atol=1e-12)
+    table = coriolis(parameters.nominal().inertia, DOFS)
+    found = table.inverse(np.zeros((1, 6)), nu[None])[0]
+    np.testing.assert_allclose(found, (C_rb + C_a) @ nu, atol=1e-9)
+    assert abs(nu @ found) < 1e-9
+
+
+@given(angles)
+def test_restoring_forces_are_the_printed_ones(attitude: Array) -> None:
+    """Hoyer (2021), eq. (2.7)."""
+    body = beluga("full").body
+    R = frame(attitude)
+    gravity = R.T @ np.array([0.0, 0.0, body.weight_n])
+    buoyancy = -R.T @ np.array([0.0, 0.0, body.buoyancy_n])
+    moment = np.cross(body.centre_of_buoyancy_m, buoyancy)
+    moment = moment + np.cross(body.centre_of_gravity_m, gravity)
+    printed = -np.concatenate([gravity + buoyancy, moment])
+    found = body.restoring(DOFS).inverse(np.zeros((1, 6)), np.zeros((1, 6)), attitude[None])[0]
+    np.testing.assert_allclose(found, printed, atol=1e-9)
+
+
+@given(motions)
+def test_damping_takes_energy_out_of_every_motion(nu: Array) -> None:
+    for kind in ("full", "diagonal", "linear"):
+        table = beluga(kind).nominal()
+        force = table.inverse(np.zeros((1, 6)), nu[None])[0]
+        force = force - table.inverse(np.zeros((1, 6)), np.zeros((1, 6)))[0]
+        assert nu @ force >= 0.0
+
+
+def neutral() -> RigidBody:
+    inertia = ((1.1, 0.0, 0.0), (0.0, 1.7, 0.0), (0.0, 0.0, 2.1))
+    return RigidBody(25.36, inertia, (0.0, 0.0, 0.0), 248.0, 248.0, (0.0, 0.0, -0.05))
+
+
+def hull(derivatives: dict[str, float]) -> Vessel:
+    body = neutral()
+    return from_derivatives("hull", DOFS, body.inertia(), derivatives) + body.restoring(DOFS)
+
+
+def test_neutral_buoyancy_at_rest_stays_at_rest() -> None:
+    pose = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 2.0])
+    voyage = drift(hull({}), 20.0, pose)
+    np.testing.assert_allclose(voyage.log.eta, np.tile(pose, (200, 1)), atol=1e-12)
+    np.testing.assert_allclose(voyage.log.nu, 0.0, atol=1e-12)
+
+
+def test_a_vehicle_that_is_too_heavy_sinks_at_its_terminal_speed() -> None:
+    voyage = drift(beluga("diagonal").nominal(), 120.0, STILL)
+    w = voyage.log.nu[-1, 2]
+    assert 35.0 * w + 6.0 * w**2 == pytest.approx(248.78 - 247.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["full", "diagonal", "linear"])
+@pytest.mark.parametrize("tip", [(1.0, 0.0), (0.0, 1.2), (2.5, -0.8)])
+def test_a_tipped_vehicle_rights_itself(kind: str, tip: tuple[float, float]) -> None:
+    pose = np.array([0.0, 0.0, 0.0, *tip, 0.3])
+    voyage = drift(beluga(kind).nominal(), 60.0, pose)
+    np.testing.assert_allclose(voyage.log.eta[-1, 3:5], 0.0, atol=0.02)
+
+
+def energy(vessel: Vessel, voyage: Voyage) -> Array:
+    """Kinetic energy and that of the buoyancy that stands above the centre, of `neutral`."""
+    kinetic = 0.5 * np.einsum("ki,ij,kj->k", voyage.log.nu, vessel.inertia, voyage.log.nu)
+    phi, theta = voyage.log.eta[:, 3], voyage.log.eta[:, 4]
+    return np.asarray(kinetic - 248.0 * 0.05 * np.cos(phi) * np.cos(theta))
+
+
+@pytest.mark.parametrize("attitude", ["quaternion", "euler"])
+def test_energy_is_kept_to_the_order_of_the_integrator(attitude: str) -> None:
+    vessel = hull({"X_udot": -30.0, "Y_vdot": -50.0, "Z_wdot": -60.0, "K_pdot": -0.9})
+    nu = np.array([0.4, -0.2, 0.1, 0.5, -0.4, 0.6])
+    pose = np.array([0.0, 0.0, 0.0, 0.3, -0.4, 0.5])
+    errors = {}
+    for integrator, steps in (("rk4", (0.1, 0.05, 0.025)), ("euler", (0.05, 0.025, 0.0125))):
+        kept = [
+            energy(
+                vessel,
+                drift(vessel, 8.0, pose, nu, step_s=h, attitude=attitude, integrator=integrator),
+            )
+            for h in steps
+        ]
+        errors[integrator] = [np.max(np.abs(e - e[0])) for e in kept]
+    assert np.all(np.log2(np.divide(errors["rk4"][:-1], errors["rk4"][1:])) > 3.5)
+    assert errors["rk4"][-1] < 1e-5
+    assert np.all(np.log2(np.divide(errors["euler"][:-1], errors["euler"][1:])) > 0.8)
+
+
+@pytest.mark.parametrize("kind", ["full", "linear"])
+def test_both_kinematics_agree_away_from_the_singularity(kind: str) -> None:
+    vessel = beluga(kind).nominal()
+    nu = np.array([0.5, -0.2, 0.1, 0.8, 0.3, 0.6])
+    pose = np.array([0.0, 0.0, 0.0, 0.3, -0.4, 3.0])
+    force = np.array([10.0, -5.0, 3.0, 0.0, 0.0, 1.0])
+    one = drift(vessel, 30.0, pose, nu, force=force, step_s=0.0125)
+    other = drift(vessel, 30.0, pose, nu, force=force, step_s=0.0125, attitude="euler")
+    np.testing.assert_allclose(one.log.eta, other.log.eta, atol=1e-7)
+    np.testing.assert_allclose(one.log.nu, other.log.nu, atol=1e-7)
+
+
+def test_quaternions_pass_through_ninety_degrees_of_pitch() -> None:
+    """A free body that turns about its y axis loops; its angles are those of the rotation."""
+    body = from_derivatives("body", DOFS, np.diag([25.0, 25.0, 25.0, 1.1, 1.7, 2.1]), {})
+    voyage = drift(body, 20.0, STILL, np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0]))
+    np.testing.assert_allclose(voyage.log.nu[:, 4], 0.5, atol=1e-12)
+    for k in range(0, 200, 7):
+        expected = Rotation.from_euler("Y", 0.5 * voyage.t[k]).as_matrix()
+        np.testing.assert_allclose(frame(voyage.log.eta[k, 3:]), expected, atol=1e-6)
+    assert 0.5 * voyage.t[-1] > 1.5 * np.pi
+
+
+@given(angles)
+def test_a_constant_force_is_a_table_at_every_attitude(attitude: Array) -> None:
+    push = ConstantForce(20.0, -7.0, 3.0)
+    R = frame(attitude)
+    expected = np.concatenate([R.T @ [20.0, -7.0, 0.0], R.T @ [0.0, 0.0, 3.0]])
+    found = push.table(DOFS).inverse(np.zeros((1, 6)), np.zeros((1, 6)), attitude[None])[0]
+    np.testing.assert_allclose(found, -expected, atol=1e-12)
+
+
+def test_the_log_equals_the_readable_equations() -> None:
+    push = ConstantForce(20.0, -7.0, 3.0)
+    vessel = beluga("full").nominal()
+    pose, nu = np.array([0.0, 0, 0, 0.5, -0.4, 2.0]), np.array([0.5, 0.1, -0.2, 0.3, 0.4, -0.5])
+    voyage = drift(vessel, 20.0, pose, nu, force=push.ned(DOFS))
+    log = voyage.log
+    needed = (vessel + push.table(DOFS)).inverse(log.nu_dot, log.nu, log.eta[:, 3:])
+    np.testing.assert_allclose(needed, 0.0, atol=1e-8)
+
+
+def test_in_a_uniform_current_the_vehicle_moves_as_in_still_water_seen_from_the_water() -> None:
+    vessel, stream = beluga("full").nominal(), np.array([0.3, -0.5])
+    pose, nu = np.array([0.0, 0, 0, 0.5, -0.4, 2.0]), np.array([0.5, 0.1, -0.2, 0.3, 0.4, -0.5])
+    calm = drift(vessel, 30.0, pose, nu)
+    carried = nu.copy()
+    carried[:3] += frame(pose[3:]).T @ np.array([*stream, 0.0])
+    adrift = drift(vessel, 30.0, pose, carried, current=(0.3, -0.5))
+    np.testing.assert_allclose(adrift.log.eta[:, 3:], calm.log.eta[:, 3:], atol=1e-5)
+    moved = adrift.log.eta[:, :2] - adrift.t[:, None] * stream
+    np.testing.assert_allclose(moved, calm.log.eta[:, :2], atol=1e-5)
+
+
+def test_euler_steps_are_those_of_the_thesis() -> None:
+    """y(t) = y(t - 1) + h y_dot(t - 1), eq. (6.2), with the quaternion normalised."""
+    vessel = beluga("diagonal").nominal()
+    pose, nu = np.array([0.0, 0, 0, 0.5, -0.4, 2.0]), np.array([0.5, 0.1, -0.2, 0.3, 0.4, -0.5])
+    log = drift(vessel, 3.0, pose, nu, step_s=0.1, integrator="euler").log
+    q, at, speed = quaternion_of(pose[3:]), pose[:3], nu
+    for k in range(29):
+        R, rate, attitude = np.empty((3, 3)), np.empty(4), np.zeros(3)
+        frame_of_quaternion(q, R)
+        angles_of_frame(R, attitude)
+        quaternion_rate(q, *speed[3:], rate)
+        at = at + 0.1 * R @ speed[:3]
+        speed = speed + 0.1 * vessel.forward(STILL[None], speed[None], attitude[None])[0]
+        q = (q + 0.1 * rate) / np.linalg.norm(q + 0.1 * rate)
+        np.testing.assert_allclose(log.eta[k + 1, :3], at, atol=1e-12)
+        np.testing.assert_allclose(log.nu[k + 1], speed, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mass_kg": 0.0}, {"weight_n": -1.0},
+        {"inertia_kg_m2": ((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},
+        {"inertia_kg_m2": ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},
+    ],
+)  # fmt: skip
+def test_impossible_bodies_are_refused(changes: dict[str, Any]) -> None:
+    body = {name: getattr(neutral(), name) for name in RigidBody.__dataclass_fields__}
+    with pytest.raises(ConfigurationError, match=next(iter(changes))):
+        RigidBody(**(body | changes))

@@ -1,0 +1,62 @@
+"""Rotations and the reference in body axes."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seatrial.models.vessel.kinematics import (
+    body_acceleration,
+    body_velocity,
+    reference_in_body,
+    reference_in_body_kernel,
+    rotation,
+    unroll,
+    wrap,
+)
+
+angles = st.floats(-20.0, 20.0)
+
+
+@given(angles)
+def test_rotations_are_orthogonal(psi: float) -> None:
+    r = rotation(psi)
+    np.testing.assert_allclose(r.T @ r, np.eye(3), atol=1e-14)
+    assert np.linalg.det(r) == pytest.approx(1.0)
+
+
+@given(angles, angles)
+def test_rotations_compose(a: float, b: float) -> None:
+    np.testing.assert_allclose(rotation(a) @ rotation(b), rotation(a + b), atol=1e-12)
+
+
+@given(angles)
+def test_wrapping_keeps_the_direction(angle: float) -> None:
+    wrapped = wrap(angle)
+    assert -np.pi < wrapped <= np.pi
+    assert np.cos(wrapped) == pytest.approx(np.cos(angle), abs=1e-9)
+    assert np.sin(wrapped) == pytest.approx(np.sin(angle), abs=1e-9)
+
+
+def test_unrolled_headings_do_not_jump() -> None:
+    headings = np.linspace(0.0, 30.0, 300)
+    wrapped = np.array([wrap(h) for h in headings])
+    np.testing.assert_allclose(unroll(wrapped), headings, atol=1e-9)
+
+
+@pytest.mark.parametrize("reference", [reference_in_body, reference_in_body_kernel])
+def test_body_reference_is_the_derivative_of_the_path(reference) -> None:  # type: ignore[no-untyped-def]
+    def path(t: float) -> np.ndarray:
+        return np.array([np.sin(t), 2.0 * np.cos(0.7 * t), 0.3 * t**2])
+
+    t, h = 1.3, 1e-4
+    rate = (path(t + h) - path(t - h)) / (2 * h)
+    acceleration = (path(t + h) - 2 * path(t) + path(t - h)) / h**2
+    eta_d, nu_d, nu_dot_d = np.empty(3), np.empty(3), np.empty(3)
+    reference(True, np.column_stack([path(t), rate, acceleration]), eta_d, nu_d, nu_dot_d)
+    np.testing.assert_allclose(nu_d, body_velocity(rate, path(t)[2]))
+    np.testing.assert_allclose(nu_dot_d, body_acceleration(rate, acceleration, path(t)[2]))
+    ahead, behind = (
+        body_velocity((path(s + h) - path(s - h)) / (2 * h), path(s)[2]) for s in (t + h, t - h)
+    )
+    np.testing.assert_allclose(nu_dot_d, (ahead - behind) / (2 * h), atol=1e-5)

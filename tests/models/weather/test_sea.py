@@ -1,0 +1,112 @@
+"""Current, waves and process noise: their statistics and limits."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.table import PLANAR
+from seatrial.models.weather.current import Current
+from seatrial.models.weather.noise import ProcessNoise, gauss_markov
+from seatrial.models.weather.waves import Waves
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def test_a_constant_current_sets_to_its_direction() -> None:
+    velocity = Current(0.5, 90.0, "constant", 0.1, 600.0, 1.0).realise(3, 1.0, rng())
+    np.testing.assert_allclose(velocity, [[0.0, 0.5]] * 3, atol=1e-12)
+
+
+def test_a_slow_current_varies_about_its_mean() -> None:
+    velocity = Current(0.3, 0.0, "slow", 0.05, 60.0, 5.0).realise(400_000, 1.0, rng())
+    np.testing.assert_allclose(velocity.mean(axis=0), [0.3, 0.0], atol=0.005)
+    np.testing.assert_allclose(velocity.std(axis=0), 0.05, rtol=0.05)
+    assert np.max(np.abs(np.diff(velocity, axis=0))) < 0.06
+    for column in velocity.T:
+        assert np.corrcoef(column[:-60], column[60:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.03)
+
+
+@pytest.mark.parametrize("variation", ["slow", "constant"])
+def test_a_current_stays_below_its_limit(variation: Any) -> None:
+    velocity = Current(0.9, 0.0, variation, 0.5, 60.0, 1.0).realise(10_000, 1.0, rng())
+    assert np.max(np.hypot(*velocity.T)) <= 1.0 + 1e-12
+
+
+def test_the_white_current_of_the_source() -> None:
+    velocity = Current(0.0, 0.0, "white", 0.0, 60.0, 10.0).realise(20_000, 1.0, rng())
+    np.testing.assert_allclose(velocity.mean(axis=0), 5.0, atol=0.1)
+    assert velocity.min() >= 0.0
+    assert velocity.max() <= 10.0
+    assert abs(np.corrcoef(velocity[:-1, 0], velocity[1:, 0])[0, 1]) < 0.03
+
+
+def test_waves_have_their_deviation_and_peak() -> None:
+    period = 0.25
+    motion = Waves(0.2, 2.0, 8.0, 0.1).realise(100_000, period, rng())
+    np.testing.assert_allclose(motion.std(axis=0), [0.2, 0.2, np.radians(2.0)], rtol=0.05)
+    np.testing.assert_allclose(motion.mean(axis=0), 0.0, atol=0.005)
+    for column in motion.T:
+        f, density = welch(column, 1.0 / period, nperseg=4096)
+        assert f[np.argmax(density)] == pytest.approx(1.0 / 8.0, rel=0.1)
+    assert np.max(np.abs(np.corrcoef(motion.T) - np.eye(3))) < 0.05
+
+
+def test_the_spectrum_of_waves_is_fossens() -> None:
+    """S(w) = (K w)^2 / ((w0^2 - w^2)^2 + (2 lambda w0 w)^2), sigma^2 = K^2 / (4 lambda w0)."""
+    period, w0, damping = 0.25, 2 * np.pi / 8.0, 0.1
+    motion = Waves(1.0, 1.0, 8.0, damping).realise(400_000, period, rng(1))[:, 0]
+    f, density = welch(motion, 1.0 / period, nperseg=2048)
+    w = 2 * np.pi * f
+    gain = 4 * damping * w0
+    two_sided = gain * w**2 / ((w0**2 - w**2) ** 2 + (2 * damping * w0 * w) ** 2)
+    band = (f > 0.08) & (f < 0.3)
+    assert np.mean(density[band] / (2 * two_sided[band])) == pytest.approx(1.0, abs=0.05)
+
+
+def test_sampling_does_not_change_a_process() -> None:
+    system = np.array([[-1.0 / 5.0]])
+    for period in (0.1, 1.0, 10.0):
+        x = gauss_markov(200_000, period, system, np.array([[2.0]]), rng())[:, 0]
+        assert np.std(x) == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("distribution", "deviation"), [("normal", 1.0), ("uniform", 3**-0.5)])
+def test_process_noise_has_no_mean(distribution: Any, deviation: float) -> None:
+    size = np.array([1e-4, 2e-4, 5e-7])
+    drawn = ProcessNoise(tuple(size), distribution).realise(50_000, rng())
+    np.testing.assert_allclose(drawn.mean(axis=0) / size, 0.0, atol=0.02)
+    np.testing.assert_allclose(drawn.std(axis=0) / size, deviation, rtol=0.02)
+    if distribution == "uniform":
+        assert np.all(np.abs(drawn) <= size)
+
+
+def test_what_does_not_suit_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"disturbance\.waves needs"):
+        Waves(0.1, 1.0, 6.0, 0.1).check(("surge",))
+    with pytest.raises(ConfigurationError, match=r"process\.size: got 1 numbers, expected 3"):
+        ProcessNoise((1.0,), "normal").check(PLANAR)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"speed_m_s": -1.0}, {"time_constant_s": 0.0}, {"max_m_s": 0.0}, {"speed_m_s": 2.0}],
+)
+def test_wrong_currents_are_refused(changes: dict[str, float]) -> None:
+    options: dict[str, Any] = {
+        "speed_m_s": 0.1, "direction_deg": 0.0, "variation": "slow", "deviation_m_s": 0.1,
+        "time_constant_s": 60.0, "max_m_s": 1.0,
+    }  # fmt: skip
+    with pytest.raises(ConfigurationError, match=next(iter(changes))):
+        Current(**(options | changes))
+
+
+@pytest.mark.parametrize("name", ["position_m", "heading_deg", "peak_period_s", "damping"])
+def test_wrong_waves_are_refused(name: str) -> None:
+    options = {"position_m": 0.1, "heading_deg": 1.0, "peak_period_s": 6.0, "damping": 0.1}
+    with pytest.raises(ConfigurationError, match=name):
+        Waves(**(options | {name: -1.0}))

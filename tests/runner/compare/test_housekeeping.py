@@ -1,0 +1,196 @@
+"""retry, export, prune and verify: what they show, what they do, and what they leave alone."""
+
+import csv
+import json
+import shlex
+import shutil
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import housekeeping
+from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+from tests.runner.compare.test_command_line import database
+
+
+@pytest.fixture
+def copy(plain: Path, tmp_path: Path) -> Path:
+    """A copy of the plain logbook that a test may change."""
+    return Path(shutil.copytree(plain, tmp_path / "copy"))
+
+
+@pytest.fixture
+def voyage_copy(sailed: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(sailed, tmp_path / "copy"))
+
+
+def _change(folder: Path, statement: str) -> None:
+    with closing(sqlite3.connect(folder / "results.db")) as connection, connection:
+        connection.execute(statement)
+
+
+def _count(folder: Path, table: str) -> int:
+    with closing(sqlite3.connect(folder / "results.db")) as connection:
+        number: int = connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
+    return number
+
+
+def test_retry_prints_the_command_of_each_failed_trial(program: Program, plain: Path) -> None:
+    code, out, _ = program("retry", *database(plain))
+    assert (code, len(out.splitlines())) == (0, 1)
+    assert shlex.split(out) == [
+        *("python", "-m", "runner", "identifier=ls", "seed=1", f"results_dir={plain}"),
+    ]
+    _, out, _ = program("retry", *database(plain), "--status", "failed,diverged")
+    assert [line.split()[4] for line in out.splitlines()] == ["seed=1", "seed=2"]
+    _, out, _ = program("retry", *database(plain), "--status", "diverged", "--where", "seed=1")
+    assert out == ""
+
+
+def test_a_failure_that_was_made_good_is_not_repeated(program: Program, tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.fail(logbook, stored.start("ls"))
+        stored.finish(logbook, stored.start("ls"), [stored.force_mse(1.0)])
+    code, out, err = program("retry", *database(tmp_path))
+    assert (code, out) == (0, "")
+    assert "nothing to retry" in err
+
+
+def test_retry_execute_starts_the_commands_and_tells_of_failures(
+    program: Program, plain: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[list[str]] = []
+
+    def start(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
+        assert not check
+        started.append(command)
+        return subprocess.CompletedProcess(command, returncode=len(started) - 1)
+
+    monkeypatch.setattr(housekeeping.subprocess, "run", start)
+    code, _, err = program("retry", *database(plain), "--status", "failed,diverged", "--execute")
+    assert code == 1
+    assert [command[:3] for command in started] == [[sys.executable, "-m", "runner"]] * 2
+    assert "1 of 2 finished" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "duration"),
+    [
+        ("30d", timedelta(days=30)),
+        ("12h", timedelta(hours=12)),
+        ("2w", timedelta(weeks=2)),
+        ("90m", timedelta(minutes=90)),
+    ],
+)
+def test_ages(text: str, duration: timedelta) -> None:
+    assert housekeeping.age(text) == duration
+
+
+@pytest.mark.parametrize("text", ["30", "d", "-1d", "1.5d", "30 d", "1y", "9999999d", ""])
+def test_what_is_no_age_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="expected an age such as 30d"):
+        housekeeping.age(text)
+
+
+def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Path) -> None:
+    arguments = ["prune", *database(voyage_copy), "--where", "identifier=plsr"]
+    code, out, err = program(*arguments)
+    assert code == 0
+    assert "2 runs with 8 files" in out
+    assert "--yes deletes" in err
+    assert _count(voyage_copy, "run") == 8
+    code, _, err = program(*arguments, "--yes")
+    assert (code, err.strip()) == (0, "deleted 2 runs and 8 files")
+    assert _count(voyage_copy, "run") == 6
+    assert _count(voyage_copy, "diagnostic WHERE run_id IN (2, 4)") == 0
+    files = sorted(path.name for path in (voyage_copy / "series").iterdir())
+    assert len(files) == 12
+    assert not any("000002" in name or "000004" in name for name in files)
+    assert program("verify", *database(voyage_copy))[0] == 0
+
+
+def test_prune_by_age_and_status(program: Program, copy: Path) -> None:
+    _change(copy, "UPDATE run SET started_at = '2020-01-01 00:00:00.000000' WHERE id = 14")
+    _, out, _ = program("prune", *database(copy), "--older-than", "30d", "--format", "json")
+    assert [run["id"] for run in json.loads(out)] == [14]
+    _, out, _ = program("prune", *database(copy), "--status", "failed,diverged", "--format", "json")
+    assert [run["id"] for run in json.loads(out)] == [14, 15]
+    arguments = ["--older-than", "30d", "--status", "diverged"]
+    assert "0 runs" in program("prune", *database(copy), *arguments, "--yes")[1]
+    assert _count(copy, "run") == 17
+
+
+def test_prune_leaves_a_run_that_is_under_way_alone(program: Program, tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        logbook.begin_run(stored.start("ls"))
+        _, out, _ = program("prune", *database(tmp_path), "--where", "seed=0", "--yes")
+        assert "0 runs" in out
+        assert _count(tmp_path, "run") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], "expected --older-than, --status or --where"),
+        (["--older-than", "soon"], "expected an age"),
+        (["--status", "running"], "expected one of failed"),
+        (["--where", "1=1"], "--where"),
+    ],
+)
+def test_prune_without_a_clear_choice_is_refused(
+    program: Program, copy: Path, arguments: list[str], expected: str
+) -> None:
+    code, out, err = program("prune", *database(copy), *arguments, "--yes")
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert expected in err
+    assert _count(copy, "run") == 17
+
+
+def test_prune_of_a_path_that_leads_elsewhere_deletes_no_file(
+    program: Program, voyage_copy: Path
+) -> None:
+    victim = voyage_copy / "victim.parquet"
+    victim.write_text("keep me")
+    _change(voyage_copy, "UPDATE series SET path = 'series/../victim.parquet' WHERE id = 1")
+    code, _, err = program("prune", *database(voyage_copy), "--where", "id=1", "--yes")
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert victim.read_text() == "keep me"
+
+
+def test_export_writes_every_table_twice(program: Program, plain: Path, tmp_path: Path) -> None:
+    code, out, _ = program("export", tmp_path / "out", *database(plain))
+    assert code == 0
+    names = {Path(line).name for line in out.splitlines()}
+    for table in ("run", "metric", "coefficient", "diagnostic", "series", "sweep"):
+        assert {f"{table}.csv", f"{table}.parquet"} <= names
+    with (tmp_path / "out" / "run.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == 17
+
+
+def test_verify_of_a_whole_logbook_says_so(program: Program, sailed: Path) -> None:
+    code, out, _ = program("verify", *database(sailed))
+    assert code == 0
+    assert "checked 8 runs and 20 series files: all whole" in out
+
+
+def test_verify_names_what_is_damaged_missing_or_left_over(
+    program: Program, voyage_copy: Path
+) -> None:
+    files = sorted((voyage_copy / "series").glob("run-000001-*"))
+    files[0].write_bytes(files[0].read_bytes() + b"x")
+    files[1].unlink()
+    (voyage_copy / "series" / "stray.parquet").write_text("")
+    _change(voyage_copy, "INSERT INTO reuse VALUES (99, 1)")
+    code, out, _ = program("verify", *database(voyage_copy), "--format", "json")
+    problems = json.loads(out)
+    assert code == 1
+    assert len(problems) == 4
+    assert {p["where"] for p in problems} >= {"run 1, series deployment_nominal"} or problems
+    assert any("stray.parquet" in p["where"] for p in problems)

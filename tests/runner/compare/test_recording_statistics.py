@@ -1,0 +1,48 @@
+"""`stats RUN` prints what the run stored of its measured file."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner.compare.__main__ import run
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Diagnostic, Results
+from tests.runner.database.samples import make_start
+
+NAMES = ("count", "mean", "std", "median", "minimum", "maximum")
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> str:
+    values = {
+        "surge_vel": (7961, 0.04, 0.11, 0.02, -0.31, 0.27),
+        "force_x": (7961, 3, 9, 2, -30, 29),
+    }
+    found = [
+        Diagnostic(f"statistic_{name}", "all", i, None, column, float(value), "")
+        for i, (column, figures) in enumerate(values.items())
+        for name, value in zip(NAMES, figures, strict=True)
+    ]
+    url = f"sqlite:///{tmp_path}/results.db"
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        begun = logbook.begin_run(make_start(1))
+        logbook.finish_run(begun.run_id, Results((), (), found, ()))
+        begun = logbook.begin_run(make_start(2))
+        logbook.finish_run(begun.run_id, Results((), (), (), ()))
+    return url
+
+
+def test_columns_keep_the_order_of_the_file(database: str, capsys) -> None:
+    assert run(["stats", "1", "--database", database, "--format", "json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["column"] for row in rows] == ["surge_vel", "force_x"]
+    assert rows[0] == {
+        "column": "surge_vel", "N": 7961, "mean": 0.04, "std": 0.11, "median": 0.02, "min": -0.31,
+        "max": 0.27,
+    }  # fmt: skip
+
+
+def test_a_simulated_run_has_none(database: str, capsys) -> None:
+    assert run(["stats", "2", "--database", database]) == 2
+    assert "run 2 has no statistics" in capsys.readouterr().err

@@ -1,0 +1,165 @@
+"""The language of --where: what it means, and that nothing else gets through."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.table import comparison
+from seatrial.runner.compare.where import Among, Comparison, Joined, Not, parse
+from seatrial.runner.database import Logbook
+from tests.runner.compare import stored
+from tests.runner.postgres import Postgres
+
+INJECTIONS = (
+    "seed<3; DROP TABLE run",
+    "1=1",
+    "seed=1 OR 1=1",
+    "seed=1--",
+    "identifier='ls' UNION SELECT * FROM run",
+    "seed=(select max(seed) from run)",
+    "lower(identifier)=ls",
+    "run.seed=1",
+    "config=1",
+    "traceback!=null",
+    'identifier"=ls',
+    "identifier.force') OR 1=1",
+    "identifier.'force'=1",
+    "seed=1 /* */",
+    "seed[0]=1",
+    "status like 'f%'",
+    "seed=1 and",
+    "(seed=1",
+    "seed=1)",
+    "seed",
+    "seed in 1",
+    "seed in ()",
+    "not",
+    "seed < true",
+    "seed=1 seed=2",
+    "rowid=1",
+    "identifier==\x00",
+)
+
+
+def test_precedence_is_not_then_and_then_or() -> None:
+    condition = parse("seed<10 and not identifier=ls or vessel='a b'")
+    assert condition == Joined(
+        "or",
+        (
+            Joined(
+                "and",
+                (Comparison("seed", "<", 10), Not(Comparison("identifier", "=", "ls"))),
+            ),
+            Comparison("vessel", "=", "a b"),
+        ),
+    )
+
+
+def test_values_have_the_type_they_look_like() -> None:
+    assert parse("a in (1, 2.5, -3e2, ls, 'it''s', \"2\", true, null)") == Among(
+        "a", (1, 2.5, -300.0, "ls", "it's", "2", True, None)
+    )
+
+
+@pytest.mark.parametrize("text", INJECTIONS)
+def test_anything_but_comparisons_of_known_names_is_refused(results: Results, text: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        results.runs(results.where(text))
+    assert "\n" not in str(refused.value)
+
+
+@given(st.text(max_size=60))
+def test_no_text_is_more_than_refused(text: str) -> None:
+    with suppress(ConfigurationError):
+        parse(text)
+
+
+def test_deep_nesting_is_refused_and_not_a_crash() -> None:
+    for text in ("(" * 5000, "not " * 5000 + "seed=1"):
+        with pytest.raises(ConfigurationError, match="nested deeper"):
+            parse(text)
+
+
+def test_a_value_that_looks_like_sql_is_only_a_value(results: Results) -> None:
+    with pytest.raises(ConfigurationError, match="no runs match"):
+        results.runs(results.where("identifier = \"ls' OR '1'='1\""))
+
+
+SELECTIONS = (
+    ("identifier=ls", 6),
+    ("identifier!=ls", 11),
+    ("identifier in (ls, plsr)", 11),
+    ("identifier not in (ls, plsr)", 6),
+    ("seed>=1 and seed<=1", 6),
+    ("not (seed>=1)", 6),
+    ("status=failed or status=diverged", 2),
+    ("plant.scale=0.5", 17),
+    ("plant.scale<0.5", 0),
+    ("identifier.force=filtered and lap=true", 17),
+    ("lap=false", 0),
+    ("lap!=false", 17),
+    ("lowpass_hz=null", 17),
+    ("lowpass_hz!=null", 0),
+    ("lowpass_hz!=0.5", 17),
+    ("identifier.force<3", 0),
+    ("started_at>2020-01-01", 17),
+    ("started_at<2020-01-01T12:00", 0),
+    ("error!=null", 2),
+    ("git_dirty=true", 17),
+    ("sweep_id=null", 17),
+)
+
+
+@pytest.mark.parametrize(("text", "number"), SELECTIONS)
+def test_conditions_select_by_hand_counted_numbers(
+    results: Results, text: str, number: int
+) -> None:
+    assert _selected(results, text) == number
+
+
+def test_conditions_mean_the_same_on_postgresql(
+    postgres: Postgres,
+    tmp_path: Path,
+) -> None:
+    url = postgres.new_database()
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        stored.fill_plain(logbook)
+    with open_results(url, tmp_path) as results:
+        found = {text: _selected(results, text) for text, _ in SELECTIONS}
+        shown = comparison(results, TableRequest(["force_mse"], rows=("identifier.force",)))
+    assert found == dict(SELECTIONS)
+    assert [row[1].text for row in shown.rows] == ["filtered", "filtered"]  # surge and yaw
+
+
+def _selected(results: Results, text: str) -> int:
+    try:
+        return len(results.runs(results.where(text)))
+    except ConfigurationError as none:
+        if "no runs match" in str(none):
+            return 0
+        raise
+
+
+def test_an_unknown_name_is_answered_with_the_nearest(results: Results) -> None:
+    with pytest.raises(ConfigurationError, match=r"--where: 'identifer' is not known; expected id"):
+        results.where("identifer=ls")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("seed=x", "seed is compared with a number, got 'x'"),
+        ("started_at>soon", "started_at is compared with a date"),
+        ("git_dirty=1", "git_dirty is compared with true or false"),
+        ("seed<null", "has no meaning"),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_refused(results: Results, text: str, expected: str) -> None:
+    with pytest.raises(ConfigurationError, match=expected):
+        results.where(text)

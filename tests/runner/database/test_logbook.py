@@ -1,0 +1,198 @@
+"""What goes into the logbook comes out of it."""
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database import Diagnostic, Logbook, Metric, Reader, Results, Series
+from seatrial.runner.database.tables import Run
+from tests.runner.database.samples import make_results, make_start
+
+
+def test_a_run_comes_back_as_it_was_stored(logbook: Logbook, url: str, results_dir: Path) -> None:
+    results = make_results()
+    begun = logbook.begin_run(make_start(7))
+    assert begun.state == "new"
+    logbook.finish_run(begun.run_id, results)
+
+    with Logbook.read(url, results_dir=results_dir) as reader:
+        assert reader.metrics(begun.run_id) == results.metrics
+        assert reader.coefficients(begun.run_id) == results.coefficients
+        assert reader.diagnostics(begun.run_id) == results.diagnostics
+        series = reader.series(begun.run_id, "recording")
+        detail = reader.run(begun.run_id)
+    assert series.units == results.series[0].units
+    np.testing.assert_array_equal(series.columns["u"], results.series[0].columns["u"])
+    assert detail.config == {"plant": {"scale": 0.5}, "seed": 7}
+    assert detail.overrides == ["identifier=ls"]
+    assert (detail.note, detail.git_dirty) == ("deployment skipped", False)
+    summary = detail.summary
+    assert (summary.status, summary.attempt, summary.seed) == ("finished", 1, 7)
+    assert (summary.metrics, summary.coefficients, summary.series) == (30, 100, 1)
+    assert abs(datetime.now(UTC) - summary.started_at) < timedelta(minutes=1)
+    assert summary.duration_s is not None
+    assert summary.duration_s >= 0.0
+
+
+def test_not_a_number_is_null_and_infinity_stays(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start()).run_id
+    values = (np.float64("nan"), np.float32(2.5), math.inf, None, np.int64(3))
+    metrics = [
+        Metric("validation", "plant", "yaw", f"m{k}", v, "1")  # type: ignore[arg-type]
+        for k, v in enumerate(values)
+    ]
+    logbook.finish_run(run, Results(metrics=metrics))
+    assert [m.value for m in logbook.metrics(run)] == [None, 2.5, math.inf, None, 3.0]
+
+
+def test_numbers_of_numpy_are_stored_as_numbers(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start(seed=np.int64(3))).run_id
+    one = Diagnostic("surface", "yaw", np.int64(2), np.int32(5), None, np.float32(0.5), "N^2")  # type: ignore[arg-type]
+    logbook.finish_run(run, Results(diagnostics=[one]))
+    assert logbook.diagnostics(run) == [Diagnostic("surface", "yaw", 2, 5, None, 0.5, "N^2")]
+    assert logbook.run(run).summary.seed == 3
+
+
+def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(logbook: Logbook) -> None:
+    config = {"a": np.float64(1.5), "b": float("nan"), "c": (1, np.inf), "d": Path("x"), "e": "\0"}
+    run = logbook.begin_run(make_start(config=config)).run_id
+    logbook.fail_run(run, "failed", "ValueError", "bad \0 \udcff byte", "line 1\nline 2 \0")
+    detail = logbook.run(run)
+    assert detail.config == {"a": 1.5, "b": None, "c": [1, "inf"], "d": "x", "e": "\\x00"}
+    assert detail.summary.error == "bad \\x00 \\udcff byte"
+    assert detail.traceback == "line 1\nline 2 \\x00"
+
+
+def test_a_run_that_diverged_keeps_what_still_holds(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start()).run_id
+    logbook.fail_run(run, "diverged", "Diverged", "|r| at t = 3 s", None, make_results())
+    summary = logbook.run(run).summary
+    assert (summary.status, summary.error_type, summary.metrics) == ("diverged", "Diverged", 30)
+
+
+def test_results_and_status_land_together_or_not_at_all(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start()).run_id
+    results = make_results()
+    twice = replace(results, metrics=[*results.metrics, results.metrics[0]])
+    with pytest.raises(Exception, match=r"(?i)unique"):
+        logbook.finish_run(run, twice)
+    summary = logbook.run(run).summary
+    assert (summary.status, summary.metrics, summary.coefficients) == ("running", 0, 0)
+    assert not list((logbook.results_dir / "series").iterdir())
+    logbook.finish_run(run, results)
+
+
+def test_a_run_ends_only_once(logbook: Logbook) -> None:
+    run = logbook.begin_run(make_start()).run_id
+    logbook.finish_run(run, Results())
+    with pytest.raises(LogbookError, match=r"run 1 cannot be ended: it is finished"):
+        logbook.finish_run(run, Results())
+    with pytest.raises(LogbookError, match=r"run 9 cannot be ended: it is not there"):
+        logbook.finish_run(9, Results())
+
+
+def test_a_finished_trial_is_recognised(logbook: Logbook) -> None:
+    first = logbook.begin_run(make_start(1)).run_id
+    assert logbook.begin_run(make_start(1)).state == "busy"
+    logbook.finish_run(first, Results())
+    again = logbook.begin_run(make_start(1))
+    assert (again.state, again.run_id) == ("finished", first)
+    more = logbook.begin_run(make_start(1), rerun=True)
+    assert more.state == "new"
+    assert logbook.run(more.run_id).summary.attempt == 2
+
+
+def test_a_failed_trial_is_tried_again(logbook: Logbook) -> None:
+    first = logbook.begin_run(make_start(1)).run_id
+    logbook.fail_run(first, "failed", "ValueError", "no", None)
+    second = logbook.begin_run(make_start(1))
+    assert second.state == "new"
+    logbook.finish_run(second.run_id, Results())
+    counted = {run.run_id: run.superseded for run in logbook.runs()}
+    assert counted == {first: True, second.run_id: False}
+    trial = logbook.trial(make_start(1).fingerprint)
+    assert trial is not None
+    assert trial.run_id == second.run_id
+    assert logbook.trial("0" * 63 + "f") is None
+
+
+def test_a_rerun_that_fails_does_not_replace_the_finished_one(logbook: Logbook) -> None:
+    first = logbook.begin_run(make_start(1)).run_id
+    logbook.finish_run(first, Results())
+    second = logbook.begin_run(make_start(1), rerun=True).run_id
+    logbook.fail_run(second, "failed", "ValueError", "no", None)
+    trial = logbook.trial(make_start(1).fingerprint)
+    assert trial is not None
+    assert trial.run_id == first
+
+
+def test_a_sweep_counts_each_trial_once(logbook: Logbook) -> None:
+    logbook.finish_run(logbook.begin_run(make_start(0)).run_id, Results())
+    sweep = logbook.begin_sweep("first", "python -m runner -m", ["seed=range(0,5)"], 5)
+    for trial in range(4):
+        begun = logbook.begin_run(make_start(trial), sweep)
+        if trial == 1:
+            logbook.fail_run(begun.run_id, "failed", "ValueError", "no", None)
+        elif trial == 2:
+            logbook.finish_run(begun.run_id, Results())
+    status = logbook.sweep_status(sweep)
+    assert (status.planned, status.reused) == (5, 1)
+    assert status.counts == {"finished": 2, "failed": 1, "running": 1}
+    assert [run.seed for run in status.failed] == [1]
+    assert status.finished_at is None
+    logbook.finish_run(logbook.begin_run(make_start(1), sweep).run_id, Results())
+    logbook.end_sweep(sweep)
+    status = logbook.sweep_status(sweep)
+    assert status.counts == {"finished": 3, "running": 1}
+    assert status.failed == []
+    assert status.finished_at is not None
+    with pytest.raises(LogbookError, match="there is no sweep 99"):
+        logbook.sweep_status(99)
+
+
+def test_runs_are_chosen_by_conditions(logbook: Logbook) -> None:
+    for trial in range(4):
+        start = make_start(trial, identifier="ls" if trial % 2 else "plsr")
+        logbook.finish_run(logbook.begin_run(start).run_id, Results())
+    assert [run.seed for run in logbook.runs(Run.identifier == "ls")] == [1, 3]
+    assert [run.seed for run in logbook.runs(newest_first=True, limit=2)] == [3, 2]
+    scale = Run.config[("plant", "scale")].as_float()
+    assert len(logbook.runs(scale == 0.5, Run.seed >= 2)) == 2
+
+
+def test_a_closed_logbook_gives_up_its_open_runs(url: str, results_dir: Path) -> None:
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        run = logbook.begin_run(make_start()).run_id
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        summary = logbook.run(run).summary
+        assert summary.status == "interrupted"
+        assert summary.error == "the program ended before the run did"
+        assert logbook.begin_run(make_start()).state == "new"
+
+
+def test_passwords_are_not_stored(logbook: Logbook) -> None:
+    secret = "database.url=postgresql://me:s3cr3t@host/db?sslpassword=s3cr3t"
+    sweep = logbook.begin_sweep("x", f"python -m runner {secret}", [secret], 1)
+    start = make_start(overrides=[secret], command=secret, config={"url": secret})
+    run = logbook.begin_run(start, sweep).run_id
+    logbook.fail_run(run, "failed", "E", f"no {secret}", secret, Results(note=secret))
+    for table in ("sweep", "run"):
+        assert "s3cr3t" not in str(logbook.sql(f"SELECT * FROM {table}").rows)
+
+
+def test_series_are_refused_where_their_columns_differ() -> None:
+    with pytest.raises(ValueError, match="1-d columns"):
+        Series("x", {"t": np.zeros(2), "u": np.zeros(3)}, {"t": "s", "u": "m/s"})
+    with pytest.raises(ValueError, match="no unit for u"):
+        Series("x", {"t": np.zeros(2), "u": np.zeros(2)}, {"t": "s"})
+
+
+def test_a_reader_has_no_way_to_write(logbook: Logbook, url: str) -> None:
+    with Logbook.read(url) as reader:
+        assert type(reader) is Reader
+        assert not hasattr(reader, "begin_run")

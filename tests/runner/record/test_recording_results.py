@@ -1,0 +1,117 @@
+"""Measured recordings through a whole trial: statistics, quality, and what makes them the same."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import RecordingError
+from seatrial.runner import trial as trials
+from seatrial.runner.fingerprint import fingerprint
+from tests.runner.programs import ended, program
+from tests.trials import composed
+
+DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
+needs_data = pytest.mark.skipif(
+    "SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set: no outside data"
+)
+SURGE = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
+
+
+@needs_data
+def test_surge_1_finishes_with_mass_and_damping(tmp_path: Path) -> None:
+    trial = composed(
+        *SURGE, f"excitation.path={DATA}/beluga/surge-1.csv", "excitation.start_s=410",
+        "excitation.end_s=650",
+    )  # fmt: skip
+    trials.check(trial)
+    results = trials.run(trial)
+    found = {r.term: r for r in results.coefficients if r.model == "identified"}
+    assert found["u_dot"].unit == "kg"
+    assert found["u"].unit == "kg/s"
+    for row in found.values():
+        assert row.value > 0.0
+        assert 0.0 < row.std_error < row.value
+    assert "deployment" in (results.note or "")
+    drift = {r.name: r.value for r in results.metrics if r.stage == "identification"}
+    assert drift["integrated_velocity_error_max"] == pytest.approx(0.367, abs=0.01)
+    quality = next(s for s in results.series if s.kind == "quality")
+    assert np.max(np.abs(quality.columns["x_error"])) == drift["integrated_velocity_error_max"]
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
+def test_stored_statistics_are_the_printed_ones(name: str) -> None:
+    trial = composed(*SURGE, f"excitation.path={DATA}/beluga/{name}.csv", "identifier=none")
+    results = trials.run(trial)
+    stored = {
+        (d.label, d.name.removeprefix("statistic_")): d.value
+        for d in results.diagnostics
+        if d.name.startswith("statistic_")
+    }
+    text = (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text()
+    rows = re.findall(r"^(\w[\w\\]*) +&(.*)\\\\$", text, re.M)
+    assert len(rows) == 18
+    for column, cells in rows:
+        printed = [cell.strip() for cell in cells.split("&")]
+        names = ("count", "mean", "std", "median", "minimum", "maximum")
+        ours = [f"{stored[column.replace(chr(92), ''), stat]:.2f}" for stat in names]
+        assert ours == printed, column
+
+
+def write(path: Path, force: float) -> Path:
+    t = 0.1 * np.arange(300)
+    velocity = np.sin(0.3 * t)
+    lines = ["Time,position_x,surge_vel,force_x"]
+    lines += [
+        f"{a:.1f},{b:.6f},{c:.6f},{force * c:.6f}" for a, b, c in zip(t, t, velocity, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_the_same_data_elsewhere_is_the_same_trial(tmp_path: Path) -> None:
+    first = write(tmp_path / "first.csv", 20.0)
+    moved = write(tmp_path / "moved.csv", 20.0)
+    other = write(tmp_path / "other.csv", 21.0)
+    prints = []
+    for path in (first, moved, other):
+        trial = composed(*SURGE, f"excitation.path={path}")
+        prints.append(fingerprint(trial.config, trial.names, "sources"))
+    assert prints[0] == prints[1] != prints[2]
+
+
+def test_a_damaged_file_is_refused_before_any_work(tmp_path: Path) -> None:
+    path = write(tmp_path / "bad.csv", 20.0)
+    path.write_text(path.read_text().replace("0.5,", "oops,", 1))
+    with pytest.raises(RecordingError, match="oops"):
+        trials.check(composed(*SURGE, f"excitation.path={path}"))
+
+
+@needs_data
+@pytest.mark.slow
+def test_stats_prints_the_statistics_of_the_four_recordings(tmp_path: Path) -> None:
+    """From the command line: 18 columns of each equal the outside tables to two decimals."""
+    names = ["surge-1", "sway-1", "heave-1", "random-1"]
+    paths = ",".join(f"{DATA}/beluga/{name}.csv" for name in names)
+    sweep = program(
+        "-m", "runner", "-m", "vessel=surge_linear", "excitation=recording", "identifier=none",
+        f"excitation.path={paths}", folder=tmp_path,
+    )  # fmt: skip
+    assert ended(sweep)[0] == 0
+    for run, name in enumerate(names, start=1):
+        asked = ("-m", "runner.compare", "stats", f"{run}", "--format", "json")
+        stats = program(*asked, folder=tmp_path)
+        found = {row["column"]: row for row in json.loads(ended(stats)[1])}
+        rows = re.findall(
+            r"^(\w[\w\\]*) +&(.*)\\\\$",
+            (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text(), re.M,
+        )  # fmt: skip
+        assert len(rows) == 18
+        for column, cells in rows:
+            row = found[column.replace("\\", "")]
+            ours = [f"{row[stat]:.2f}" for stat in ("N", "mean", "std", "median", "min", "max")]
+            assert ours == [cell.strip() for cell in cells.split("&")], (name, column)

@@ -1,0 +1,153 @@
+"""The progress of a sweep comes from the logbook, and is shown as the terminal allows."""
+
+import io
+import logging
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from rich.progress import Progress, TextColumn
+
+from seatrial.runner import console as progress
+from seatrial.runner.console import LiveLine, Pace, PlainLines, Standing, duration
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Results, RunStart
+
+ROOT = Path(__file__).parents[2]
+
+
+def start(seed: int) -> RunStart:
+    groups = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
+    return RunStart(
+        fingerprint=f"{seed:064x}", seed=seed, config={}, **dict.fromkeys(groups, "none")
+    )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.4, "0 s"), (89.0, "89 s"), (90.0, "2 min"), (3600.0, "60 min"), (7500.0, "2 h 05 min")],
+)
+def test_times_are_told_as_people_tell_them(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_the_pace_counts_from_the_first_that_ends() -> None:
+    pace = Pace()
+    assert pace.left_s(2, 10, 0.0) is None  # two were done before
+    assert pace.left_s(2, 10, 50.0) is None  # workers start
+    assert pace.left_s(3, 10, 60.0) is None  # the first: nothing to compare with
+    assert pace.left_s(5, 10, 64.0) == pytest.approx(10.0)  # two more in 4 s, five to go
+    assert pace.left_s(10, 10, 74.0) == 0.0
+
+
+def test_a_standing_in_words() -> None:
+    standing = Standing(done=3, planned=9, running=2, failed=1, left_s=12.0)
+    assert str(standing) == "3 of 9 done, 2 running, 1 failed, about 12 s left"
+    assert str(Standing(0, 9, 0, 0, None)) == "0 of 9 done, 0 running, 0 failed"
+
+
+def test_plain_lines_only_when_there_is_news(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 1000.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    lines = PlainLines()
+    with caplog.at_level(logging.INFO):
+        lines.show(Standing(0, 9, 1, 0, None))  # nothing done yet
+        lines.show(Standing(1, 9, 1, 0, None))
+        now += 1.0
+        lines.show(Standing(2, 9, 1, 0, None))  # too soon
+        now += 10.0
+        lines.show(Standing(2, 9, 1, 0, 3.0))
+        now += 10.0
+        lines.show(Standing(2, 9, 1, 0, 3.0))  # nothing new
+        lines.failure("run 3 failed")
+    assert [record.getMessage() for record in caplog.records] == [
+        "1 of 9 done, 1 running, 0 failed",
+        "2 of 9 done, 1 running, 0 failed, about 3 s left",
+        "run 3 failed",
+    ]
+
+
+def test_the_live_line() -> None:
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=100)
+    with Progress(TextColumn("{task.description}"), console=console) as bar:
+        line = LiveLine(bar)
+        line.show(Standing(3, 9, 2, 1, None))
+        line.failure("run 3 failed (seed=[1]): out of luck")
+        bar.refresh()
+    assert "3 of 9 done, 2 running, 1 failed" in screen.getvalue()
+    assert "run 3 failed (seed=[1]): out of luck" in screen.getvalue()
+
+
+def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    url = f"sqlite:///{tmp_path}/results.db"
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=1,2,3", ["seed=1,2,3"], 3)
+        with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
+            for seed in (1, 2):
+                run = logbook.begin_run(start(seed), sweep_id)
+                if seed == 1:
+                    logbook.finish_run(run.run_id, Results())
+                else:
+                    logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
+            progress_told(caplog, "run 2 failed")
+    said = [record.getMessage() for record in caplog.records]
+    assert any(line.startswith("run 2 failed (vessel=none") for line in said)
+    assert sum(line.startswith("run 2 failed") for line in said) == 1
+
+
+def progress_told(caplog: pytest.LogCaptureFixture, what: str) -> None:
+    """Wait until a line begins with `what`, ten seconds at most."""
+    import time
+
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        if any(record.getMessage().startswith(what) for record in caplog.records):
+            return
+        time.sleep(0.02)
+    pytest.fail(f"no line begins with {what!r}")
+
+
+def test_a_broken_logbook_ends_the_display_not_the_sweep(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO), progress.shown(f"sqlite:///{tmp_path}/none.db", 1):
+        progress_told(caplog, "the progress is not shown any more: ")
+
+
+def test_a_line_on_a_terminal(tmp_path: Path) -> None:
+    """A sweep of two trials of no evaluation, with a terminal as its standard error."""
+    master, slave = pty.openpty()
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
+    command = [sys.executable, "-m", "runner", "-m", "identifier=none", "evaluation=none"]
+    with subprocess.Popen(
+        [*command, "seed=0,1"],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=slave,
+        text=True,
+    ) as process:
+        os.close(slave)
+        shown = b""
+        while chunk := _read(master):
+            shown += chunk
+        assert process.stdout is not None
+        said = process.stdout.read()
+    os.close(master)
+    assert process.returncode == 0, shown
+    assert b"of 2 done" in shown
+    assert said.startswith("sweep 1, 2 runs: 2 finished, 0 failed, 0 diverged\n")
+
+
+def _read(master: int) -> bytes:
+    try:
+        return os.read(master, 4096)
+    except OSError:  # the other end is closed
+        return b""
