@@ -162,7 +162,7 @@ def published(
     ] = None,
     printed: Annotated[
         Path | None,
-        typer.Option("--printed", help="Folder of the printed figures; else tests/published."),
+        typer.Option("--printed", help="Folder of the printed figures; else those supplied."),
     ] = None,
     database: Database = DEFAULT_DATABASE,
     results_dir: ResultsDir = None,

@@ -18,7 +18,7 @@ from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.config import build
 
-CONF = Path(__file__).parents[2] / "conf" / "excitation" / "recording.yaml"
+CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 

@@ -20,7 +20,7 @@ from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.table import PLANAR
 from seatrial.runner.config import build
 
-CONF = Path(__file__).parents[2] / "conf"
+CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
 
 VESSELS = {

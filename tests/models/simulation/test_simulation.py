@@ -186,7 +186,7 @@ def test_the_loop_without_a_compiler_is_the_compiled_loop() -> None:
            "pickle.dump(test.short_voyage(), sys.stdout.buffer)"  # fmt: skip
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], env=environment,
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[3], env=environment,
         capture_output=True, check=True,
     )  # fmt: skip
     for compiled, readable in zip(short_voyage(), pickle.loads(done.stdout), strict=True):
