@@ -38,7 +38,7 @@ class Provenance:
     git_dirty: bool | None
     versions: dict[str, str]  # of packages; with python, platform and the number of cpus
     command: str  # as typed
-    sources: str  # digest of the models' sources
+    sources: str  # digest of the code that computes results
 
 
 @cache
