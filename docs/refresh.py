@@ -1,8 +1,8 @@
-"""Make again what README.md shows: `make readme`; `python docs/refresh.py WORD` only some of it.
+"""Update the generated blocks of README.md: `make readme`, or `python docs/refresh.py WORD`.
 
-Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
-prints; with a WORD, only the blocks whose command holds it. The commands read what `make demo`,
-`make comparison`, `make published` and `make bench` wrote.
+Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
+command; with a WORD, only blocks whose command contains it. The commands read the results of
+`make demo`, `make comparison`, `make published` and `make bench`.
 """
 
 import re
@@ -16,7 +16,7 @@ BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", r
 
 
 def output(command: str, *more: str) -> str:
-    """What a `python -m ...` command prints."""
+    """The output of a `python -m ...` command."""
     words = [sys.executable if word == "python" else word for word in shlex.split(command)]
     done = subprocess.run(
         [*words, *more], capture_output=True, text=True, check=True, cwd=README.parent
@@ -25,7 +25,7 @@ def output(command: str, *more: str) -> str:
 
 
 def refreshed(text: str, word: str = "") -> str:
-    """The text with every block made again whose command holds `word`."""
+    """The text with updated blocks, if their command contains `word`."""
 
     def block(found: re.Match[str]) -> str:
         if word not in found["command"]:
