@@ -139,7 +139,7 @@ def run(trial: Trial) -> Results:
     predicted, reasons = validation_metrics.prediction_metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
-    mixed = excitation_results.mix_results(trial.excitation, excited, problem, identified)
+    mixed = excitation_results.mix_results(trial.excitation, excited)
     results = Results(
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[

@@ -14,7 +14,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.block_hankel import stretches
-from seatrial.models.identification.prediction import sample_time
+from seatrial.models.identification.free_run import sample_time
 from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
 from seatrial.models.identification.sampled_data import GAP, Sampled, sampled
 from seatrial.models.identification.state_space_findings import fit, model_findings

@@ -65,7 +65,8 @@ def linearise(
     plant = vessel.plant_table()
     air = _air(vessel.dofs, attitude, wind)
     x = vessel.variables(np.zeros((1, n)), nu[None, :], attitude[None, :], air)[0]
-    by_variable = plant.theta.T @ gradient(plant.codes, x)
+    table = vessel.force_table()
+    by_variable = table.theta.T @ gradient(table.codes, x)
     by_state = _variables_by_state(vessel.dofs, x, attitude, wind)
     return StateSpace(
         A=np.vstack(

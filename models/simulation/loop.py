@@ -31,8 +31,8 @@ from seatrial.models.vessel.allocation_step import ALLOCATIONS, Direct, allocate
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import kinematics_of, pose_of, state_of
-from seatrial.models.vessel.table import PlantTable
 from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
 
@@ -155,12 +155,12 @@ def sail(
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     parameters, state = controller
-    kinematics = kinematics_of(plant.vessel.dofs, plant.attitude)
+    kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
     log.eta[:1] = start  # angles are unrolled from here
     sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
     before = (
-        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather.sailed(),
+        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather,
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
     craft = (
@@ -177,7 +177,7 @@ def sail(
         table = plant.at(first * period_s).plant_table()
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
-        work = scratch(len(table.codes), n_dof, len(pose))
+        work = scratch(n_dof, len(pose))
         begun = perf_counter()
         rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
         if rows < last:

@@ -8,10 +8,12 @@ quaternion (eta, eps_1, eps_2, eps_3) of the rotation from body to NED; Fossen (
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
+from seatrial.models.elementary import where
 from seatrial.models.vessel.basis import ATTITUDE, INDEX, N_VARIABLES, Array
 
 FIRST_ANGLE = INDEX[ATTITUDE[0]]
 SMALL = 1e-12
+TURN = 2.0 * np.pi
 SPATIAL = 6  # degrees of freedom with an attitude
 
 
@@ -79,7 +81,7 @@ half_turns_kernel = lean_kernel(half_turns)
 
 
 def quaternion_of(angles: Array) -> Array:
-    """Unit quaternion of (phi, theta, psi) [rad], shape (4,)."""
+    """Unit quaternion of (phi, theta, psi) [rad], shape (3, ...) to (4, ...)."""
     return np.array(half_turns(*angles))
 
 
@@ -129,14 +131,14 @@ def fill_attitude(z: Array, frame: Array) -> None:
     every attitude.
     """
     level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
-    share = 1.0 / max(level, SMALL)
+    upright = level <= SMALL
+    share = 1.0 / where(upright, SMALL, level)
     at = FIRST_ANGLE
-    z[at], z[at + 1] = frame[2, 2] * share, frame[2, 1] * share
+    z[at] = where(upright, 1.0, frame[2, 2] * share)
+    z[at + 1] = where(upright, 0.0, frame[2, 1] * share)
     z[at + 2], z[at + 3] = level, -frame[2, 0]
-    z[at + 4], z[at + 5] = frame[0, 0] * share, frame[1, 0] * share
-    if level <= SMALL:
-        z[at], z[at + 1] = 1.0, 0.0
-        z[at + 4], z[at + 5] = frame[1, 1], -frame[0, 1]
+    z[at + 4] = where(upright, frame[1, 1], frame[0, 0] * share)
+    z[at + 5] = where(upright, -frame[0, 1], frame[1, 0] * share)
     for i in range(at, at + 6):
         z[N_VARIABLES + i] = abs(z[i])
 
@@ -223,12 +225,43 @@ def spatial_error(eta_d: Array, eta: Array, e: Array) -> None:
 spatial_error_kernel = lean_kernel(spatial_error)
 
 
+@lean_kernel
+def turn_between(first: float, second: float) -> float:
+    """The turn in [-pi, pi) that leads from one angle to another; [rad]."""
+    angle = second - first
+    return angle - TURN * np.floor((angle + np.pi) / TURN)  # type: ignore[no-any-return]
+
+
 def fill_angles(z: Array, angles: Array) -> None:
     """Write cosines and sines of (phi, theta, psi), and their magnitudes, into z = [x, |x|]."""
     for i in range(3):
         at = FIRST_ANGLE + 2 * i
         z[at], z[at + 1] = np.cos(angles[i]), np.sin(angles[i])
         z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(z[at]), abs(z[at + 1])
+
+
+@lean_kernel
+def rotation_between(
+    first: tuple[float, float, float, float], second: tuple[float, float, float, float],
+    vector: Array,
+) -> None:  # fmt: skip
+    """Rotation vector of R_1' R_2 [rad], written to (3,), of two unit quaternions.
+
+    Its direction, in body axes, is that of the turn from the first attitude to the second, and
+    its length, at most pi, the angle.
+    """
+    n, x, y, z = first
+    n_2, x_2, y_2, z_2 = second
+    cosine = n * n_2 + x * x_2 + y * y_2 + z * z_2  # of half the angle
+    vector[0] = n * x_2 - x * n_2 - y * z_2 + z * y_2
+    vector[1] = n * y_2 - y * n_2 - z * x_2 + x * z_2
+    vector[2] = n * z_2 - z * n_2 - x * y_2 + y * x_2
+    sine = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    angle = 2.0 * np.arctan2(sine, abs(cosine))
+    scale = where(sine > 0.0, angle / where(sine > 0.0, sine, 1.0), 2.0)
+    scale = where(cosine < 0.0, -scale, scale)
+    for i in range(3):
+        vector[i] *= scale
 
 
 fill_angles_kernel = lean_kernel(fill_angles)

@@ -15,6 +15,8 @@ FLOORS = (
     "models.source_digest",
     "models.compile_lock",
     "models.compiled",
+    "models.elementary",
+    "models.packs",
     "models.notation",
     "models.vessel",
     "models.recording",

@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import fsolve
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.pareto_selection import choose
-from seatrial.models.identification.prediction import course_of, free_run
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, VELOCITIES
 from seatrial.models.recording.recording import Recording
