@@ -22,13 +22,17 @@ FLOORS = (
     "models.excitation",
     "models.identification",
     "models.control",
+    "runner.invocation",
     "runner.database",
     "runner.compare",
     "runner",
 )
 # The comparison reads the database alone; the database holds rows, whatever they mean.
 GROUND = ("models.errors", "models.notation")
-ONLY = {"runner.database": GROUND, "runner.compare": (*GROUND, "runner.database")}
+ONLY = {
+    "runner.database": GROUND,
+    "runner.compare": (*GROUND, "runner.invocation", "runner.database"),
+}
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {"__main__", "sweep", "launching", "composition", "hydra_errors"}
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
