@@ -1,4 +1,6 @@
-"""Make again what README.md shows: `make readme`; `python docs/refresh.py WORD` only some of it.
+"""Make again what README.md and CONTRIBUTING.md show: `make readme`.
+
+`python docs/refresh.py WORD` makes only some of it.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
 prints; with a WORD, only the blocks whose command holds it. The commands read what `make demo`,
@@ -12,6 +14,7 @@ import sys
 from pathlib import Path
 
 README = Path(__file__).parents[1] / "README.md"
+CONTRIBUTING = README.with_name("CONTRIBUTING.md")
 BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -36,4 +39,5 @@ def refreshed(text: str, word: str = "") -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(refreshed(README.read_text(), *sys.argv[1:2]))
+    for page in (README, CONTRIBUTING):
+        page.write_text(refreshed(page.read_text(), *sys.argv[1:2]))
