@@ -30,7 +30,6 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 WAIT_S = 0.5
 # submitit starts a process a job at once; basic keeps the configurations of all jobs it was given.
 AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
-ONE_BY_ONE = ("submitit", "ray")  # packages whose errors concern one job, not its neighbours
 
 
 @dataclass
