@@ -1,4 +1,6 @@
-"""Update the generated blocks of README.md: `make readme`, or `python docs/refresh.py WORD`.
+"""Update the generated blocks of README.md and CONTRIBUTING.md: `make readme`.
+
+`python docs/refresh.py WORD` updates only some of them.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
 command; with a WORD, only blocks whose command contains it. The commands read the results of
@@ -12,6 +14,7 @@ import sys
 from pathlib import Path
 
 README = Path(__file__).parents[1] / "README.md"
+CONTRIBUTING = README.with_name("CONTRIBUTING.md")
 BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -36,4 +39,5 @@ def refreshed(text: str, word: str = "") -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(refreshed(README.read_text(), *sys.argv[1:2]))
+    for page in (README, CONTRIBUTING):
+        page.write_text(refreshed(page.read_text(), *sys.argv[1:2]))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from seatrial.models.compile_lock import seconds_compiled
 from seatrial.models.errors import LogbookError
+from seatrial.runner.invocation import results_program
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
-COMPARE = "python -m runner.compare"
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
@@ -110,7 +110,7 @@ def compare(command: str, url: str, *arguments: str) -> str:
     words = [command, *arguments]
     if url != DEFAULT_DATABASE:
         words += ["--database", _shown(url)]
-    return f"{COMPARE} {shlex.join(words)}"
+    return f"{results_program()} {shlex.join(words)}"
 
 
 def _shown(url: str) -> str:

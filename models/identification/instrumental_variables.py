@@ -58,15 +58,6 @@ class Solution:
         """Weight of every sample's target in theta, shape (N, n_terms)."""
         return np.asarray(self.span @ self.share)
 
-    def white_errors(self) -> Array:
-        """Standard errors for white residuals, shape (n_terms, m); N - n_terms degrees of freedom.
-
-        s^2 diag((Phi' P Phi)^-1) with the projection P on the instruments.
-        """
-        n, n_terms = self.gains.shape
-        variance = np.sum(self.rest**2, axis=0) / (n - n_terms)
-        return np.sqrt(np.outer(np.sum(self.gains**2, axis=0), variance))
-
 
 def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution:
     """Two-stage least squares; z (N, n_instruments), phi (N, n_terms), y (N, m).

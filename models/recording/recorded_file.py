@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -150,13 +149,6 @@ class RecordedFile:
         kept = self._window(table.columns[self.columns.time])
         names = [name for name in self.statistics if name in table.columns]
         return describe({name: table.columns[name][kept] for name in names})
-
-    def content_sha256(self) -> str:
-        """SHA-256 of the file: the same path may hold other data tomorrow."""
-        try:
-            return sha256(self.file.read_bytes()).hexdigest()
-        except (OSError, ValueError) as error:
-            raise RecordingError(f"{self.file}: cannot be read, expected a CSV file") from error
 
     def _table(self, dofs: Sequence[str]) -> Table:
         """The columns in use, without outliers where asked, on one uniform grid."""

@@ -144,12 +144,8 @@ def sail(
     and `step_s` the longest integration step [s]. Raises Diverged with the time when a velocity
     leaves its limit.
     """
-    if not 0.0 < step_s <= period_s:
-        raise ConfigurationError(
-            f"integration step must be positive and at most {period_s} s, got {step_s}"
-        )
+    substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
-    substeps = int(np.ceil(period_s / step_s - 1e-9))
     h = period_s / substeps
     log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
     reference = np.zeros((n_dof, 3))
@@ -185,6 +181,15 @@ def sail(
         times.append((perf_counter() - begun) / max(last - first, 1))
     t = period_s * np.arange(n, dtype=np.float64)
     return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+
+
+def _substeps(period_s: float, step_s: float) -> int:
+    """Integration steps in a control period, each at most `step_s` [s] long."""
+    if not 0.0 < step_s <= period_s:
+        raise ConfigurationError(
+            f"integration step must be positive and at most {period_s} s, got {step_s}"
+        )
+    return int(np.ceil(period_s / step_s - 1e-9))
 
 
 def _loop(

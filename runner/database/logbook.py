@@ -179,14 +179,6 @@ class Logbook(Reader):
         left = maintenance.remove(self.results_dir, paths)
         return Pruned(gone, len(paths) - len(left), left)
 
-    def remove_orphans(self) -> list[Path]:
-        """Delete the series files that no row points to; the answer names them."""
-        with self._reading() as connection:
-            found = maintenance.orphans(connection, self.results_dir)
-        for path in found:
-            path.unlink(missing_ok=True)
-        return found
-
     def _duration(self, run_id: int) -> float | None:
         began = self._began.get(run_id)
         return time.monotonic() - began if began is not None else None

@@ -327,16 +327,6 @@ def test_quality_of_surge_1(beluga: Path) -> None:
     assert wrong[0].maximum > 4.0
 
 
-def test_checksum_changes_with_the_content(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", surge_columns())
-    first = excitation(path).content_sha256()
-    assert len(first) == 64
-    write(path, surge_columns(21))
-    assert excitation(path).content_sha256() != first
-    with pytest.raises(RecordingError, match="cannot be read"):
-        excitation(tmp_path / "none.csv").content_sha256()
-
-
 # What is refused before anything is read.
 
 
