@@ -10,7 +10,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.missions import check_fraction, check_offset, steady_force, within
 from seatrial.models.excitation.open_loop import ZigZagTable, beside, open_loop, zigzag
-from seatrial.models.recording.splits import Split, half
+from seatrial.models.recording.recording import Split, half
 from seatrial.models.vessel.basis import Array
 
 

@@ -19,7 +19,7 @@ from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.route import Route, parts_of
 from seatrial.models.excitation.schedule import Gains, Role, Schedule, check_open
 from seatrial.models.planning.planner import Plan
-from seatrial.models.recording.splits import Split
+from seatrial.models.recording.recording import Split
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters

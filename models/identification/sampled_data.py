@@ -10,14 +10,13 @@ import numpy as np
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, following
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Codes, Term
 from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
 from seatrial.models.vessel.table import PLANAR, poses_of
 
 Output = Literal["body_pose", "pose"]
-GAP = 1.5  # periods between samples that belong to different stretches
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +50,16 @@ def sampled(
     that. `body_pose` sums increments in body axes; `pose` is the NED pose, for which the heading
     must stay within `span` [rad] of its mean: IdentificationError otherwise.
     """
-    recorded_period = float(np.median(np.diff(recording.t)))
+    recorded_period = recording.period_s
     every = max(round((period_s or recorded_period) / recorded_period), 1)
     turns = recording.dofs in (PLANAR, DOFS)
     psi = recording.attitude[:, 2] if turns else np.zeros(1)
     if output == "pose":
         _check_heading(psi, span)
-    edges = np.flatnonzero(np.diff(recording.t) > GAP * recorded_period) + 1
-    terms = _held(basis.evaluate(extra, recording.variables()))
-    acting = np.hstack([held_force(recording, force), terms])
+    edges = np.flatnonzero(recording.piece_starts)[1:]
+    terms = basis.evaluate(extra, recording.variables())
+    terms = 0.5 * (terms + following(terms))  # the mean over a sample, as of the force
+    acting = np.hstack([recording.held_force(force)[:, 1], terms])
     y, u, stretch = [], [], []
     for number, part in enumerate(np.split(np.arange(len(recording)), edges)):
         eta = recording.eta[part]
@@ -97,21 +97,6 @@ def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:
             path = np.column_stack([position, step, np.zeros(len(dofs))])
             spatial_reference_kernel(path, step, unused)
     return np.vstack([np.zeros(len(dofs)), np.cumsum(steps, axis=0)])
-
-
-def held_force(recording: Recording, force: str | None) -> Array:
-    """Mean force over the period that follows each sample [N, Nm], shape (N, n_dof).
-
-    The command is held, so it is its own mean; an acting force is known at the samples and is
-    taken as a straight line between them.
-    """
-    chosen = recording.force(force)
-    return chosen if chosen is recording.tau else _held(chosen)
-
-
-def _held(values: Array) -> Array:
-    """Mean of sampled values over the period that follows each sample."""
-    return np.asarray(0.5 * (values + np.vstack([values[1:], values[-1:]])))
 
 
 def _check_heading(psi: Array, span: float) -> None:

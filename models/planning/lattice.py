@@ -25,6 +25,7 @@ from seatrial.models.planning.primitives import (
 )
 from seatrial.models.planning.waters import Waters, clear, inside, simplified
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_body, in_ned
 
 STRAY = 0.02  # cells that a path may be simplified by; the clearance is as much larger
 MOST_CELLS = 250_000
@@ -45,7 +46,7 @@ class Lattice:
         """The lattice that covers an area."""
         n0, n1, e0, e1 = waters.bounds
         corners = np.array([(n, e) for n in (n0, n1) for e in (e0, e1)])
-        own = _turn(corners - anchor[:2], -anchor[2]) / cell_m
+        own = in_body(corners - anchor[:2], anchor[2]) / cell_m
         low, high = np.ceil(own.min(axis=0)).astype(int), np.floor(own.max(axis=0)).astype(int)
         shape = (int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
         if shape[0] * shape[1] > MOST_CELLS:
@@ -58,7 +59,7 @@ class Lattice:
     def place(self, pose: Array) -> int:
         """Number of the place nearest to a pose (north, east, heading)."""
         own = pose - self.anchor
-        own[:2] = _turn(own[:2], -self.anchor[2])
+        own[:2] = in_body(own[:2], self.anchor[2])
         return self.number(*nearest(own, self.cell_m))
 
     def number(self, i: int, j: int, h: int) -> int:
@@ -71,7 +72,7 @@ class Lattice:
         h, i, j = np.unravel_index(place, (HEADINGS, *self.shape))
         own = np.array([i + self.first[0], j + self.first[1]], dtype=np.float64) * self.cell_m
         return np.array(
-            [*(self.anchor[:2] + _turn(own, self.anchor[2])), self.anchor[2] + h * STEP]
+            [*(self.anchor[:2] + in_ned(own, self.anchor[2])), self.anchor[2] + h * STEP]
         )
 
     @property
@@ -79,14 +80,7 @@ class Lattice:
         """Positions of the cells in NED [m], shape (I, J, 2)."""
         i, j = (np.arange(n) + first for n, first in zip(self.shape, self.first, strict=True))
         own = self.cell_m * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).astype(np.float64)
-        return np.asarray(self.anchor[:2] + _turn(own, self.anchor[2]))
-
-
-def _turn(points: Array, angle: float) -> Array:
-    """Points (..., 2) turned about the origin."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        return np.asarray(self.anchor[:2] + in_ned(own, self.anchor[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +128,7 @@ def _valid(lattice: Lattice, free: Any, path: Array, margin: float) -> NDArray[n
     inner &= (columns + j >= 0) & (columns + j < lattice.shape[1])
     centres = lattice.centres
     track = np.vstack([np.zeros((1, 2)), path[:, :2]])
-    corners = _turn(simplified(track, margin), lattice.anchor[2])
+    corners = in_ned(simplified(track, margin), lattice.anchor[2])
     for corner in corners:  # cheap, and rules most out
         inner[inner] = inside(free, centres[inner] + corner)
     found = np.flatnonzero(inner)

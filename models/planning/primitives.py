@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_ned
 
 HEADINGS = 8
 STEP = 2.0 * np.pi / HEADINGS
@@ -48,9 +49,7 @@ class Pace:
 
 def turned(path: Array, angle: float) -> Array:
     """A path (N, 3) turned about the origin."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, psi = path.T
-    return np.column_stack([c * x - s * y, s * x + c * y, psi + angle])
+    return np.column_stack([in_ned(path[:, :2], angle), path[:, 2] + angle])
 
 
 def nearest(pose: Array, cell_m: float) -> tuple[int, int, int]:

@@ -8,8 +8,9 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.csv_table import Table
-from seatrial.models.recording.preprocessing import euler_zyx, without_sign_flips
+from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import euler_zyx, unroll
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
 NORM_TOLERANCE = 0.05  # of a quaternion's length: more is not rounding but a wrong column
@@ -96,7 +97,7 @@ class ColumnMap:
             if name in columns:  # a vessel may not need it
                 known = ~np.isnan(columns[name])
                 columns[name] = columns[name].copy()
-                columns[name][known] = np.unwrap(columns[name][known])
+                columns[name][known] = unroll(columns[name][known])
         if self.orientation is not None and _all_in(table, self.orientation):
             quaternions = np.column_stack([columns[name] for name in self.orientation])
             known = ~np.any(np.isnan(quaternions), axis=1)

@@ -10,6 +10,7 @@ from seatrial.models.notation import DOFS
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import pose_jacobian
 from seatrial.models.vessel.table import POSE_NAMES
 
 Check = Literal["integrated_velocity", "differentiated_position"]
@@ -88,30 +89,6 @@ def quality_series(checks: Sequence[QualityCheck]) -> tuple[dict[str, Array], di
         name = POSE_NAMES[one.dof] if pose else "uvwpqr"[DOFS.index(one.dof)]
         columns[f"{name}_error"], units[f"{name}_error"] = one.error, one.unit
     return columns, units
-
-
-def pose_jacobian(angles: Array) -> Array:
-    """J of eta_dot = J(eta) nu, shape (N, 6, 6), from (phi, theta, psi) [rad], shape (N, 3).
-
-    J = diag(R, T), Fossen (2011), eqs. (2.18) and (2.28); T is singular at theta = +-90 deg.
-    """
-    (cf, ct, cp), (sf, st, sp) = np.cos(angles).T, np.sin(angles).T
-    ct_away = np.where(np.abs(ct) < 1e-6, 1e-6, ct)
-    zero, one = np.zeros_like(cf), np.ones_like(cf)
-    rotation = [
-        [cp * ct, cp * st * sf - sp * cf, cp * st * cf + sp * sf],
-        [sp * ct, sp * st * sf + cp * cf, sp * st * cf - cp * sf],
-        [-st, ct * sf, ct * cf],
-    ]
-    rates = [
-        [one, sf * st / ct_away, cf * st / ct_away],
-        [zero, cf, -sf],
-        [zero, sf / ct_away, cf / ct_away],
-    ]
-    jacobian = np.zeros((len(angles), 6, 6))
-    jacobian[:, :3, :3] = np.moveaxis(np.array(rotation), -1, 0)
-    jacobian[:, 3:, 3:] = np.moveaxis(np.array(rates), -1, 0)
-    return jacobian
 
 
 def describe(columns: Mapping[str, Array]) -> tuple[Description, ...]:

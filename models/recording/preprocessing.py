@@ -11,12 +11,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.recording import Mask
 from seatrial.models.vessel.basis import Array
-
-Mask = NDArray[np.bool_]
 
 
 def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
@@ -157,18 +155,6 @@ def without_sign_flips(quaternions: Array) -> Array:
     products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
     return np.asarray(quaternions * signs[:, None])
-
-
-def euler_zyx(quaternions: Array) -> Array:
-    """(phi, theta, psi) [rad], shape (N, 3), from quaternions (w, x, y, z) of any length, (N, 4).
-
-    R = R_z(psi) R_y(theta) R_x(phi), Fossen (2011), section 2.2; psi in (-pi, pi].
-    """
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    psi = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return np.column_stack([phi, theta, psi])
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,12 @@ from seatrial.models.recording.csv_table import Table, check_gaps, check_time, r
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Differentiation,
-    Mask,
     common_rate,
     interpolated,
     outliers,
     without_bias,
 )
-from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.splits import Split, by_trips, half, trips
+from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 from seatrial.models.vessel.table import PLANAR

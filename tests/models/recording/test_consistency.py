@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from seatrial.models.recording.consistency import (
     describe,
-    pose_jacobian,
     quality_checks,
     quality_series,
 )
 from seatrial.models.recording.csv_table import read_table
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import pose_jacobian
 
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")

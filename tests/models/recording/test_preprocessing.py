@@ -13,13 +13,13 @@ from seatrial.models.recording.preprocessing import (
     Differentiation,
     central_difference,
     common_rate,
-    euler_zyx,
     interpolated,
     outliers,
     without_bias,
     without_sign_flips,
 )
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import euler_zyx
 
 
 def scalar_first(rotations: Rotation) -> Array:
