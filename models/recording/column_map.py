@@ -120,7 +120,7 @@ def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
-            f"{table.path}, columns {', '.join(names)}, line {table.lines[k]}: got a quaternion of "
+            f"{table.path}, columns {', '.join(names)}, line {table.line(k)}: got a quaternion of "
             f"length {lengths[k]:.3g}, expected 1"
         )
 
