@@ -58,7 +58,7 @@ def nearest(pose: Array, cell_m: float) -> tuple[int, int, int]:
     return int(i), int(j), round(float(pose[2]) / STEP)
 
 
-def placed(at: tuple[int, int, int], cell_m: float) -> Array:
+def place_pose(at: tuple[int, int, int], cell_m: float) -> Array:
     """The pose (3,) of a place on the lattice."""
     return np.array([at[0] * cell_m, at[1] * cell_m, at[2] * STEP])
 
@@ -96,7 +96,7 @@ def closed(free: Primitive, heading: int, cell_m: float, pace: Pace, hold: int) 
     The path is in the frame of the lattice and `hold` instants long at its end.
     """
     path = turned(free.path, heading * STEP)
-    end = placed(nearest(path[-1], cell_m), cell_m)
+    end = place_pose(nearest(path[-1], cell_m), cell_m)
     rest = np.tile(end, (hold, 1))
     whole = np.vstack([path, pace.line(path[-1], end), rest])
     return Primitive(free.name, whole, informative=True)
