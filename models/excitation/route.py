@@ -17,8 +17,8 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.candidates import Design
 from seatrial.models.excitation.schedule import Part
+from seatrial.models.planning.lattice import Pace, Primitive
 from seatrial.models.planning.planner import Plan, Task, plan
-from seatrial.models.planning.primitives import Pace, Primitive
 from seatrial.models.planning.waters import Corners, Waters
 from seatrial.models.vessel.basis import Array
 

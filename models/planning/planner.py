@@ -23,8 +23,15 @@ from seatrial.models.planning.a_star import (
     relaxed,
     shortest,
 )
-from seatrial.models.planning.lattice import Lattice, Placed, placed
-from seatrial.models.planning.primitives import HEADINGS, STEP, Pace, Primitive
+from seatrial.models.planning.lattice import (
+    HEADINGS,
+    STEP,
+    Lattice,
+    Pace,
+    Placed,
+    Primitive,
+    placed,
+)
 from seatrial.models.planning.waters import Waters, clear
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned, wrap

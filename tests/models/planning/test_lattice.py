@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.planning.primitives import (
+from seatrial.models.planning.lattice import (
     HEADINGS,
     STEP,
     Pace,
