@@ -13,7 +13,7 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.open_loop import OpenLoop, ZigZagTable
+from seatrial.models.excitation.manoeuvres import OpenLoop, ZigZagTable
 from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array, Codes

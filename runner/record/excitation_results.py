@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
-from seatrial.models.excitation.persistence import Persistence
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.planning.planner import Plan
