@@ -1,9 +1,9 @@
-"""CSV files as columns of numbers, with errors that name file, line and column."""
+"""CSV files as columns of numbers, and which column is what; errors name file, line and column."""
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import shorten
@@ -11,13 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from seatrial.models.errors import RecordingError
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS
+from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import euler_zyx, unroll
 
-UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
 LARGEST = 1e30  # what is larger was not measured, and its square is not far from overflow
 NUMBER = r"^(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)$"
 MISSING = r"^([+-]?[nN][aA][nN])?$"
+KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
+NORM_TOLERANCE = 0.05  # of a quaternion's length: more is not rounding but a wrong column
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,60 +62,6 @@ def read_table(
     for name, cells in zip(names, texts, strict=True):
         table.columns[name] = _numbers(table, name, cells, gaps)
     return table
-
-
-def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
-    """Raise RecordingError where time does not increase in uniform steps.
-
-    A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
-    """
-    t = table.columns[name]
-    check_increasing(table, name)
-    steps = np.diff(t)
-    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
-    wrong = np.abs(steps - period) > UNIFORMITY * period
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got a step of "
-            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
-        )
-
-
-def check_increasing(table: Table, name: str) -> None:
-    """Raise RecordingError where a time is missing or does not come after the one before."""
-    t = table.columns[name]
-    if len(t) < 2:
-        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
-    wrong = ~(np.diff(t) > 0.0)  # also where a time is missing
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got {t[k + 1]:.6f} s after "
-            f"{t[k]:.6f} s, expected time to increase"
-        )
-
-
-def check_gaps(table: Table, time: str, longest_s: float) -> None:
-    """Raise RecordingError where a column has no sample for more than `longest_s` [s].
-
-    Columns may begin late and end early.
-    """
-    check_increasing(table, time)
-    for name, values in table.columns.items():
-        known = np.flatnonzero(~np.isnan(values))
-        if len(known) < 2:
-            raise RecordingError(
-                f"{table.path}, column {name}: got {len(known)} samples, expected at least 2"
-            )
-        t = table.columns[time][known]
-        gaps = np.diff(t)
-        if np.max(gaps) > longest_s:
-            k = int(np.argmax(gaps > longest_s))
-            raise RecordingError(
-                f"{table.path}, column {name}, line {table.line(int(known[k]))}: got no sample for "
-                f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
-            )
 
 
 def listed(names: Sequence[str]) -> str:
@@ -212,3 +162,125 @@ def _text(path: Path) -> str:
     if not text.strip():
         raise RecordingError(f"{path}: is empty, expected a header and samples")
     return text
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
+
+    Positions [m] (angles [rad] where there is no `orientation`), body velocities [m/s, rad/s],
+    body accelerations [m/s^2, rad/s^2] where recorded, commanded forces [N, Nm], acting forces
+    where recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
+    """
+
+    time: str
+    position: dict[str, str]
+    velocity: dict[str, str]
+    acceleration: dict[str, str]
+    force: dict[str, str]
+    actual_force: dict[str, str]
+    orientation: tuple[str, str, str, str] | None
+
+    def __post_init__(self) -> None:
+        for kind in KINDS:
+            for dof, name in getattr(self, kind).items():
+                if dof not in DOFS:
+                    raise ConfigurationError(
+                        f"columns.{kind}: got {dof!r}, expected some of {', '.join(DOFS)}"
+                    )
+                if not _plain(name):
+                    raise ConfigurationError(
+                        f"columns.{kind}.{dof}: got {name!r}, expected the name of a column"
+                    )
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when a degree of freedom has no column."""
+        for kind in ("velocity", "force", "position"):
+            known = set(getattr(self, kind))
+            if kind == "position" and self.orientation is not None:
+                known |= set(DOFS[3:])
+            for dof in dofs:
+                if dof not in known:
+                    raise ConfigurationError(
+                        f"excitation.columns.{kind}: no column for {dof}, "
+                        f"expected one for each of {', '.join(dofs)}"
+                    )
+
+    def required(self, dofs: Sequence[str]) -> list[str]:
+        """Names of the columns that a vessel of these degrees of freedom needs."""
+        maps = (self.velocity, self.force, self._poses(), self.acceleration, self.actual_force)
+        names = [_plain(one[dof]) for one in maps for dof in dofs if dof in one]
+        turning = any(dof in DOFS[3:] for dof in dofs)
+        return [self.time, *names, *((self.orientation or ()) if turning else ())]
+
+    def angles(self) -> list[str]:
+        """Names of the columns that hold angles of the pose, which may jump by a full turn."""
+        return [_plain(name) for dof, name in self._poses().items() if dof in DOFS[3:]]
+
+    def values(self, table: Table, kind: str, dofs: Iterable[str]) -> Array:
+        """Columns of one kind with their signs, shape (N, n_dof)."""
+        names = getattr(self, kind)
+        return np.column_stack([_signed(table, names[dof]) for dof in dofs])
+
+    def attitude(self, table: Table, heading: float) -> Array:
+        """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""
+        if self.orientation is not None and _all_in(table, self.orientation):
+            quaternions = np.column_stack([table.columns[name] for name in self.orientation])
+            return np.asarray(euler_zyx(quaternions) - [0.0, 0.0, heading])
+        angles = np.zeros((len(table.columns[self.time]), 3))
+        for dof, name in self._poses().items():
+            if dof in DOFS[3:] and _all_in(table, (_plain(name),)):
+                offset = heading if dof == "yaw" else 0.0
+                angles[:, DOFS[3:].index(dof)] = _signed(table, name) - offset
+        return angles
+
+    def continuous(self, table: Table, angles: Iterable[str] = ()) -> Table:
+        """The table with quaternions of length one and without sign flips, angles unrolled.
+
+        `angles` names columns of other angles [rad] than those of the pose. Raises
+        RecordingError where a quaternion is far from length one.
+        """
+        columns = dict(table.columns)
+        for name in (*self.angles(), *angles):
+            if name in columns:  # a vessel may not need it
+                known = ~np.isnan(columns[name])
+                columns[name] = columns[name].copy()
+                columns[name][known] = unroll(columns[name][known])
+        if self.orientation is not None and _all_in(table, self.orientation):
+            quaternions = np.column_stack([columns[name] for name in self.orientation])
+            known = ~np.any(np.isnan(quaternions), axis=1)
+            lengths = np.linalg.norm(quaternions, axis=1)
+            _check_lengths(table, lengths, self.orientation)
+            quaternions[~known] = np.nan
+            unit = quaternions[known] / lengths[known, None]
+            quaternions[known] = without_sign_flips(unit)
+            columns |= dict(zip(self.orientation, quaternions.T, strict=True))
+        return replace(table, columns=columns)
+
+    def _poses(self) -> Mapping[str, str]:
+        """The position columns in use: angles come from the orientation where it is recorded."""
+        own = DOFS if self.orientation is None else DOFS[:3]
+        return {dof: name for dof, name in self.position.items() if dof in own}
+
+
+def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
+    wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE  # False where it is not known
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, columns {', '.join(names)}, line {table.line(k)}: got a quaternion of "
+            f"length {lengths[k]:.3g}, expected 1"
+        )
+
+
+def _all_in(table: Table, names: Iterable[str]) -> bool:
+    return all(name in table.columns for name in names)
+
+
+def _plain(name: str) -> str:
+    return name.removeprefix("-")
+
+
+def _signed(table: Table, name: str) -> Array:
+    values = table.columns[_plain(name)]
+    return -values if name.startswith("-") else values

@@ -16,7 +16,7 @@ from seatrial.models.excitation.mix import Mix
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.planning.planner import Plan
-from seatrial.models.recording.consistency import quality_checks, quality_series
+from seatrial.models.recording.preprocessing import quality_checks, quality_series
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.table import (

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.consistency import quality_checks
+from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.config import build
 
