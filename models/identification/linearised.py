@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.block_hankel import stretches
 from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
-from seatrial.models.identification.sampled_data import Sampled, sampled
+from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise, operating_force, tangent
