@@ -17,6 +17,7 @@ from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, unroll
 
+LARGEST_BLOCK = 2**31 - 1  # bytes that pyarrow parses at once
 LARGEST = 1e30  # what is larger was not measured, and its square is not far from overflow
 NUMBER = r"^(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)$"
 MISSING = r"^([+-]?[nN][aA][nN])?$"
@@ -30,7 +31,6 @@ class Table:
 
     path: Path
     columns: dict[str, Array]  # (N,) each
-    present: tuple[str, ...]  # names of all columns of the file
 
     def line(self, row: int) -> int:
         """Line of the file that a row ends on, for messages: the file is read again."""
@@ -52,21 +52,17 @@ def read_table(
     line, header = head[0][0], [name.strip() for name in head[0][1]]
     for name in required:
         if name not in header:
-            raise RecordingError(f"{path}: no column {name!r}, expected it among {listed(header)}")
-    names = list(dict.fromkeys((*required, *(each for each in optional if each in header))))
-    for name in names:
+            names = shorten(", ".join(header), 600, placeholder=" ...")
+            raise RecordingError(f"{path}: no column {name!r}, expected it among {names}")
+    chosen = list(dict.fromkeys((*required, *(each for each in optional if each in header))))
+    for name in chosen:
         if header.count(name) > 1:
             raise RecordingError(f"{path}: {header.count(name)} columns {name!r}, expected one")
-    texts = _texts(path, text, line, len(header), [header.index(name) for name in names])
-    table = Table(path, {}, tuple(header))
-    for name, cells in zip(names, texts, strict=True):
+    texts = _texts(path, text, line, len(header), [header.index(name) for name in chosen])
+    table = Table(path, {})
+    for name, cells in zip(chosen, texts, strict=True):
         table.columns[name] = _numbers(table, name, cells, gaps)
     return table
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names on one line, however many and whatever they hold."""
-    return shorten(", ".join(names), 600, placeholder=" ...")
 
 
 def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence[int]) -> Any:
@@ -81,7 +77,10 @@ def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence
         table = arrow_csv.read_csv(
             pa.py_buffer(data),
             arrow_csv.ReadOptions(
-                use_threads=False, block_size=len(data), skip_rows=header_line, column_names=names
+                use_threads=False,
+                block_size=min(len(data), LARGEST_BLOCK),
+                skip_rows=header_line,
+                column_names=names,
             ),
             arrow_csv.ParseOptions(newlines_in_values=True),
             arrow_csv.ConvertOptions(
