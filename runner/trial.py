@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Replay, check_limits, is_open_loop
-from seatrial.models.excitation.persistence import persistence
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, check_cutoff

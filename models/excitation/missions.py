@@ -14,7 +14,7 @@ from seatrial.models.excitation.guidance import (
     step_setpoints,
     straight_line_setpoints,
 )
-from seatrial.models.recording.splits import Split, half
+from seatrial.models.recording.recording import Split, half
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import PLANAR
 

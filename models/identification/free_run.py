@@ -37,7 +37,6 @@ from seatrial.models.vessel.table import Vessel, poses_of
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 
-GAP = 1.5  # sample times: a longer step in time begins a new prediction
 METRICS = ("mae", "mse", "smape", "mean_error")
 MAE, MSE, SMAPE, MEAN_ERROR = range(4)
 Integrator = Literal["euler", "rk4"]
@@ -94,8 +93,7 @@ def course_of(
             f"recorded velocity: got {fastest:.3g}, expected below "
             f"identifier.derivative_limit = {limit:g}"
         )
-    period = sample_time(recording)
-    restart = np.concatenate([[True], np.diff(recording.t) > GAP * period])
+    restart = recording.piece_starts
     if horizon is not None:
         index = np.arange(len(recording))
         restart |= (index - np.maximum.accumulate(np.where(restart, index, 0))) % horizon == 0
@@ -107,7 +105,9 @@ def course_of(
     weather = Weather(none, none, none, none)
     if recording.wind is not None:
         weather = weather._replace(wind_body=np.ascontiguousarray(recording.wind))
-    return Course(kinematics, acting, weather, measured, reached, reached, restart, period, limit)
+    return Course(
+        kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit
+    )
 
 
 def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:
@@ -118,18 +118,15 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
     force that is last sample's command says nothing new. After the last sample nothing acts.
     """
     actual = recording.tau_actual
-    follows = np.diff(recording.t) <= GAP * sample_time(recording)
+    follows = ~recording.piece_starts[1:]
     if thruster is None and actual is not None and kind is None:
         same = np.array_equal(actual[1:][follows], recording.tau[:-1][follows])
         kind = "commanded" if same else None
-    start = recording.force(kind)
-    if start is recording.tau:
-        return np.repeat(start[:, None, :], 3, axis=1)
-    end = np.vstack([start[1:], start[-1:]])
-    middle = 0.5 * (start + end)
-    if thruster is not None and start is recording.tau_filtered:
-        middle = _middle_of_lag(thruster, sample_time(recording), start, end, recording.tau)
-    return np.stack([start, middle, end], axis=1)
+    held = recording.held_force(kind)
+    if thruster is not None and recording.force(kind) is recording.tau_filtered:
+        start, end = held[:, 0], held[:, 2]
+        held[:, 1] = _middle_of_lag(thruster, recording.period_s, start, end, recording.tau)
+    return held
 
 
 def _middle_of_lag(
@@ -140,11 +137,6 @@ def _middle_of_lag(
     by_rate = whole.a[0, 1] or 1.0  # a first-order lag has no rate: what is left of `end` is zero
     rate = (end - whole.a[0, 0] * start - whole.b[0] * command) / by_rate
     return np.asarray(half.a[0, 0] * start + half.a[0, 1] * rate + half.b[0] * command)
-
-
-def sample_time(recording: Recording) -> float:
-    """Sample time [s], also where parts of the recording are missing."""
-    return float(np.median(np.diff(recording.t)))
 
 
 def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flags) -> Layout:

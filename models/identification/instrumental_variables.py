@@ -23,10 +23,15 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification import blockwise_qr
-from seatrial.models.identification.lag import thruster_of
+from seatrial.models.identification.linear import qr
 from seatrial.models.identification.problem import Finding, Identified, Problem
-from seatrial.models.identification.residual import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
+from seatrial.models.identification.residual import (
+    CONSTANT,
+    NED_COLUMNS,
+    ResidualOptions,
+    Samples,
+    thruster_of,
+)
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.identification.uncertainty import (
     ErrorKind,
@@ -71,7 +76,7 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
         raise IdentificationError(
             f"got {z.shape[1]} instruments for {phi.shape[1]} terms, expected at least as many"
         )
-    zq, zr = blockwise_qr.qr(_scaled(z))
+    zq, zr = qr(_scaled(z))
     if z.shape[1] == phi.shape[1]:
         _check_rank(zr, names, "instruments")
     scale = _size(phi)

@@ -7,10 +7,9 @@ from the first sample show the bias.
 
 import numpy as np
 
-from seatrial.models.identification.block_hankel import stretches
 from seatrial.models.identification.physical_form import PhysicalForm
 from seatrial.models.identification.problem import Finding
-from seatrial.models.identification.sampled_data import Sampled
+from seatrial.models.identification.sampled_data import Sampled, stretches
 from seatrial.models.identification.subspace import Realisation
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
 from seatrial.models.simulation.statespace import StateSpace

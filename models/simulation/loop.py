@@ -27,7 +27,7 @@ from seatrial.models.simulation.registry import (
     reference_step,
 )
 from seatrial.models.simulation.voyage import Log, Voyage
-from seatrial.models.vessel.allocation_step import ALLOCATIONS, Direct, allocate_step
+from seatrial.models.vessel.allocation import ALLOCATIONS, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant

@@ -21,9 +21,8 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, clean, give_up
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.liveness import Heartbeat, claim, clean, give_up
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,

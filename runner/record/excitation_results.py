@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
-from seatrial.models.excitation.persistence import Persistence
 from seatrial.models.planning.planner import Plan
-from seatrial.models.recording.consistency import quality_checks, quality_series
+from seatrial.models.recording.preprocessing import quality_checks, quality_series
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.database.records import Diagnostic, Metric, Results, Series

@@ -18,10 +18,11 @@ from seatrial.models.notation import DOFS
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import RigidBody, coriolis, cross_matrix, from_derivatives
+from seatrial.models.vessel.derivatives import RigidBody, coriolis, from_derivatives
 from seatrial.models.vessel.kinematics import (
     angle_rate,
     angles_of_frame,
+    cross_matrix,
     fill_attitude,
     frame_of_angles,
     frame_of_quaternion,
