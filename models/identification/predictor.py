@@ -12,11 +12,10 @@ from seatrial.models.identification.population import prediction_errors
 from seatrial.models.identification.prediction import Course, course_of, predict
 from seatrial.models.identification.problem import Problem, check_force
 from seatrial.models.identification.structure import Flags, Integrator, Layout, layout
+from seatrial.models.notation import PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR, Vessel, poses_of, velocities_of
-
-POSE_UNIT = {"x": "m", "y": "m", "z": "m", "phi": "rad", "theta": "rad", "psi": "rad"}
+from seatrial.models.vessel.table import Vessel
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +39,8 @@ class Predictor:
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the states."""
-        poses = tuple(POSE_UNIT[name] for name in poses_of(self.free.nominal.dofs))
-        return poses + tuple(f"{unit}/s" for unit in poses)
+        dofs = self.free.nominal.dofs
+        return tuple(units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs)
 
     @cached_property
     def spread(self) -> Array:

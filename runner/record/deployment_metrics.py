@@ -5,15 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seatrial.models.notation import FORCE_UNIT, PLANAR
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
-    FORCE_UNIT,
-    PLANAR,
-)
 from seatrial.runner.closed_loop import Design, Sailed
 from seatrial.runner.database.records import Diagnostic, Metric, Stage
 from seatrial.runner.record.validation_metrics import SPEED_UNIT, _square, per_dof

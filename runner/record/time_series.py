@@ -8,18 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.identification.problem import Identified, lack_of_fit
+from seatrial.models.notation import FORCE_UNIT, PLANAR, accelerations_of, poses_of, velocities_of
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
-    FORCE_UNIT,
-    PLANAR,
-    Vessel,
-    accelerations_of,
-    poses_of,
-    velocities_of,
-)
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import Sailed
 from seatrial.runner.database.records import Series

@@ -8,13 +8,11 @@ import numpy as np
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit
 from seatrial.models.identification.validation import AHEAD, Ahead, prediction
+from seatrial.models.notation import FORCE_UNIT
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
-    FORCE_UNIT,
-    Vessel,
-)
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Diagnostic, Metric, Stage
 
 if TYPE_CHECKING:
