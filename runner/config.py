@@ -17,15 +17,8 @@ from typing import Any, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.coercion import coerce
+from seatrial.runner.vocabulary import GROUPS
 
-GROUPS = (
-    "vessel",
-    "disturbance",
-    "excitation",
-    "identifier",
-    "controller",
-    "evaluation",
-)
 SETTINGS = (
     "seed",
     "sample_time_s",

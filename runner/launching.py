@@ -20,7 +20,8 @@ from hydra.plugins.launcher import Launcher
 from submitit.slurm.slurm import SlurmInfoWatcher, SlurmJob
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.job import ENDED, Outcome, Plan, states
+from seatrial.runner.job import Outcome, Plan, states
+from seatrial.runner.vocabulary import ENDINGS
 
 # The state of Slurm's jobs, as the controller's queue tells it.
 #
@@ -173,7 +174,7 @@ def _settled(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
     url = batch[0].trial.database_url
     while "running" in (known := states(url, sweep_id, batch)).values():
         time.sleep(WAIT_S)
-    return [plan for plan in batch if known.get(plan.fingerprint) not in ENDED]
+    return [plan for plan in batch if known.get(plan.fingerprint) not in ENDINGS]
 
 
 @contextmanager

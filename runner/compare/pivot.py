@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.results import FINISHED, OWN_FACTORS, Observation, Run, ordered
 from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
+from seatrial.runner.vocabulary import DOF_ORDER, GROUPS, MODELS
 
 Key = tuple[str, ...]
-DOF_ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw", "position", "heading", "all")
-MODEL_ORDER = ("nominal", "identified", "plant", "residual")
 HIGHER_IS_BETTER = ("vaf", "r2", "fit")  # every other metric is an error or an effort
 # Figures from different ones of these are no rivals.
 CIRCUMSTANCES = (
@@ -152,7 +150,7 @@ class _KeyOrder:
     """Reading order of keys: metrics as asked, DOFs and models as in the field, the rest sorted."""
 
     def __init__(self, name_order: Sequence[str]) -> None:
-        self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODEL_ORDER}
+        self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODELS}
 
     def sort(self, keys: Iterable[Key], factors: Key) -> list[Key]:
         distinct = set(keys)
@@ -203,7 +201,7 @@ def against_baseline(
     Cells of the baseline itself are left out. Several trials of one cell that share seed and
     choices count as one pair, by their mean.
     """
-    factors = (*CHOICES, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
+    factors = (*GROUPS, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
     kept = tuple(dict.fromkeys(f for f in factors if not f"{f}.".startswith(f"{factor}.")))
     reference = _means(
         (o for o in observations if o.level(factor) == level and o.value is not None), kept

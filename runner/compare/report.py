@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, plain
 from seatrial.runner.compare.selection import TableRequest
@@ -22,6 +20,7 @@ from seatrial.runner.compare.table import comparison
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.plots.request import PlotRequest
@@ -148,7 +147,7 @@ def _sweeps(results: Results, runs: Sequence[Run]) -> list[SweepSummary]:
 def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
     """Every choice with its levels; many seeds as a range."""
     found = []
-    for name in (*CHOICES, "seed"):
+    for name in (*GROUPS, "seed"):
         levels = ordered(run.levels[name] for run in runs)
         text = ", ".join(levels)
         if name == "seed" and len(levels) > 5:
@@ -159,7 +158,7 @@ def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
 
 def _settings(results: Results, runs: Sequence[Run]) -> Markup:
     """The configuration values that the runs share, and those in which they differ."""
-    newest = {tuple(run.levels[name] for name in CHOICES): run.id for run in runs}
+    newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in runs}
     configs = results.configs(sorted(newest.values())[-MOST_LISTED:])
     keys = dict.fromkeys(key for config in configs for key in config if key != "seed")
     rows = []
@@ -235,7 +234,7 @@ def _several_vessels(runs: Sequence[Run]) -> bool:
 
 
 def _is_dof(dofs: Sequence[str]) -> bool:
-    return len(dofs) == 1 and dofs[0] not in ("position", "heading", "all")
+    return len(dofs) == 1 and dofs[0] not in COMBINED
 
 
 def _warnings(results: Results, condition: Condition | None) -> list[str]:

@@ -10,6 +10,7 @@ from seatrial.runner.compare.pivot import Cell, Key, Pivot, against_baseline, be
 from seatrial.runner.compare.results import OWN_FACTORS, Results
 from seatrial.runner.compare.selection import Found, TableRequest, gather, pooled
 from seatrial.runner.compare.statistics import SAME, PairedTest, summary
+from seatrial.runner.vocabulary import UNFINISHED
 
 Place = tuple[Key, Key]
 EMPTY = "–"
@@ -206,7 +207,7 @@ class _Writer:
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
         record["n"] = len(cell.observed)
-        for status in ("failed", "diverged", "running", "interrupted"):
+        for status in UNFINISHED:
             record[status] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
         record["below_true_model"] = cell.flagged

@@ -26,9 +26,9 @@ from seatrial.runner.database.liveness import (
 )
 from seatrial.runner.database.records import Begun, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
+from seatrial.runner.vocabulary import GROUPS
 
 _TRIES = 10  # each further one needs another process to have come between
-_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
 
 def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool) -> Begun:
@@ -116,7 +116,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         "fingerprint": start.fingerprint,
         "attempt": attempt,
         "status": "running",
-        **{name: getattr(start, name) for name in _CHOICES},
+        **{name: getattr(start, name) for name in GROUPS},
         "seed": int(start.seed),
         "config": clean(start.config),
         "overrides": clean(start.overrides),

@@ -27,7 +27,6 @@ from seatrial.runner.database.liveness import Heartbeat
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,
-    Ending,
     Pruned,
     Results,
     RunStart,
@@ -35,6 +34,7 @@ from seatrial.runner.database.records import (
     integer,
     number,
 )
+from seatrial.runner.vocabulary import Ending
 
 
 class Logbook(Reader):

@@ -40,8 +40,7 @@ from seatrial.runner.database.records import (
     Verification,
 )
 from seatrial.runner.database.views import run_overview
-
-_FAILED = ("failed", "diverged", "interrupted")
+from seatrial.runner.vocabulary import LOST
 
 
 class Reader:
@@ -164,7 +163,7 @@ class Reader:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
         status = {trial.run_id: _status(trial) for trial in last.values()}
-        lost = [run_id for run_id, ending in status.items() if ending in _FAILED]
+        lost = [run_id for run_id, ending in status.items() if ending in LOST]
         return SweepStatus(
             sweep_id=sweep_id,
             name=sweep.name,

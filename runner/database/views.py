@@ -20,6 +20,7 @@ from sqlalchemy import (
 )
 
 from seatrial.runner.database.liveness import stale_before
+from seatrial.runner.vocabulary import GROUPS
 
 # A column each in metric_wide; a name that is not here is still in the table metric.
 METRIC_NAMES = (
@@ -55,7 +56,6 @@ HEADLINES = (
     ("e_psi_mae_identified", "deployment", "identified", "heading", "e_psi_mae"),
 )
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
-_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation", "seed")
 # A run counts unless another attempt at the same trial finished where this did not, or is later.
 _SUPERSEDED = """CASE WHEN EXISTS (
       SELECT 1 FROM run AS other
@@ -111,7 +111,7 @@ run_overview = table(
     column("attempt", Integer),
     column("status", String),
     column("superseded", Boolean),
-    *(column(name, Integer if name == "seed" else String) for name in _CHOICES),
+    *(column(name, Integer if name == "seed" else String) for name in (*GROUPS, "seed")),
     column("started_at", DateTime),
     column("finished_at", DateTime),
     column("duration_s", Float),
@@ -134,7 +134,7 @@ def statements(dialect: str) -> tuple[str, ...]:
         f" run.heartbeat_at < {stale_before(dialect)})"
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
-        "choices": ", ".join(f"run.{name}" for name in _CHOICES),
+        "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
     }
     headlines = ",\n    ".join(
         _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)

@@ -12,8 +12,9 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.closed_loop import Design, Sailed
-from seatrial.runner.database.records import Diagnostic, Metric, Stage
+from seatrial.runner.database.records import Diagnostic, Metric
 from seatrial.runner.record.validation_metrics import SPEED_UNIT, _square, per_dof
+from seatrial.runner.vocabulary import Stage
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import Sailed

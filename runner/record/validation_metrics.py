@@ -13,7 +13,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.database.records import Diagnostic, Metric, Stage
+from seatrial.runner.database.records import Diagnostic, Metric
+from seatrial.runner.vocabulary import Stage
 
 if TYPE_CHECKING:
     pass

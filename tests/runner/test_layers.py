@@ -24,13 +24,21 @@ FLOORS = (
     "models.excitation",
     "models.identification",
     "models.control",
+    "runner.vocabulary",
+    "runner.record.catalogue",
     "runner.database",
     "runner.compare",
     "runner",
 )
 # The comparison reads the database alone; the database holds rows, whatever they mean.
-GROUND = ("models.errors", "models.notation")
-ONLY = {"runner.database": GROUND, "runner.compare": (*GROUND, "runner.database")}
+GROUND = ("models.errors", "models.notation", "runner.vocabulary")
+NAMES = (*GROUND, "runner.record.catalogue")
+ONLY = {
+    "runner.vocabulary": GROUND,
+    "runner.record.catalogue": GROUND,
+    "runner.database": NAMES,
+    "runner.compare": (*NAMES, "runner.database"),
+}
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {"__main__", "sweep", "launching", "composition", "hydra_errors"}
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -25,6 +24,7 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import FINISHED, Observation, Results, ordered
 from seatrial.runner.compare.statistics import confidence_interval
+from seatrial.runner.vocabulary import DOF_ORDER
 
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far

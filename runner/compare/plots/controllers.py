@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.plots.request import PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.sailed_missions import PREFIX
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed
 from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
+from seatrial.runner.vocabulary import GROUPS
 
-SAME = (*CHOICES, "seed")
+SAME = (*GROUPS, "seed")
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
 from seatrial.runner.compare.plots.residual import shade
 from seatrial.runner.compare.plots.style import (
@@ -26,6 +25,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
 
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
 GROUPS = "inseparable_terms"

@@ -9,7 +9,6 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -21,6 +20,7 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import Results, ordered
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.vocabulary import DOF_ORDER
 
 LINE_STYLES = ("-", "--", ":", "-.")
 NAMES = ("order_mse", "selected_order")

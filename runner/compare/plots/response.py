@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run
 from seatrial.runner.compare.plots.sailed_missions import PREFIX, degrees
 from seatrial.runner.compare.plots.style import (
@@ -27,6 +26,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
 
 POSES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
 NAMES = {

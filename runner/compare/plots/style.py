@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.vocabulary import COMBINED
 
 # Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -78,7 +79,6 @@ METRIC_LABELS = {
     "power_mean": "Mean power",
     "iaew": "IAEW",
 }
-WHOLE_DOFS = ("position", "heading", "all")  # named by the metric already
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def panels(
 def metric_label(name: str, dof: str, unit: str | None) -> str:
     """`Force MSE, surge [N²]`."""
     label = METRIC_LABELS.get(name, name)
-    named = label if dof in WHOLE_DOFS else f"{label}, {dof}"
+    named = label if dof in COMBINED else f"{label}, {dof}"
     return with_unit(named, unit)
 
 

@@ -14,11 +14,11 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.vocabulary import DOF_ORDER
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -17,6 +16,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
 
 KINDS = ("recording", "deployment_nominal", "deployment_identified")
 NORTH, EAST = "wind_north", "wind_east"
