@@ -1,9 +1,10 @@
 """Commands that ask: runs, show, table, plot, sql."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperCommand
 
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
@@ -19,8 +20,8 @@ from seatrial.runner.compare.cli import (
     shown_path,
     split,
 )
+from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
-from seatrial.runner.compare.kinds import PlotKind
 
 
 @app.command()
@@ -77,7 +78,10 @@ def table(
         ),
     ] = None,
     metric: Annotated[
-        Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
+        Several,
+        typer.Option(
+            "--metric", "-m", help="Metric (see: metrics); several by commas or repetition."
+        ),
     ] = None,
     coefficient: Annotated[
         Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
@@ -136,9 +140,29 @@ def table(
         show_grid(comparison(results, request), form)
 
 
-@app.command()
+class PlotCommand(TyperCommand):
+    """Lists the figures in its help; they are looked for when it is asked for."""
+
+    def format_help(self, *arguments: Any) -> None:
+        """Write the help text."""
+        listed = (f"{one.name}: {one.help} Needs: {one.needs}." for one in figures().values())
+        self.help = "\n\n".join([self.help or "", *listed])
+        super().format_help(*arguments)
+
+
+def _completed(incomplete: str) -> list[str]:
+    return [name for name in figures() if name.startswith(incomplete)]
+
+
+@app.command(cls=PlotCommand)
 def plot(
-    kind: Annotated[PlotKind, typer.Argument(help="Kind of figure.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="Kind of figure: a name below, or the dotted name of a module with a figure.",
+            autocompletion=_completed,
+        ),
+    ],
     run: Annotated[
         int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
     ] = None,
@@ -172,20 +196,15 @@ def plot(
 ) -> None:
     """Draw figures as PNG and SVG and print their paths.
 
-    bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
-    one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
-    identifier found; wind: its speed, direction and force in one run; excitation: forces, their
-    spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
-    controllers: those of several runs over one another; quality: velocity against position of a
-    measured recording; plan: the planned path of an informative mix; topology, times: an
-    objective over two parameters, and the time of predictions. What is of one run takes the newest
-    that meets --where, with --facet one for each level (--facet seed).
+    A figure of one run takes the newest that meets --where, with --facet one for each level
+    (--facet seed).
     """
     from seatrial.runner.compare.plots import draw
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.results import open_results
 
-    rows = rows or ("controller" if kind == "controllers" else None)
+    declared = figure_of(kind)
+    rows = rows or (declared.rows if declared.rows != "identifier" else None)
     rows, columns = axes_of(rows, columns)
     request = PlotRequest(
         run=run,
@@ -202,6 +221,20 @@ def plot(
         folder = output or shown_path(results.reader.results_dir / "figures")
         for path in draw(kind, results, request, folder):
             typer.echo(path)
+
+
+@app.command()
+def metrics(form: Form = Format.RICH) -> None:
+    """List the metrics that trials store: unit, which way is better, stage and formula."""
+    from seatrial.runner.compare.grid import grid_of
+    from seatrial.runner.record.catalogue import all_declared
+
+    headers = ("metric", "unit", "better", "stage", "what it is")
+    rows = [
+        (one.name, one.units, one.better_text, ", ".join(one.stages), one.formula)
+        for one in all_declared()
+    ]
+    show_grid(grid_of("", headers, rows, labels=len(headers)), form)
 
 
 @app.command()

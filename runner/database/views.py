@@ -20,40 +20,21 @@ from sqlalchemy import (
 )
 
 from seatrial.runner.database.liveness import stale_before
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.catalogue import METRICS, Definition
+from seatrial.runner.vocabulary import COMBINED, GROUPS
 
 # A column each in metric_wide; a name that is not here is still in the table metric.
-METRIC_NAMES = (
-    "force_mse",
-    "force_mae",
-    "force_mse_filtered",
-    "below_true_model",
-    "coefficient_error",
-    "pose_rmse_one_step",
-    "pose_rmse_ten_step",
-    "pose_rmse_free_run",
-    "velocity_rmse_one_step",
-    "velocity_rmse_ten_step",
-    "velocity_rmse_free_run",
-    "e_pos_mae",
-    "e_pos_mse",
-    "e_psi_mae",
-    "e_psi_mse",
-    "nu_mse",
-    "nu_dot_mse",
-    "tau_mean_abs",
-    "tau_fb_mean_abs",
-    "power_mean",
-    "iaew",
-)
-# Headline metrics in run_overview: column, stage, model, dof, name.
-HEADLINES = (
-    ("force_mse_surge_nominal", "validation", "nominal", "surge", "force_mse"),
-    ("force_mse_surge_identified", "validation", "identified", "surge", "force_mse"),
-    ("e_pos_mae_nominal", "deployment", "nominal", "position", "e_pos_mae"),
-    ("e_pos_mae_identified", "deployment", "identified", "position", "e_pos_mae"),
-    ("e_psi_mae_nominal", "deployment", "nominal", "heading", "e_psi_mae"),
-    ("e_psi_mae_identified", "deployment", "identified", "heading", "e_psi_mae"),
+METRIC_NAMES = tuple(one.name for one in METRICS if one.wide)
+
+
+def _headline(one: Definition, model: str) -> tuple[str, str, str, str, str]:
+    """Column, stage, model, dof and name of a metric in run_overview."""
+    about = model if one.headline in COMBINED else f"{one.headline}_{model}"
+    return f"{one.name}_{about}", one.stages[0], model, one.headline, one.name
+
+
+HEADLINES = tuple(
+    _headline(one, model) for one in METRICS if one.headline for model in ("nominal", "identified")
 )
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
 # A run counts unless another attempt at the same trial finished where this did not, or is later.

@@ -23,6 +23,7 @@ from seatrial.models.vessel.table import (
     Vessel,
 )
 from seatrial.runner.database.records import Diagnostic, Metric, Results, Series
+from seatrial.runner.record.metric_rows import metric
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import Excited
@@ -53,7 +54,7 @@ def recording_quality(recording: Recording) -> tuple[list[Metric], Series]:
     """Largest error of velocity against position, both ways, and the errors over time."""
     checks = quality_checks(recording)
     metrics = [
-        Metric("identification", "plant", one.dof, f"{one.check}_error_max", one.maximum, one.unit)
+        metric(f"{one.check}_error_max", "identification", "plant", one.dof, one.maximum)
         for one in checks
     ]
     columns, units = quality_series(checks)
@@ -74,7 +75,7 @@ def mix_results(
     if excited.truth is not None:
         models["plant"] = excited.truth
     metrics = [
-        Metric("validation", name, "all", "simulation_rmse", error, "")
+        metric("simulation_rmse", "validation", name, "all", error)
         for name, model in models.items()
         if (error := simulation_error(problem.validation, model)) is not None
     ]
