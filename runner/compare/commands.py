@@ -203,9 +203,7 @@ def plot(
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.results import open_results
 
-    declared = figure_of(kind)
-    rows = rows or (declared.rows if declared.rows != "identifier" else None)
-    rows, columns = axes_of(rows, columns)
+    rows, columns = axes_of(rows or figure_of(kind).rows or None, columns)
     request = PlotRequest(
         run=run,
         metric=metric,

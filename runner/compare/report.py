@@ -203,7 +203,7 @@ def _variants(
     figure: Figure, shared: "PlotRequest", rows: str
 ) -> Iterator[tuple[str, "PlotRequest"]]:
     """The figures, with their captions, that one wide or crowded figure is split into."""
-    wanted = replace(shared, rows=rows if figure.rows == "identifier" else figure.rows)
+    wanted = replace(shared, rows=figure.rows or rows)
     by_dof = [replace(wanted, dofs=(dof,)) for dof in DOF_ORDER]  # narrow, for narrow screens
     match figure.each:
         case "metric and dof":
