@@ -116,9 +116,9 @@ def table(
     evaluation, seed, ...), by a dotted name of the configuration (plant.scale), or by metric,
     term, dof, stage and model.
     """
+    from seatrial.runner.compare.comparison_table import comparison
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.selection import request_of
-    from seatrial.runner.compare.table import comparison
 
     rows, columns = axes_of(rows, columns)
     request = request_of(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
@@ -16,7 +17,6 @@ from seatrial.runner.compare.page import Picture, picture, render_page, write_pa
 from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, plain
 from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable

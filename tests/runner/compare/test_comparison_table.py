@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import Definition
