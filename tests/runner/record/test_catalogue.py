@@ -2,17 +2,25 @@
 
 import csv
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
+from seatrial.runner.config import build_trial
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.record.own_metrics import OwnMetric
 from tests.trials import composed
 
 FORCE_IN_THE_LAG = ("identifier=ls", "disturbance=constant")  # a ferry of known thruster lag
@@ -25,6 +33,7 @@ MIX = (
     "vessel=modulus_ship", "excitation=mix", "excitation.length_s=60", "identifier=iv",
     "controller=none",
 )  # fmt: skip
+SURGE_STEPS = ("evaluation=setpoints", "evaluation.duration_s=200", "controller=pid_ff")
 MEASURED = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
 
 
@@ -115,6 +124,44 @@ def test_a_part_from_elsewhere_declares_its_own(own: Definition) -> None:
         catalogue.register(other)
     with pytest.raises(ValueError, match="got name 'Own VAF'"):
         catalogue.register(Definition("Own VAF", (), "", None, "", ""))
+
+
+@dataclass(frozen=True)
+class Reach(OwnMetric):
+    """How far from the start a vessel came, and how large a model's damping ahead is."""
+
+    scale: float = 1.0
+    definition = Definition(
+        "own_reach", ("validation", "deployment"), {"position": "m", "surge": "kg/s"}, None, "", ""
+    )
+
+    def of_model(self, held_out: Recording, model: Vessel) -> Mapping[str, float]:
+        return {"surge": self.scale * model.coefficient("surge", "u")}
+
+    def of_voyage(self, voyage: Voyage) -> Mapping[str, float]:
+        distance = np.linalg.norm((voyage.log.eta - voyage.log.eta[0])[:, :2], axis=1)
+        return {"position": self.scale * float(np.max(distance))}
+
+
+def test_a_metric_from_elsewhere_is_stored_beside_ours(own: Definition) -> None:
+    trial = composed("vessel=surge_linear", "excitation=prbs", "identifier=ls", *SURGE_STEPS)
+    results = trials.run(replace(trial, metrics=(Reach(2.0),)))
+    found = {(m.stage, m.model): (m.value, m.unit) for m in results.metrics if "reach" in m.name}
+    damping = {c.model: c.value for c in results.coefficients if c.term == "u"}
+    sailed = {s.kind: s.columns["x"] for s in results.series if s.kind.startswith("deployment")}
+    for model in ("nominal", "identified", "plant"):
+        assert found["validation", model] == (2.0 * damping[model], "kg/s")
+    for model in ("nominal", "identified"):
+        x = sailed[f"deployment_{model}"]
+        assert found["deployment", model] == (2.0 * np.max(np.abs(x - x[0])), "m")
+    assert len(found) == 5
+
+
+@pytest.mark.parametrize("nodes", ["force_mse", {"_target_": "x"}])
+def test_metrics_from_elsewhere_are_a_list(nodes: object) -> None:
+    trial = composed()
+    with pytest.raises(ConfigurationError, match=r"metrics: got .*, expected a list"):
+        build_trial({**trial.config, "metrics": nodes}, trial.names)
 
 
 def test_a_name_of_another_database_is_known_by_its_name_alone() -> None:
