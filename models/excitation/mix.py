@@ -18,12 +18,12 @@ from seatrial.models.excitation.candidates import Believed, Design
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.route import Route, parts_of
 from seatrial.models.excitation.schedule import Gains, Role, Schedule, check_open
+from seatrial.models.notation import PLANAR
 from seatrial.models.planning.planner import Plan
 from seatrial.models.recording.splits import Split
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.table import PLANAR
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Timetable, step_setpoints
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import REFERENCES
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR
 
 
 class StepTable(NamedTuple):

@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Codes, Term
 from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
-from seatrial.models.vessel.table import PLANAR, poses_of
 
 Output = Literal["body_pose", "pose"]
 GAP = 1.5  # periods between samples that belong to different stretches

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS, VELOCITIES
+from seatrial.models.notation import DOFS, PLANAR, VELOCITIES, poses_of, velocities_of
 from seatrial.models.vessel.basis import AIR, ATTITUDE, N_VARIABLES, VARIABLES, Array, Codes, Term
-from seatrial.models.vessel.table import PLANAR, poses_of, velocities_of
 
 Integrator = Literal["euler", "rk4"]
 Flags = NDArray[np.bool_]

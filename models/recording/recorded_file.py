@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.consistency import Description, describe
 from seatrial.models.recording.csv_table import Table, check_gaps, check_time, read_table
@@ -25,7 +25,6 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.splits import Split, by_trips, half, trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
-from seatrial.models.vessel.table import PLANAR
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ import numpy as np
 from numba.extending import overload
 
 from seatrial.models.compiled import LEAN, lean_kernel
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
     angles_of_frame_kernel,
     frame_of_quaternion_kernel,
     quaternion_of,
 )
-from seatrial.models.vessel.table import PLANAR
 
 
 class Axes(NamedTuple):

@@ -24,14 +24,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import (
     ACCELERATIONS,
     DOFS,
+    FORCE_UNIT,
     VELOCITIES,
+    accelerations_of,
+    velocities_of,
 )
-from seatrial.models.notation import FORCE_UNIT as FORCE_UNIT
-from seatrial.models.notation import PLANAR as PLANAR
-from seatrial.models.notation import SQUARE_UNIT as SQUARE_UNIT
-from seatrial.models.notation import accelerations_of as accelerations_of
-from seatrial.models.notation import poses_of as poses_of
-from seatrial.models.notation import velocities_of as velocities_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
 

@@ -14,8 +14,8 @@ from seatrial.models.excitation.guidance import (
     straight_line_setpoints,
 )
 from seatrial.models.excitation.missions import Operation, Replay, Waypoints
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import GUIDANCE
-from seatrial.models.vessel.table import PLANAR
 
 POINTS = np.array([[0.0, -15.0, -np.pi / 2], [15.0, -15.0, 0.0], [15.0, -15.0, np.pi]])
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from seatrial.models.excitation.persistence import persistence, spectral_lines
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 DOFS = ("surge",)
 

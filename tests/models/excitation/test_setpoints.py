@@ -9,10 +9,10 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.setpoints import AccelerationLimited, Setpoints, Step
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import REFERENCES
 from seatrial.models.simulation.voyage import outlook
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import lqi, ship, voyage, weather
 
 POSES = ((0.0, 0.0, 0.0), (4.0, -2.0, 90.0))

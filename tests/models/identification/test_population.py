@@ -9,9 +9,9 @@ from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.prediction import course_of, predict
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structure import layout
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.basis import terms
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 
 def predictor(model, recording, integrator, horizon=None, limit=10.0):

@@ -7,11 +7,11 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.prediction import course_of, free_run, held_force
 from seatrial.models.identification.structure import layout
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 FAR = 1e6
