@@ -21,8 +21,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from seatrial.runner.config import GROUPS
 from seatrial.runner.job import Order
+from seatrial.runner.vocabulary import GROUPS
 
 
 def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -> Order:

@@ -13,25 +13,22 @@ from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.coercion import coerce
+from seatrial.runner.vocabulary import GROUPS
 
-GROUPS = (
-    "vessel",
-    "disturbance",
-    "excitation",
-    "identifier",
-    "controller",
-    "evaluation",
-)
+if TYPE_CHECKING:
+    from seatrial.runner.record.own_metrics import OwnMetric
+
 SETTINGS = (
     "seed",
     "sample_time_s",
     "integration_step_s",
     "plant",
     "update",
+    "metrics",
     "results_dir",
     "database",
     "rerun",
@@ -70,6 +67,7 @@ class Trial:
     update: Any = (
         None  # seatrial.runner.adaptive.Update, where the model is identified again while sailing
     )
+    metrics: "tuple[OwnMetric, ...]" = ()  # from elsewhere, stored beside ours
 
 
 @dataclass(frozen=True)
@@ -104,6 +102,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         "plant_scale": _positive(plant, "scale", "plant."),
         "plant_change": _optional(plant.get("change"), PlantChange, "plant.change"),
         "update": _optional(config.get("update"), "seatrial.runner.adaptive.Update", "update"),
+        "metrics": _listed_parts(config.get("metrics"), "metrics"),
         "seed": seed,
         "results_dir": coerce(_given(config, "results_dir"), Path, "results_dir"),
         "database_url": database_url(config),
@@ -121,6 +120,13 @@ def _optional(node: Any, cls: type | str, key: str) -> Any:
     if not isinstance(node, Mapping):
         raise ConfigurationError(f"{key}: got {node!r}, expected null or a group of options")
     return build_as(_target(cls, key) if isinstance(cls, str) else cls, node, key)
+
+
+def _listed_parts(nodes: Any, key: str) -> tuple[Any, ...]:
+    """The objects that a list of nodes describes; none for null."""
+    if not isinstance(nodes, list | None):
+        raise ConfigurationError(f"{key}: got {nodes!r}, expected a list of groups of options")
+    return tuple(build(node, f"{key}[{i}]") for i, node in enumerate(nodes or ()))
 
 
 def database_url(config: Node) -> str:

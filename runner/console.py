@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 from seatrial.models.compile_lock import seconds_compiled
 from seatrial.models.errors import LogbookError
 from seatrial.runner.invocation import results_program
+from seatrial.runner.vocabulary import ENDINGS
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -38,7 +39,7 @@ def sweep_summary(
     """
     counts = Counter(status.counts)
     busy = sum(outcome.state == "busy" for outcome in outcomes)
-    undone = status.planned - sum(counts[name] for name in ("finished", "failed", "diverged"))
+    undone = status.planned - sum(counts[name] for name in ENDINGS)
     parts = [f"{counts['finished']} finished"]
     if status.reused - busy > 0:
         parts[0] += f" ({status.reused - busy} already in the logbook)"
@@ -126,7 +127,6 @@ def _number(count: int, noun: str) -> str:
 log = logging.getLogger(__name__)
 POLL_S = 0.25  # at least; asking takes at most a twentieth of the time
 QUIET_S = 5.0  # between two plain lines
-ENDED = ("finished", "failed", "diverged")
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
 
 
 def _done(status: "SweepStatus") -> int:
-    return sum(status.counts.get(name, 0) for name in ENDED)
+    return sum(status.counts.get(name, 0) for name in ENDINGS)
 
 
 def _standing(status: "SweepStatus", pace: "Pace") -> Standing:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from seatrial.models.errors import Diverged
-from seatrial.runner.config import GROUPS, Trial, build_trial
+from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.provenance import Provenance
+from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:
     from seatrial.runner.database import Logbook
@@ -157,7 +158,6 @@ class Refusal:
 
 
 Known = dict[str, "RunSummary"]
-ENDED = ("finished", "failed", "diverged")
 
 
 def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:

@@ -19,7 +19,8 @@ from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.job import ENDED, Outcome, Plan, states
+from seatrial.runner.job import Outcome, Plan, states
+from seatrial.runner.vocabulary import ENDINGS
 
 POOL_LOST = (
     "a worker process was killed, or ran out of memory, and that ends the sweep: "
@@ -123,7 +124,7 @@ def _settled(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
     url = batch[0].trial.database_url
     while "running" in (known := states(url, sweep_id, batch)).values():
         time.sleep(WAIT_S)
-    return [plan for plan in batch if known.get(plan.fingerprint) not in ENDED]
+    return [plan for plan in batch if known.get(plan.fingerprint) not in ENDINGS]
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
     excitation_results,
+    own_metrics,
     time_series,
     validation_metrics,
 )
@@ -139,9 +140,13 @@ def run(trial: Trial) -> Results:
     predicted, reasons = validation_metrics.prediction_metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
+    models = {"nominal": problem.nominal, "identified": identified.model}
+    if excited.truth is not None:
+        models["plant"] = excited.truth
+    own = own_metrics.validation_rows(trial.metrics, problem.validation, models)
     mixed = excitation_results.mix_results(trial.excitation, excited)
     results = Results(
-        metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
+        metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics, *own],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
             *coefficient_rows.stage_coefficients(identified),
@@ -271,6 +276,7 @@ def deploy(
             continue
         metrics += deployment_metrics.tracking_metrics(one.voyage, name, trial.sample_time_s)
         metrics += deployment_metrics.response_metrics(one, name)
+        metrics += own_metrics.deployment_rows(trial.metrics, one.voyage, name)
         series.append(time_series.voyage_series(one, name))
         if one.adapter is not None:
             coefficients += one.adapter.coefficients()

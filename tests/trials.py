@@ -6,8 +6,9 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from seatrial.runner.composition import order_of
-from seatrial.runner.config import GROUPS, Trial, build_trial
+from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.job import Order
+from seatrial.runner.vocabulary import GROUPS
 
 CONF = Path(__file__).parents[1] / "conf"
 

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, VELOCITIES
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array
 from seatrial.models.vessel.kinematics import in_body
-from seatrial.models.vessel.table import PLANAR, ForceTable, Vessel
+from seatrial.models.vessel.table import ForceTable, Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import WindForce
 

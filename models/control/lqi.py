@@ -37,11 +37,12 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import FORCE_UNIT, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.wind import WindForce
 
 
@@ -208,9 +209,7 @@ def si_weights(
     """The weights in SI: of the pose as given, of the input divided by the limits' squares."""
     found = []
     for i, dof in enumerate(design.dofs):
-        force = FORCE_UNIT[dof]
-        pose = "1/m^2" if force == "N" else "1/rad^2"
-        found.append(Remark("error_weight", dof, error_weight[i], pose))
+        found.append(Remark("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
         scaled = float(input_weight[i] / design.limits[i] ** 2)
-        found.append(Remark("input_weight", dof, scaled, f"1/{force}^2"))
+        found.append(Remark("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
     return found

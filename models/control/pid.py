@@ -13,14 +13,13 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.linear_design import Remark, closed_loop_radius, design_model
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import Log
 from seatrial.models.vessel.basis import N_VARIABLES, Array, features_kernel
 from seatrial.models.vessel.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
 from seatrial.models.vessel.table import (
-    PLANAR,
     ForceTable,
     Vessel,
     fill_air_kernel,

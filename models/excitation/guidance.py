@@ -14,10 +14,10 @@ from scipy.linalg import expm
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
-from seatrial.models.vessel.table import PLANAR
 
 
 @dataclass(frozen=True)

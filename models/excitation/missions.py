@@ -14,9 +14,9 @@ from seatrial.models.excitation.guidance import (
     step_setpoints,
     straight_line_setpoints,
 )
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR
 
 
 class Mission(Protocol):

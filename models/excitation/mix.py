@@ -25,6 +25,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.candidates import Believed, Design
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
+from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Pace, Primitive
 from seatrial.models.planning.planner import Plan, Task, plan
 from seatrial.models.planning.waters import Corners, Waters
@@ -32,7 +33,6 @@ from seatrial.models.recording.recording import Split
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.table import PLANAR
 
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
 

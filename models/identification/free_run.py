@@ -18,7 +18,7 @@ from numba.extending import register_jitable
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.elementary import where
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import ACCELERATIONS
+from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.dynamics import scratch_in, scratch_size, step
@@ -33,7 +33,7 @@ from seatrial.models.vessel.pose import (
     pose_of,
     state_of,
 )
-from seatrial.models.vessel.table import Vessel, poses_of
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 

@@ -40,9 +40,10 @@ from seatrial.models.identification.uncertainty import (
     hac_variance,
     stationary_variance,
 )
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR = 1e-10

@@ -31,8 +31,9 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 HUBER = 1.345  # 95 % as efficient as least squares on Gaussian residuals

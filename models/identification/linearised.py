@@ -16,12 +16,13 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
 from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
+from seatrial.models.notation import PLANAR, POSE_UNIT
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise, operating_force, tangent
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import AIR, N_VARIABLES, VARIABLES, Array
-from seatrial.models.vessel.table import FORCE_UNIT, PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.wind import WindForce
 
@@ -142,7 +143,7 @@ def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording
 
 
 def _listed(y: Array, free: Array, drift: Array, dofs: tuple[str, ...]) -> list[Finding]:
-    units = ["m" if FORCE_UNIT[dof] == "N" else "rad" for dof in dofs]
+    units = [POSE_UNIT[dof] for dof in dofs]
     with np.errstate(over="ignore", invalid="ignore"):
         rmse = np.sqrt(np.mean(np.square(y - free), axis=0))
     return [

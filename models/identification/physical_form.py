@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.notation import accelerations_of, velocities_of
 from seatrial.models.simulation.statespace import StateSpace, zero_order_hold
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.table import Vessel, accelerations_of, velocities_of
+from seatrial.models.vessel.table import Vessel
 
 RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
 REAL = 1e-6  # imaginary part of a logarithm that is rounding

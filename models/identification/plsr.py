@@ -28,8 +28,9 @@ from seatrial.models.identification.kernel_pls import (
 from seatrial.models.identification.problem import Finding, Identified, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
+from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.table import SQUARE_UNIT, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 

@@ -19,13 +19,11 @@ from seatrial.models.identification.free_run import (
     spread,
 )
 from seatrial.models.identification.problem import Problem, check_force
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags, Layout
-from seatrial.models.vessel.table import PLANAR, Vessel, poses_of, velocities_of
-
-POSE_UNIT = {"x": "m", "y": "m", "z": "m", "phi": "rad", "theta": "rad", "psi": "rad"}
+from seatrial.models.vessel.table import Vessel
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,8 @@ class Predictor:
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the states."""
-        poses = tuple(POSE_UNIT[name] for name in poses_of(self.free.nominal.dofs))
-        return poses + tuple(f"{unit}/s" for unit in poses)
+        dofs = self.free.nominal.dofs
+        return tuple(units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs)
 
     @cached_property
     def spread(self) -> Array:

@@ -7,11 +7,12 @@ from typing import Protocol
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 

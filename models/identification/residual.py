@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Finding, Problem, choose_basis, lack_of_fit
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 CONSTANT = basis.term("1")

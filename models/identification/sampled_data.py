@@ -15,12 +15,11 @@ import numpy as np
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.linear import triangle, turns
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.recording.recording import Recording, following
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Codes, Term
 from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
-from seatrial.models.vessel.table import PLANAR, poses_of
 
 Output = Literal["body_pose", "pose"]
 EXCITED = 1e-11  # smallest to largest singular value of the inputs' Hankel matrix

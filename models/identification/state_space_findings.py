@@ -12,9 +12,9 @@ from seatrial.models.identification.problem import Finding
 from seatrial.models.identification.sampled_data import Sampled, stretches
 from seatrial.models.identification.subspace import Realisation
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
+from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import FORCE_UNIT
 
 MATRICES = ("A", "B", "C", "D", "K", "F")
 
@@ -69,7 +69,7 @@ def physical_findings(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Finding
     for row, dof in enumerate(dofs):
         listed.append(Finding("delay", dof, float(form.delay[row]), "s"))
         for j, other in enumerate(dofs):
-            unit = f"{FORCE_UNIT[dof]}/{'m' if FORCE_UNIT[other] == 'N' else 'rad'}"
+            unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
             stiffness = float(form.stiffness[row, j])
             listed.append(Finding("stiffness", dof, stiffness, unit, j=j + 1, label=other))
     return listed

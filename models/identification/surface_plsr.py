@@ -39,8 +39,9 @@ from seatrial.models.identification.kernel_pls import (
 from seatrial.models.identification.plsr import PartialLeastSquares
 from seatrial.models.identification.problem import Finding, Identified, Problem
 from seatrial.models.identification.residual import Samples, thruster_of
+from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import SQUARE_UNIT, Vessel, coefficient_unit
+from seatrial.models.vessel.table import Vessel, coefficient_unit
 
 PARSIMONY = 1.1  # an order may cost this factor of the least MSE
 RESOLUTION = 1e-12  # of the output's mean square; below it, moments cannot tell two models apart

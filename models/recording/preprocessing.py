@@ -13,11 +13,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.recording.recording import Mask, Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
-from seatrial.models.vessel.table import POSE_NAMES
 
 Check = Literal["integrated_velocity", "differentiated_position"]
 
@@ -265,10 +264,10 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     nu = np.einsum("nij,nj->ni", np.linalg.pinv(turning), measured_rate)
     checks = []
     for i, dof in enumerate(recording.dofs):
-        unit = "m" if dof in DOFS[:3] else "rad"
+        eta, unit, speed = recording.eta[:, i], POSE_UNIT[dof], VELOCITY_UNIT[dof]
         checks += [
-            QualityCheck("integrated_velocity", dof, unit, recording.eta[:, i], pose[:, i]),
-            QualityCheck("differentiated_position", dof, f"{unit}/s", recording.nu[:, i], nu[:, i]),
+            QualityCheck("integrated_velocity", dof, unit, eta, pose[:, i]),
+            QualityCheck("differentiated_position", dof, speed, recording.nu[:, i], nu[:, i]),
         ]
     return tuple(checks)
 
@@ -278,7 +277,7 @@ def quality_series(checks: Sequence[QualityCheck]) -> tuple[dict[str, Array], di
     columns, units = {}, {}
     for one in checks:
         pose = one.check == "integrated_velocity"
-        name = POSE_NAMES[one.dof] if pose else "uvwpqr"[DOFS.index(one.dof)]
+        (name,) = poses_of([one.dof]) if pose else velocities_of([one.dof])
         columns[f"{name}_error"], units[f"{name}_error"] = one.error, one.unit
     return columns, units
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.csv_table import ColumnMap, Table, read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
@@ -22,7 +22,6 @@ from seatrial.models.recording.preprocessing import (
 from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
-from seatrial.models.vessel.table import PLANAR
 
 UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
 

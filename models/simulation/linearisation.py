@@ -13,12 +13,12 @@ sum of products again.
 import numpy as np
 
 from seatrial.models import notation
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR, POSES, poses_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes
 from seatrial.models.vessel.kinematics import cross_matrix, frame_of_angles, pose_jacobian
-from seatrial.models.vessel.table import PLANAR, Vessel, poses_of
+from seatrial.models.vessel.table import Vessel
 
 
 def gradient(codes: Codes, x: Array) -> Array:
@@ -119,7 +119,7 @@ def _variables_by_state(dofs: tuple[str, ...], x: Array, attitude: Array, wind: 
     for column, dof in enumerate(dofs):
         if dof in DOFS[3:]:
             angle = DOFS.index(dof) - 3
-            name = ("phi", "theta", "psi")[angle]
+            name = POSES[DOFS.index(dof)]
             cosine, sine = INDEX[f"cos({name})"], INDEX[f"sin({name})"]
             slope[cosine, column], slope[sine, column] = -x[sine], x[cosine]
             slope[[u_q, v_q], column] -= wind @ frames[angle][:2, :2]

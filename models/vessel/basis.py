@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.notation import ACCELERATIONS, DOFS, POSES, VELOCITIES
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
-ATTITUDE = tuple(f"{f}({angle})" for angle in ("phi", "theta", "psi") for f in ("cos", "sin"))
+ATTITUDE = tuple(f"{f}({angle})" for angle in POSES[3:] for f in ("cos", "sin"))
 AIR = ("V_q", "u_q", "v_q")
 VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR)
 N_VARIABLES = len(VARIABLES)

@@ -6,10 +6,10 @@ from typing import Any, Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
-from seatrial.models.vessel.table import PLANAR, Attitude, Vessel
+from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 

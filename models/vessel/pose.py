@@ -11,7 +11,7 @@ import numpy as np
 from numba.extending import overload
 
 from seatrial.models.compiled import LEAN, lean_kernel
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
     angles_of_frame_kernel,
@@ -21,7 +21,6 @@ from seatrial.models.vessel.kinematics import (
     rotation_between,
     turn_between,
 )
-from seatrial.models.vessel.table import PLANAR
 
 OF_AXES = ("surge", "sway", "roll", "pitch", "yaw")
 

@@ -21,31 +21,19 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.notation import (
+    ACCELERATIONS,
+    DOFS,
+    FORCE_UNIT,
+    VELOCITIES,
+    accelerations_of,
+    velocities_of,
+)
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
 from seatrial.models.vessel.plant_table import PlantTable, has_coriolis, layout
 
 Attitude = Literal["quaternion", "euler"]  # euler is singular at 90 degrees of pitch
-PLANAR = ("surge", "sway", "yaw")
-FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
-SQUARE_UNIT = {dof: "N^2" if dof in DOFS[:3] else "(Nm)^2" for dof in DOFS}
-POSE_NAMES = dict(zip(DOFS, ("x", "y", "z", "phi", "theta", "psi"), strict=True))
-
-
-def poses_of(dofs: Sequence[str]) -> tuple[str, ...]:
-    """Names of the pose of each degree of freedom: x, y, z, phi, theta, psi."""
-    return tuple(POSE_NAMES[dof] for dof in dofs)
-
-
-def velocities_of(dofs: Sequence[str]) -> tuple[str, ...]:
-    """Letters of the body velocities: u, v, w, p, q, r."""
-    return tuple(VELOCITIES[DOFS.index(dof)] for dof in dofs)
-
-
-def accelerations_of(dofs: Sequence[str]) -> tuple[str, ...]:
-    """Names of the body accelerations: u_dot and so on."""
-    return tuple(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
 
 
 class ForceTable(NamedTuple):

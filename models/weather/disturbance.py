@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.current import Current
 from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise
 from seatrial.models.weather.waves import Waves

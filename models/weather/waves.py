@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR
 from seatrial.models.weather.noise import gauss_markov
 
 

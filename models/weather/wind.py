@@ -17,9 +17,10 @@ from typing import Literal, Protocol
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.noise import first_order, smoothed_levels
 
 # Bargouth (2022), Table 2.1: wind speeds [m/s] of the forces 1 to 12, first and last

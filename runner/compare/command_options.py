@@ -19,8 +19,8 @@ from seatrial.runner.compare.cli import (
     Several,
     Where,
 )
+from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format
-from seatrial.runner.compare.kinds import PlotKind
 
 T = TypeVar("T")
 
@@ -47,7 +47,7 @@ class TableOptions:
     rows: Annotated[
         str | None,
         typer.Option(
-            "--rows", "-r", help="Factors of the rows, parted by commas.  [default: identifier]"
+            "--rows", "-r", help="Factors of the rows, comma-separated.  [default: identifier]"
         ),
     ] = None
     columns: Annotated[
@@ -57,7 +57,10 @@ class TableOptions:
         ),
     ] = None
     metric: Annotated[
-        Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
+        Several,
+        typer.Option(
+            "--metric", "-m", help="Metric (see: metrics); several by commas or repetition."
+        ),
     ] = None
     coefficient: Annotated[
         Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
@@ -87,11 +90,21 @@ class TableOptions:
     form: Form = Format.RICH
 
 
+def _completed(incomplete: str) -> list[str]:
+    return [name for name in figures() if name.startswith(incomplete)]
+
+
 @dataclass(frozen=True)
 class PlotOptions:
     """What `plot` is given."""
 
-    kind: Annotated[PlotKind, typer.Argument(help="Kind of figure.")]
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="Kind of figure: a name below, or the dotted name of a module with a figure.",
+            autocompletion=_completed,
+        ),
+    ]
     run: Annotated[
         int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
     ] = None

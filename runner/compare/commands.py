@@ -1,8 +1,9 @@
 """Commands that ask: runs, show, table, plot, sql."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
@@ -17,6 +18,7 @@ from seatrial.runner.compare.cli import (
     split,
 )
 from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
+from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
 
 
@@ -68,35 +70,38 @@ def table(options: TableOptions) -> None:
     evaluation, seed, ...), by a dotted name of the configuration (plant.scale), or by metric,
     term, dof, stage and model.
     """
+    from seatrial.runner.compare.comparison_table import comparison
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.selection import request_of
-    from seatrial.runner.compare.table import comparison
 
     request = request_of(options)
     with open_results(options.database) as results:
         show_grid(comparison(results, request), options.form)
 
 
-@app.command()
+class PlotCommand(TyperCommand):
+    """Lists the figures in its help; they are looked for when it is asked for."""
+
+    def format_help(self, *arguments: Any) -> None:
+        """Write the help text."""
+        listed = (f"{one.name}: {one.help} Needs: {one.needs}." for one in figures().values())
+        self.help = "\n\n".join([self.help or "", *listed])
+        super().format_help(*arguments)
+
+
+@app.command(cls=PlotCommand)
 @taking(PlotOptions)
 def plot(options: PlotOptions) -> None:
     """Draw figures as PNG and SVG and print their paths.
 
-    bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
-    one run over time; coefficients: identified against true; pareto, surface, spectrum: what an
-    identifier found; wind: its speed, direction and force in one run; excitation: forces, their
-    spectrum and the limits of one run; response: set-points, pose, force and wind of one run;
-    controllers: those of several runs over one another; quality: velocity against position of a
-    measured recording; plan: the planned path of an informative mix; topology, times: an
-    objective over two parameters, and the time of predictions. What is of one run takes the newest
-    that meets --where, with --facet one for each level (--facet seed).
+    A figure of one run takes the newest that meets --where, with --facet one for each level
+    (--facet seed).
     """
     from seatrial.runner.compare.plots import draw
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.results import open_results
 
-    rows = options.rows or ("controller" if options.kind == "controllers" else None)
-    rows, columns = axes_of(rows, options.columns)
+    rows, columns = axes_of(options.rows or figure_of(options.kind).rows or None, options.columns)
     request = PlotRequest(
         run=options.run,
         metric=options.metric,
@@ -112,6 +117,20 @@ def plot(options: PlotOptions) -> None:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
         for path in draw(options.kind, results, request, folder):
             typer.echo(path)
+
+
+@app.command()
+def metrics(form: Form = Format.RICH) -> None:
+    """List the metrics that trials store: unit, which way is better, stage and formula."""
+    from seatrial.runner.compare.grid import grid_of
+    from seatrial.runner.record.catalogue import all_declared
+
+    headers = ("metric", "unit", "better", "stage", "what it is")
+    rows = [
+        (one.name, one.units, one.better_text, ", ".join(one.stages), one.formula)
+        for one in all_declared()
+    ]
+    show_grid(grid_of("", headers, rows, labels=len(headers)), form)
 
 
 @app.command()

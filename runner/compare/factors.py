@@ -17,7 +17,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.where import NAME, Among, Comparison, Condition, Joined, Not, Value
 from seatrial.runner.database.tables import Utc
 
-CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
 Expression = sa.ColumnElement[Any]

@@ -9,7 +9,6 @@ from datetime import timedelta
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.runs import repeat_command, runs_of
@@ -17,15 +16,15 @@ from seatrial.runner.database.engine import Address
 from seatrial.runner.database.logbook import Logbook
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.invocation import trial_program
+from seatrial.runner.vocabulary import GROUPS, LOST
 
 MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
-RETRIED = ("failed", "diverged", "interrupted")
-PRUNED = (*RETRIED, "finished")
+PRUNED = (*LOST, "finished")
 
 
 def retry_commands(results: Results, where: str | None, statuses: Sequence[str]) -> list[str]:
     """One line for a shell a trial whose last attempt has one of the statuses, oldest first."""
-    _only(statuses, RETRIED)
+    _only(statuses, LOST)
     found = [run for run in runs_of(results, where, statuses) if not run.superseded]
     return [
         repeat_command(
@@ -73,10 +72,10 @@ def prunable(
 
 
 def _runs_grid(found: Sequence[RunSummary]) -> Grid:
-    headers = ("id", "status", *CHOICES, "seed", "started_at", "series", "error")
+    headers = ("id", "status", *GROUPS, "seed", "started_at", "series", "error")
     rows = [
         [
-            *(run.run_id, run.status, *(getattr(run, name) for name in CHOICES), run.seed),
+            *(run.run_id, run.status, *(getattr(run, name) for name in GROUPS), run.seed),
             *(f"{run.started_at:%Y-%m-%d %H:%M}", run.series, one_line(run.error or "", 60)),
         ]
         for run in found

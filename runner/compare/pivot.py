@@ -6,20 +6,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.results import FINISHED, OWN_FACTORS, Observation, Run, ordered
 from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.vocabulary import DOF_ORDER, GROUPS, MODELS
 
 Key = tuple[str, ...]
-DOF_ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw", "position", "heading", "all")
-MODEL_ORDER = ("nominal", "identified", "plant", "residual")
-HIGHER_IS_BETTER = ("vaf", "r2", "fit")  # every other metric is an error or an effort
 # Figures from different ones of these are no rivals.
 CIRCUMSTANCES = (
     *("metric", "stage", "dof"),
     *("vessel", "plant", "disturbance", "excitation", "evaluation", "seed"),
 )
-WITHOUT_BEST = ("below_true_model",)
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,7 @@ class _KeyOrder:
     """Reading order of keys: metrics as asked, DOFs and models as in the field, the rest sorted."""
 
     def __init__(self, name_order: Sequence[str]) -> None:
-        self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODEL_ORDER}
+        self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODELS}
 
     def sort(self, keys: Iterable[Key], factors: Key) -> list[Key]:
         distinct = set(keys)
@@ -165,13 +162,11 @@ class _KeyOrder:
         return sorted(distinct, key=lambda key: [r[v] for r, v in zip(ranks, key, strict=True)])
 
 
-def best_cells(
-    table: Pivot, location: Mapping[tuple[Key, Key], float], metric: str | None
-) -> set[tuple[Key, Key]]:
+def best_cells(table: Pivot, loss: Mapping[tuple[Key, Key], float]) -> set[tuple[Key, Key]]:
     """The cells to set in bold: the best among those that compete under equal circumstances.
 
-    `location` gives the figure that cells are compared by, `metric` its name where neither rows
-    nor columns say it. Cells below the true model take no part: what they fit is not the vessel.
+    `loss` gives the figure that cells are compared by, the smaller the better, NaN for a cell that
+    is not judged. Cells below the true model take no part: what they fit is not the vessel.
     """
     groups: dict[Key, list[tuple[Key, Key]]] = defaultdict(list)
     factors = (*table.row_factors, *table.column_factors)
@@ -180,19 +175,12 @@ def best_cells(
         groups[tuple((row + column)[i] for i in apart)].append((row, column))
     best = set()
     for members in groups.values():
-        name = table.level(*members[0], "metric") or metric or ""
-        able = [key for key in members if np.isfinite(location[key])]
+        able = [key for key in members if np.isfinite(loss[key])]
         able = [key for key in able if not table.cells[key].flagged]
-        if len(members) > 1 and able and name not in WITHOUT_BEST:
-            choose = max if higher_is_better(name) else min
-            top = choose(location[key] for key in able)
-            best |= {key for key in able if abs(location[key] - top) <= SAME * abs(top)}
+        if len(members) > 1 and able:
+            top = min(loss[key] for key in able)
+            best |= {key for key in able if abs(loss[key] - top) <= SAME * abs(top)}
     return best
-
-
-def higher_is_better(metric: str) -> bool:
-    """Whether more of this metric is better."""
-    return metric.startswith(HIGHER_IS_BETTER)
 
 
 def against_baseline(
@@ -203,7 +191,7 @@ def against_baseline(
     Cells of the baseline itself are left out. Several trials of one cell that share seed and
     choices count as one pair, by their mean.
     """
-    factors = (*CHOICES, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
+    factors = (*GROUPS, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
     kept = tuple(dict.fromkeys(f for f in factors if not f"{f}.".startswith(f"{factor}.")))
     reference = _means(
         (o for o in observations if o.level(factor) == level and o.value is not None), kept
@@ -214,10 +202,10 @@ def against_baseline(
         if own:
             values = _means(own, kept)
             shared = sorted(values.keys() & reference.keys())
-            higher = higher_is_better(own[0].name)
+            better = definition_of(own[0].name).better
             left = np.array([values[key] for key in shared], dtype=np.float64)
             right = np.array([reference[key] for key in shared], dtype=np.float64)
-            tests[row, column] = paired_test(left, right, higher)
+            tests[row, column] = paired_test(left, right, better)
     return tests
 
 

@@ -4,13 +4,13 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Cell, Grid, Scalar, number_text, with_unit
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
@@ -190,7 +190,7 @@ def _figures(results: Results, experiment: str) -> list[Picture]:
     ids = runs_of(results, experiment)
     made = []
     for kind in FIGURES.get(experiment, ()) if ids else ():
-        drawings = import_module(f"{__package__}.plots.{kind}").drawings
+        drawings = drawings_of(kind)
         request = PlotRequest(where=f"id in ({', '.join(map(str, ids))})")
         for i, drawing in enumerate(drawings(results, request)):
             made.append(picture(drawing.figure, kind, f"{experiment}-{kind}-{i}-"))

@@ -1,69 +1,47 @@
 """One self-contained page about a set of runs: tables, figures, failures, provenance."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, plain
 from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.record.catalogue import METRICS, definition_of
+from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.plots.request import PlotRequest
 
 
-# Metric, what it says, and whether its table is open when the page opens.
-TABLES = (
-    ("force_mse", "Force residual on the held-out part", True),
-    ("force_mse_filtered", "Force residual, thruster lag taken into account", False),
-    ("velocity_rmse_free_run", "Velocity error of a free run over the held-out part", True),
-    ("velocity_rmse_one_step", "Velocity error one step ahead, which hides bias", False),
-    ("coefficient_error", "Largest relative error of a coefficient", False),
-    ("e_pos_mae", "Position error when deployed", True),
-    ("e_psi_mae", "Heading error when deployed", True),
-    ("error_mae", "Pose error by axis when deployed", False),
-    ("steady_state_error", "Steady-state error when deployed", False),
-    ("tau_mean_abs", "Mean absolute force when deployed", False),
-    ("power_mean", "Mean power when deployed", False),
-    ("iaew", "Integral of absolute error times work", False),
-)
-# Kind of figure, its options, and its caption.
-FIGURES: tuple[tuple[str, Mapping[str, Any], str], ...] = (
-    ("bars", {"metric": "force_mse"}, "Force residual on the held-out part"),
-    ("bars", {"metric": "e_pos_mae"}, "Position error when deployed"),
-    ("bars", {"metric": "e_psi_mae"}, "Heading error when deployed"),
-    ("orders", {}, "Error over model order"),
-    ("surface", {}, "Error over order and variables"),
-    ("pareto", {}, "Pareto set"),
-    ("spectrum", {}, "Singular values and eigenvalues"),
-    ("coefficients", {}, "Identified against true coefficients"),
-    ("track", {}, "Track of the newest deployed run"),
-    ("plan", {}, "Planned path of the newest mix"),
-    ("errors", {}, "Tracking error of the newest deployed run"),
-    ("response", {}, "Response of the newest deployed run"),
-    ("controllers", {"rows": "controller"}, "Controllers on one mission"),
-    ("residual", {}, "Force residual of the newest run"),
-    ("excitation", {}, "Forces of the newest run and their spectrum"),
-    ("wind", {}, "Wind of the newest run that met some"),
-    ("quality", {}, "Velocity against position of the newest measured recording"),
-)
-PER_DOF = ("bars", "orders", "response", "controllers")  # a narrow figure each, for narrow screens
-PER_COLUMN = ("coefficients",)  # one figure a level of the columns, or it is crowded
+# The metrics that have a table, and whether it is open when the page opens.
+TABLES = {
+    "force_mse": True,
+    "force_mse_filtered": False,
+    "velocity_rmse_free_run": True,
+    "velocity_rmse_one_step": False,
+    "coefficient_error": False,
+    "e_pos_mae": True,
+    "e_psi_mae": True,
+    "error_mae": False,
+    "steady_state_error": False,
+    "tau_mean_abs": False,
+    "power_mean": False,
+    "iaew": False,
+}
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
 
@@ -148,7 +126,7 @@ def _sweeps(results: Results, runs: Sequence[Run]) -> list[SweepSummary]:
 def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
     """Every choice with its levels; many seeds as a range."""
     found = []
-    for name in (*CHOICES, "seed"):
+    for name in (*GROUPS, "seed"):
         levels = ordered(run.levels[name] for run in runs)
         text = ", ".join(levels)
         if name == "seed" and len(levels) > 5:
@@ -159,7 +137,7 @@ def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
 
 def _settings(results: Results, runs: Sequence[Run]) -> Markup:
     """The configuration values that the runs share, and those in which they differ."""
-    newest = {tuple(run.levels[name] for name in CHOICES): run.id for run in runs}
+    newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in runs}
     configs = results.configs(sorted(newest.values())[-MOST_LISTED:])
     keys = dict.fromkeys(key for config in configs for key in config if key != "seed")
     rows = []
@@ -176,7 +154,7 @@ def _tables(
     baseline = (request.rows, "none") if "none" in levels and len(levels) > 1 else None
     known, found = results.metric_names(), []
     apart = ("vessel",) if _several_vessels(runs) and request.rows != "vessel" else ()
-    for metric, caption, shown in TABLES:
+    for metric, shown in TABLES.items():
         if metric not in known:
             continue
         wanted = TableRequest(
@@ -188,7 +166,7 @@ def _tables(
         )
         grid = comparison(results, wanted)
         if any(cell.sort is not None for row in grid.rows for cell in row):
-            found.append(Section(caption, html_table(grid), shown))
+            found.append(Section(definition_of(metric).caption, html_table(grid), shown))
     return found
 
 
@@ -202,14 +180,14 @@ def _pictures(
     found: list[Picture] = []
     trouble: list[str] = []
     facet = "vessel" if _several_vessels(runs) else None
+    shared = PlotRequest(columns=request.columns, facet=facet, where=where)
+    shown = sorted((one for one in figures().values() if one.caption), key=lambda one: one.place)
     with drawn():
-        for kind, options, caption in FIGURES:
-            module = import_module(f"{__package__}.plots.{kind}")
-            shared = {"rows": request.rows, "columns": request.columns, "facet": facet}
-            wanted = PlotRequest(**(shared | {"where": where} | dict(options)))
-            for variant in _variants(kind, wanted):
+        for figure in shown:
+            drawings_for = drawings_of(figure.name)
+            for caption, variant in _variants(figure, shared, request.rows):
                 try:
-                    drawings = module.drawings(results, variant)
+                    drawings = drawings_for(results, variant)
                 except ConfigurationError:
                     continue  # these runs have nothing of this kind
                 except LogbookError as error:
@@ -221,13 +199,22 @@ def _pictures(
     return found, trouble
 
 
-def _variants(kind: str, wanted: "PlotRequest") -> list["PlotRequest"]:
-    """The figures that one wide or crowded figure is split into."""
-    if kind in PER_DOF:
-        return [replace(wanted, dofs=(dof,)) for dof in DOF_ORDER]
-    if kind in PER_COLUMN:
-        return [replace(wanted, facet=wanted.columns)]
-    return [wanted]
+def _variants(
+    figure: Figure, shared: "PlotRequest", rows: str
+) -> Iterator[tuple[str, "PlotRequest"]]:
+    """The figures, with their captions, that one wide or crowded figure is split into."""
+    wanted = replace(shared, rows=figure.rows or rows)
+    by_dof = [replace(wanted, dofs=(dof,)) for dof in DOF_ORDER]  # narrow, for narrow screens
+    match figure.each:
+        case "metric and dof":
+            for metric in (one for one in METRICS if one.headline):
+                yield from ((metric.caption, replace(one, metric=metric.name)) for one in by_dof)
+        case "dof":
+            yield from ((figure.caption, one) for one in by_dof)
+        case "column":
+            yield figure.caption, replace(wanted, facet=wanted.columns)
+        case _:
+            yield figure.caption, wanted
 
 
 def _several_vessels(runs: Sequence[Run]) -> bool:
@@ -235,7 +222,7 @@ def _several_vessels(runs: Sequence[Run]) -> bool:
 
 
 def _is_dof(dofs: Sequence[str]) -> bool:
-    return len(dofs) == 1 and dofs[0] not in ("position", "heading", "all")
+    return len(dofs) == 1 and dofs[0] not in COMBINED
 
 
 def _warnings(results: Results, condition: Condition | None) -> list[str]:

@@ -14,12 +14,13 @@ from typing import Any
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import CHOICES, Names, flat
+from seatrial.runner.compare.factors import Names, flat
 from seatrial.runner.compare.where import Condition, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
+from seatrial.runner.vocabulary import GROUPS
 
 # What tables and figures are made of: runs, and one number of a run each.
 #
@@ -85,7 +86,7 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-LABELS = (*CHOICES, "seed")
+LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
 
@@ -109,7 +110,7 @@ class Results:
     @cached_property
     def names(self) -> Names:
         """The names that conditions, rows and columns may use."""
-        newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in CHOICES))
+        newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
         columns: dict[str, Any] = {column.name: column for column in RUN.c}

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.factors import CHOICES, flat
+from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.where import Comparison
 from seatrial.runner.database.records import RunDetail, RunSummary
-from seatrial.runner.database.tables import STATUSES
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.invocation import trial_program
+from seatrial.runner.vocabulary import GROUPS, STATUSES
 
 # Lists of runs, and all that is known of one run.
 
@@ -24,7 +24,7 @@ from seatrial.runner.invocation import trial_program
 RUN_COLUMNS = (
     "run_id",
     "status",
-    *CHOICES,
+    *GROUPS,
     "seed",
     "attempt",
     "superseded",
@@ -34,7 +34,7 @@ RUN_COLUMNS = (
     "error",
 )
 SUMMARY = (
-    *("status", "error_type", "error", *CHOICES, "seed", "attempt", "superseded", "sweep"),
+    *("status", "error_type", "error", *GROUPS, "seed", "attempt", "superseded", "sweep"),
     *("started_at", "finished_at", "duration_s"),
 )
 METRIC_COLUMNS = ("stage", "name", "dof", "model", "value", "unit")

@@ -7,7 +7,6 @@ from operator import itemgetter
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import axes_of
 from seatrial.runner.compare.command_options import TableOptions
-from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.pivot import Key, Pivot
 from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
@@ -20,6 +19,7 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
+from seatrial.runner.vocabulary import GROUPS
 
 
 @dataclass(frozen=True)
@@ -235,14 +235,14 @@ def pooled(results: Results, table: Pivot) -> list[str]:
     """Notes on what is averaged within a cell beside seeds."""
     choices: dict[str, set[str]] = {}
     twins: set[int] = set()
-    labels = itemgetter(*CHOICES, "seed")
+    labels = itemgetter(*GROUPS, "seed")
     for cell in table.cells.values():
         seen: dict[tuple[str, ...], int] = {}
         for run in {o.run.id: o.run for o in cell.observed}.values():
             same = labels(run.levels)
             if seen.setdefault(same, run.id) != run.id and len(twins) < 40:
                 twins |= {seen[same], run.id}
-        for name, levels in zip(CHOICES, map(set, zip(*seen, strict=True)), strict=False):
+        for name, levels in zip(GROUPS, map(set, zip(*seen, strict=True)), strict=False):
             if len(levels) > 1:
                 choices.setdefault(name, set()).update(levels)
     notes = [f"{name} ({', '.join(ordered(levels))})" for name, levels in choices.items()]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.record.catalogue import Better
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
@@ -104,26 +105,37 @@ class PairedTest:
     """A cell against its baseline over the seeds they share.
 
     `ratio` is mean over mean, `wins` how often the cell was better, `p_value` that of the
-    two-sided Wilcoxon signed-rank test (NaN where nothing differs or no pair exists).
+    two-sided Wilcoxon signed-rank test (NaN where nothing differs or no pair exists). `wins` is
+    None where it is not known which way is better.
     """
 
     pairs: int
-    wins: int
+    wins: int | None
     ratio: float
     p_value: float
 
 
-def paired_test(sample: Sample, baseline: Sample, higher_is_better: bool = False) -> PairedTest:
+def loss(values: Sample, better: Better) -> Sample:
+    """The values, turned so that the smaller is the better; as they are where neither way is."""
+    if better == "higher":
+        return -values
+    if isinstance(better, int | float):
+        return np.abs(values - better)
+    return values
+
+
+def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> PairedTest:
     """Compares two samples of equal length whose i-th values share seed and circumstances."""
     if sample.shape != baseline.shape:
         raise ValueError(f"pairs differ in length: {sample.shape} and {baseline.shape}")
     pairs = int(sample.size)
     if pairs == 0:
-        return PairedTest(0, 0, math.nan, math.nan)
-    gain = sample - baseline if higher_is_better else baseline - sample
+        return PairedTest(0, None if better is None else 0, math.nan, math.nan)
+    gain = loss(baseline, better) - loss(sample, better)
+    wins = None if better is None else int(np.sum(gain > 0.0))
     below = float(np.mean(baseline))
     ratio = float(np.mean(sample)) / below if below != 0.0 else math.nan
-    return PairedTest(pairs, int(np.sum(gain > 0.0)), ratio, _wilcoxon(gain))
+    return PairedTest(pairs, wins, ratio, _wilcoxon(gain))
 
 
 def _wilcoxon(differences: Sample) -> float:

@@ -32,11 +32,11 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database.engine import one_line, without_passwords
 from seatrial.runner.database.records import Begun, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
+from seatrial.runner.vocabulary import GROUPS
 
 HEARTBEAT_S = 5.0
 STALE_AFTER_S = 60.0
 _TRIES = 10  # each further one needs another process to have come between
-_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
 
 class database_now(FunctionElement[Any]):  # noqa: N801 - it reads as an SQL function
@@ -253,7 +253,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         "fingerprint": start.fingerprint,
         "attempt": attempt,
         "status": "running",
-        **{name: getattr(start, name) for name in _CHOICES},
+        **{name: getattr(start, name) for name in GROUPS},
         "seed": int(start.seed),
         "config": clean(start.config),
         "overrides": clean(start.overrides),

@@ -26,7 +26,6 @@ from seatrial.runner.database.liveness import Heartbeat, claim, clean, give_up
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,
-    Ending,
     Pruned,
     Results,
     RunStart,
@@ -34,6 +33,7 @@ from seatrial.runner.database.records import (
     integer,
     number,
 )
+from seatrial.runner.vocabulary import Ending
 
 
 class Logbook(Reader):

@@ -46,6 +46,7 @@ from seatrial.runner.database.records import (
     Verification,
 )
 from seatrial.runner.database.views import run_overview
+from seatrial.runner.vocabulary import LOST
 
 _READING = {
     sqlite3.SQLITE_SELECT,
@@ -54,7 +55,6 @@ _READING = {
 }
 _PRAGMAS = {"table_info", "table_xinfo", "table_list", "index_list", "index_info"}
 _REFUSED = "only one query that reads is answered (SELECT, WITH, VALUES)"
-_FAILED = ("failed", "diverged", "interrupted")
 
 
 def ask(connection: Connection, query: str) -> Answer:
@@ -236,7 +236,7 @@ class Reader:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
         status = {trial.run_id: _status(trial) for trial in last.values()}
-        lost = [run_id for run_id, ending in status.items() if ending in _FAILED]
+        lost = [run_id for run_id, ending in status.items() if ending in LOST]
         return SweepStatus(
             sweep_id=sweep_id,
             name=sweep.name,

@@ -13,8 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Stage = Literal["identification", "validation", "deployment"]
-Ending = Literal["finished", "diverged", "failed"]
+from seatrial.runner.vocabulary import Stage
 
 
 @dataclass(frozen=True)

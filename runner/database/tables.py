@@ -27,7 +27,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-STATUSES = ("running", "finished", "diverged", "failed", "interrupted")
+from seatrial.runner.vocabulary import STATUSES
+
 _NAMES = {
     "pk": "pk_%(table_name)s",
     "fk": "fk_%(table_name)s_%(column_0_name)s",
@@ -87,9 +88,7 @@ class Run(Base):
 
     __tablename__ = "run"
     __table_args__ = (
-        CheckConstraint(
-            "status IN ('running', 'finished', 'diverged', 'failed', 'interrupted')", name="status"
-        ),
+        CheckConstraint(f"status IN {STATUSES}", name="status"),
         UniqueConstraint("fingerprint", "attempt"),
         # Of two processes that start the same trial at once, one gets it.
         Index(

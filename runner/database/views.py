@@ -20,42 +20,23 @@ from sqlalchemy import (
 )
 
 from seatrial.runner.database.liveness import stale_before
+from seatrial.runner.record.catalogue import METRICS, Definition
+from seatrial.runner.vocabulary import COMBINED, GROUPS
 
 # A column each in metric_wide; a name that is not here is still in the table metric.
-METRIC_NAMES = (
-    "force_mse",
-    "force_mae",
-    "force_mse_filtered",
-    "below_true_model",
-    "coefficient_error",
-    "pose_rmse_one_step",
-    "pose_rmse_ten_step",
-    "pose_rmse_free_run",
-    "velocity_rmse_one_step",
-    "velocity_rmse_ten_step",
-    "velocity_rmse_free_run",
-    "e_pos_mae",
-    "e_pos_mse",
-    "e_psi_mae",
-    "e_psi_mse",
-    "nu_mse",
-    "nu_dot_mse",
-    "tau_mean_abs",
-    "tau_fb_mean_abs",
-    "power_mean",
-    "iaew",
-)
-# Headline metrics in run_overview: column, stage, model, dof, name.
-HEADLINES = (
-    ("force_mse_surge_nominal", "validation", "nominal", "surge", "force_mse"),
-    ("force_mse_surge_identified", "validation", "identified", "surge", "force_mse"),
-    ("e_pos_mae_nominal", "deployment", "nominal", "position", "e_pos_mae"),
-    ("e_pos_mae_identified", "deployment", "identified", "position", "e_pos_mae"),
-    ("e_psi_mae_nominal", "deployment", "nominal", "heading", "e_psi_mae"),
-    ("e_psi_mae_identified", "deployment", "identified", "heading", "e_psi_mae"),
+METRIC_NAMES = tuple(one.name for one in METRICS if one.wide)
+
+
+def _headline(one: Definition, model: str) -> tuple[str, str, str, str, str]:
+    """Column, stage, model, dof and name of a metric in run_overview."""
+    about = model if one.headline in COMBINED else f"{one.headline}_{model}"
+    return f"{one.name}_{about}", one.stages[0], model, one.headline, one.name
+
+
+HEADLINES = tuple(
+    _headline(one, model) for one in METRICS if one.headline for model in ("nominal", "identified")
 )
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
-_CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation", "seed")
 # A run counts unless another attempt at the same trial finished where this did not, or is later.
 _SUPERSEDED = """CASE WHEN EXISTS (
       SELECT 1 FROM run AS other
@@ -111,7 +92,7 @@ run_overview = table(
     column("attempt", Integer),
     column("status", String),
     column("superseded", Boolean),
-    *(column(name, Integer if name == "seed" else String) for name in _CHOICES),
+    *(column(name, Integer if name == "seed" else String) for name in (*GROUPS, "seed")),
     column("started_at", DateTime),
     column("finished_at", DateTime),
     column("duration_s", Float),
@@ -134,7 +115,7 @@ def statements(dialect: str) -> tuple[str, ...]:
         f" run.heartbeat_at < {stale_before(dialect)})"
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
-        "choices": ", ".join(f"run.{name}" for name in _CHOICES),
+        "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
     }
     headlines = ",\n    ".join(
         _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)

@@ -1,26 +1,19 @@
 """Metrics of a deployment: tracking, response, effort, and what the design warns of."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
-    FORCE_UNIT,
-    PLANAR,
-)
 from seatrial.runner.closed_loop import Design, Sailed
-from seatrial.runner.database.records import Diagnostic, Metric, Stage
-from seatrial.runner.record.validation_metrics import SPEED_UNIT, _square, per_dof
-
-if TYPE_CHECKING:
-    from seatrial.runner.closed_loop import Sailed
-
+from seatrial.runner.database.records import Diagnostic, Metric
+from seatrial.runner.record.metric_rows import metric, per_dof
+from seatrial.runner.vocabulary import Stage
 
 STAND_S = 30.0  # a set-point that stays this long [s] is one to settle at
 
@@ -28,15 +21,13 @@ STAND_S = 30.0  # a set-point that stays this long [s] is one to settle at
 def design_metrics(design: Design, model: str) -> list[Metric]:
     """The closed loop's spectral radius, and which limits the weather exceeds."""
     found = [
-        Metric("deployment", model, remark.dof, remark.name, remark.value, remark.unit)
+        metric("spectral_radius", "deployment", model, remark.dof, remark.value)
         for remark in design.remarks
         if remark.name == "spectral_radius"
     ]
     if design.limits is not None:
-        found += [
-            Metric("deployment", model, dof, "infeasible_limits", float(flag), "")
-            for dof, flag in zip(design.dofs, design.infeasible, strict=True)
-        ]
+        flags = 1.0 * design.infeasible
+        found += per_dof("infeasible_limits", "deployment", model, design.dofs, flags)
     return found
 
 
@@ -44,35 +35,32 @@ def response_metrics(sailed: Sailed, model: str) -> list[Metric]:
     """How every axis answered, what it took, and how long computing it took."""
     voyage = sailed.voyage
     log, dofs = voyage.log, voyage.dofs
-    scale = np.array([1.0 if FORCE_UNIT[dof] == "N" else 180.0 / np.pi for dof in dofs])
-    pose = ["m" if FORCE_UNIT[dof] == "N" else "deg" for dof in dofs]
-    force = [FORCE_UNIT[dof] for dof in dofs]
-    found: list[Metric] = []
-
-    def add(name: str, values: Array, units: Sequence[str]) -> None:
-        found.extend(
-            Metric("deployment", model, dof, name, float(value), unit)
-            for dof, value, unit in zip(dofs, values, units, strict=True)
-        )
-
-    error = _wrapped(log.eta_d - log.eta, dofs) * scale
-    add("error_mae", measure.mean_absolute(error), pose)
-    add("error_mse", measure.mean_square(error), [f"{unit}^2" for unit in pose])
-    add(
-        "iae",
-        step_response.integral_absolute_error(error, sailed.period_s),
-        [f"{u} s" for u in pose],
-    )
+    error = _shown(log.eta_d - log.eta, dofs)
     itae = step_response.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
-    add("itae", itae, [f"{unit} s^2" for unit in pose])
-    _steps(sailed, scale, pose, add)
-    add("tau_max_abs", np.max(np.abs(log.tau), axis=0), force)
-    add("tau_rms", step_response.root_mean_square(log.tau), force)
-    add("tau_tv", step_response.total_variation(log.tau), force)
+    values = {
+        "error_mae": measure.mean_absolute(error),
+        "error_mse": measure.mean_square(error),
+        "iae": step_response.integral_absolute_error(error, sailed.period_s),
+        "itae": itae,
+        **_steps(sailed),
+        "tau_max_abs": np.max(np.abs(log.tau), axis=0),
+        "tau_rms": step_response.root_mean_square(log.tau),
+        "tau_tv": step_response.total_variation(log.tau),
+    }
     if sailed.design.limits is not None:
-        counts = step_response.hits(log.tau, np.array(sailed.design.limits))
-        add("limit_hits", counts, [""] * len(dofs))
+        values["limit_hits"] = step_response.hits(log.tau, np.array(sailed.design.limits))
+    found = [
+        one
+        for name, by_dof in values.items()
+        for one in per_dof(name, "deployment", model, dofs, by_dof)
+    ]
     return found + _whole(sailed, model)
+
+
+def _shown(error: Array, dofs: Sequence[str]) -> Array:
+    """The error of the pose with angles in degrees, a heading wrapped."""
+    scale = [1.0 if POSE_UNIT[dof] == "m" else 180.0 / np.pi for dof in dofs]
+    return np.asarray(_wrapped(error, dofs) * np.array(scale))
 
 
 def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
@@ -84,20 +72,19 @@ def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
     return wrapped
 
 
-def _steps(sailed: Sailed, scale: Array, pose: Sequence[str], add: Any) -> None:
+def _steps(sailed: Sailed) -> dict[str, Array]:
     """Steady-state error and step response, where the mission has set-points that stay."""
     log, ahead = sailed.voyage.log, sailed.design.ahead
     where = step_response.stands(log.setpoint, round(STAND_S / sailed.period_s))
     if not where:
-        return
-    error = _wrapped(log.setpoint - log.eta, sailed.voyage.dofs) * scale
-    steady = step_response.steady_state_error(error, where, sailed.period_s, ahead)
-    add("steady_state_error", steady, pose)
+        return {}
+    error = _shown(log.setpoint - log.eta, sailed.voyage.dofs)
+    found = {
+        "steady_state_error": step_response.steady_state_error(error, where, sailed.period_s, ahead)
+    }
     steps = step_response.step_responses(log.setpoint, log.eta, where, sailed.period_s, ahead)
-    units = {"overshoot": "%", "rise_time": "s", "settling_time": "s", "early_share": "%"}
-    if any(np.any(~np.isnan(values)) for values in steps.values()):
-        for name, values in steps.items():
-            add(name, values, [units[name]] * len(values))
+    stepped = any(np.any(~np.isnan(values)) for values in steps.values())
+    return found | (steps if stepped else {})
 
 
 def _whole(sailed: Sailed, model: str) -> list[Metric]:
@@ -105,18 +92,18 @@ def _whole(sailed: Sailed, model: str) -> list[Metric]:
     voyage = sailed.voyage
     log = voyage.log
     work = step_response.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
-    values = [("position", "energy", work, "J")]
+    values = [("energy", "position", work)]
     if voyage.dofs == PLANAR:
         work = step_response.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
-        values.append(("heading", "energy", work, "J"))
-    values.append(("all", "failures", float(sailed.failures), ""))
-    values.append(("all", "held_commands", float(np.sum(np.any(log.held != 0.0, axis=1))), ""))
+        values.append(("energy", "heading", work))
+    values.append(("failures", "all", float(sailed.failures)))
+    values.append(("held_commands", "all", float(np.sum(np.any(log.held != 0.0, axis=1)))))
     if len(voyage.step_times):
         single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
         microseconds = 1e6 * voyage.step_times[:: sailed.design.every if single else 1]
-        values.append(("all", "step_time_median", float(np.median(microseconds)), "us"))
-        values.append(("all", "step_time_p99", float(np.percentile(microseconds, 99)), "us"))
-    return [Metric("deployment", model, *value) for value in values]
+        values.append(("step_time_median", "all", float(np.median(microseconds))))
+        values.append(("step_time_p99", "all", float(np.percentile(microseconds, 99))))
+    return [metric(name, "deployment", model, dof, value) for name, dof, value in values]
 
 
 def design_findings(design: Design, model: str) -> list[Diagnostic]:
@@ -175,42 +162,36 @@ def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
     if not _allocated(voyage):
         return []
     share = float(np.mean(~reached(log.tau, log.applied)))
-    return [Metric(stage, model, "all", "unreached_share", share, "")]
+    return [metric("unreached_share", stage, model, "all", share)]
 
 
 def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     """Tracking, force and energy of a sailed mission, against the true pose."""
     log, dofs = voyage.log, voyage.dofs
-    force_units = [FORCE_UNIT[dof] for dof in dofs]
-    speeds = [SPEED_UNIT[unit] for unit in force_units]
     stage: Stage = "deployment"
-    rates = measure.mean_square(log.nu_d - log.nu)
-    accelerations = measure.mean_square(log.nu_dot_d - log.nu_dot)
-    squares = [_square(unit) for unit in speeds]
-    found = per_dof(stage, model, "nu_mse", rates, dofs, squares)
-    squares = [_square(f"{unit}^2") for unit in speeds]
-    found += per_dof(stage, model, "nu_dot_mse", accelerations, dofs, squares)
-    for name, tau in (("tau_mean_abs", log.tau), ("tau_fb_mean_abs", log.tau_fb)):
-        found += per_dof(stage, model, name, measure.mean_absolute(tau), dofs, force_units)
+    found: list[Metric] = []
+    for name, values in (
+        ("nu_mse", measure.mean_square(log.nu_d - log.nu)),
+        ("nu_dot_mse", measure.mean_square(log.nu_dot_d - log.nu_dot)),
+        ("tau_mean_abs", measure.mean_absolute(log.tau)),
+        ("tau_fb_mean_abs", measure.mean_absolute(log.tau_fb)),
+    ):
+        found += per_dof(name, stage, model, dofs, values)
     found += unreached(voyage, stage, model)
     error = measure.position_error(log.eta_d, log.eta)
     power = measure.position_power(log.tau, log.nu)
-    found += [
-        Metric(stage, model, "position", "e_pos_mae", float(np.mean(np.abs(error))), "m"),
-        Metric(stage, model, "position", "e_pos_mse", float(np.mean(error**2)), "m^2"),
-        Metric(stage, model, "position", "power_mean", float(np.mean(power)), "W"),
-        Metric(stage, model, "position", "iaew", measure.iaew(error, power, period_s), "m J s"),
-    ]
+    iaew = measure.iaew(error, power, period_s)
+    parts = [("e_pos", "position", error, power, iaew)]
     if dofs == PLANAR:
         error = measure.heading_error(log.eta_d, log.eta)
-        degrees = np.degrees(error)
         power = measure.heading_power(log.tau, log.nu)
+        iaew = measure.iaew(error, power, period_s)
+        parts.append(("e_psi", "heading", np.degrees(error), power, iaew))
+    for name, dof, error, power, iaew in parts:
         found += [
-            Metric(stage, model, "heading", "e_psi_mae", float(np.mean(np.abs(degrees))), "deg"),
-            Metric(stage, model, "heading", "e_psi_mse", float(np.mean(degrees**2)), "deg^2"),
-            Metric(stage, model, "heading", "power_mean", float(np.mean(power)), "W"),
-            Metric(
-                stage, model, "heading", "iaew", measure.iaew(error, power, period_s), "rad J s"
-            ),
+            metric(f"{name}_mae", stage, model, dof, float(np.mean(np.abs(error)))),
+            metric(f"{name}_mse", stage, model, dof, float(np.mean(error**2))),
+            metric("power_mean", stage, model, dof, float(np.mean(power))),
+            metric("iaew", stage, model, dof, iaew),
         ]
     return found

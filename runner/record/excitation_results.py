@@ -16,6 +16,7 @@ from seatrial.models.recording.preprocessing import quality_checks, quality_seri
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.database.records import Diagnostic, Metric, Results, Series
+from seatrial.runner.record.metric_rows import metric
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import Excited
@@ -46,7 +47,7 @@ def recording_quality(recording: Recording) -> tuple[list[Metric], Series]:
     """Largest error of velocity against position, both ways, and the errors over time."""
     checks = quality_checks(recording)
     metrics = [
-        Metric("identification", "plant", one.dof, f"{one.check}_error_max", one.maximum, one.unit)
+        metric(f"{one.check}_error_max", "identification", "plant", one.dof, one.maximum)
         for one in checks
     ]
     columns, units = quality_series(checks)

@@ -2,38 +2,35 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.identification.problem import Identified, lack_of_fit
-from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation import metrics as measure
-from seatrial.models.simulation.voyage import Voyage
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
+from seatrial.models.notation import (
+    ACCELERATION_UNIT,
     FORCE_UNIT,
     PLANAR,
-    Vessel,
+    POSE_UNIT,
+    VELOCITY_UNIT,
     accelerations_of,
     poses_of,
     velocities_of,
 )
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation import metrics as measure
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.closed_loop import Sailed
+from seatrial.runner.closed_loop import Excited, Sailed
 from seatrial.runner.database.records import Series
-from seatrial.runner.record import time_series
 from seatrial.runner.record.deployment_metrics import _allocated
-from seatrial.runner.record.validation_metrics import POSE_UNIT, SPEED_UNIT
-
-if TYPE_CHECKING:
-    from seatrial.runner.closed_loop import Excited, Sailed
 
 
 def voyage_series(sailed: Sailed, model: str) -> Series:
     """The deployment over time, with set-points and the force of the wind where there are some."""
-    one = time_series.deployment_series(sailed.voyage, model)
+    one = deployment_series(sailed.voyage, model)
     dofs, log = sailed.voyage.dofs, sailed.voyage.log
     columns, units = dict(one.columns), dict(one.units)
     for i, (name, dof) in enumerate(zip(poses_of(dofs), dofs, strict=True)):
@@ -54,16 +51,15 @@ def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
 
 def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     """Units of series columns by their names."""
-    force = {dof: FORCE_UNIT[dof] for dof in dofs}
     units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
     units |= {f"{what}_{way}": "m/s" for what in ("wind", "current") for way in ("north", "east")}
     units |= {"noise_wind_ahead": "m/s", "noise_wind_abeam": "m/s"}
-    units |= {name: POSE_UNIT[force[dof]] for name, dof in zip(poses_of(dofs), dofs, strict=True)}
-    for dof, speed, acceleration in zip(
-        dofs, velocities_of(dofs), accelerations_of(dofs), strict=True
+    for names, unit_of in (
+        (poses_of(dofs), POSE_UNIT),
+        (velocities_of(dofs), VELOCITY_UNIT),
+        (accelerations_of(dofs), ACCELERATION_UNIT),
     ):
-        units[speed] = SPEED_UNIT[force[dof]]
-        units[acceleration] = f"{SPEED_UNIT[force[dof]]}^2"
+        units |= {name: unit_of[dof] for name, dof in zip(names, dofs, strict=True)}
 
     def unit(column: str) -> str:
         return (
@@ -72,7 +68,7 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
             or units.get(column.removeprefix("wave_"))
             or units.get(column.removeprefix("noise_"))
             or units.get(column.removeprefix("process_"))
-            or force.get(column.rpartition("_")[2], "")
+            or FORCE_UNIT.get(column.rpartition("_")[2], "")
         )
 
     return {column: unit(column) for column in columns}
@@ -103,7 +99,7 @@ def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
     return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
 
 
-def recording_series(recording: Recording, training: Mask, sailed: "Sailed | None") -> Series:
+def recording_series(recording: Recording, training: Mask, sailed: Sailed | None) -> Series:
     """The whole recording, as measured, and of a simulation the weather that was sailed in."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}
@@ -129,7 +125,7 @@ def asked(voyage: Voyage) -> dict[str, Array]:
     return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
 
 
-def residual_series(excited: "Excited", nominal: Vessel, identified: Identified) -> Series:
+def residual_series(excited: Excited, nominal: Vessel, identified: Identified) -> Series:
     """Commanded force and its residual from every model over the whole recording."""
     recording = excited.recording
     dofs = recording.dofs

@@ -1,8 +1,5 @@
 """Metrics of a model on the held-out part: force residual, coefficients and predictions."""
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
@@ -10,33 +7,9 @@ from seatrial.models.identification.problem import Identified, Problem, lack_of_
 from seatrial.models.identification.validation import AHEAD, Ahead, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import (
-    FORCE_UNIT,
-    Vessel,
-)
-from seatrial.runner.database.records import Diagnostic, Metric, Stage
-
-if TYPE_CHECKING:
-    pass
-
-
-SPEED_UNIT = {"N": "m/s", "Nm": "rad/s"}
-POSE_UNIT = {"N": "m", "Nm": "rad"}
-
-
-def _square(unit: str) -> str:
-    return f"({unit})^2" if len(unit) > 1 else f"{unit}^2"
-
-
-def per_dof(
-    stage: Stage, model: str, name: str, values: Array, dofs: Iterable[str], units: Iterable[str]
-) -> list[Metric]:
-    """One metric a degree of freedom."""
-    return [
-        Metric(stage, model, dof, name, float(value), unit)
-        for dof, value, unit in zip(dofs, values, units, strict=True)
-    ]
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.database.records import Diagnostic, Metric
+from seatrial.runner.record.metric_rows import metric, per_dof
 
 
 def validation(
@@ -50,24 +23,20 @@ def validation(
     if held_out.tau_filtered is not None:
         forces["_filtered"] = "filtered"
     dofs = held_out.dofs
-    units = [FORCE_UNIT[dof] for dof in dofs]
     found: list[Metric] = []
     flags = np.zeros(len(dofs), dtype=bool)
     for suffix, force in forces.items():
         residuals = {name: lack_of_fit(held_out, model, force) for name, model in models.items()}
         squares = {name: measure.mean_square(e) for name, e in residuals.items()}
         for name, e in residuals.items():
-            square = [_square(unit) for unit in units]
-            mse = squares[name]
-            found += per_dof("validation", name, f"force_mse{suffix}", mse, dofs, square)
+            found += per_dof(f"force_mse{suffix}", "validation", name, dofs, squares[name])
             mae = measure.mean_absolute(e)
-            found += per_dof("validation", name, f"force_mae{suffix}", mae, dofs, units)
+            found += per_dof(f"force_mae{suffix}", "validation", name, dofs, mae)
         if truth is not None:
             variance = np.var(held_out.force(force), axis=0)
             flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
     if truth is not None:
-        ones = [""] * len(dofs)
-        found += per_dof("validation", "identified", "below_true_model", 1.0 * flags, dofs, ones)
+        found += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)
         found += _coefficient_errors(nominal, "nominal", truth)
         found += _coefficient_errors(identified.model, "identified", truth)
         own = truth.on(nominal.terms)
@@ -83,7 +52,7 @@ def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]
     known = ~np.isnan(errors)
     worst = np.where(known, errors, 0.0).max(axis=0, initial=0.0)
     return [
-        Metric("validation", name, dof, "coefficient_error", float(value), "")
+        metric("coefficient_error", "validation", name, dof, value)
         for dof, value, any_known in zip(
             truth.dofs, worst, np.atleast_1d(known.any(axis=0)), strict=True
         )
@@ -96,7 +65,7 @@ def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
     errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
     known = errors[~np.isnan(errors)]
     middle = float(np.median(known)) if known.size else float("nan")
-    return [Metric("validation", name, "all", "coefficient_error_median", middle, "")]
+    return [metric("coefficient_error_median", "validation", name, "all", middle)]
 
 
 UNKNOWN = Ahead(np.array(np.nan), float("nan"))  # of a model that cannot predict
@@ -114,9 +83,6 @@ def prediction_metrics(
     if truth is not None:
         models["plant"] = truth
     held_out, dofs = problem.validation, problem.validation.dofs
-    forces = [FORCE_UNIT[dof] for dof in dofs]
-    units = {"pose": [POSE_UNIT[one] for one in forces]}
-    units["velocity"] = [SPEED_UNIT[one] for one in forces]
     found: list[Metric] = []
     reasons: list[Diagnostic] = []
     for model, table in models.items():
@@ -129,7 +95,7 @@ def prediction_metrics(
             errors = dict.fromkeys(AHEAD, UNKNOWN)
         for name, (rmse, limited) in errors.items():
             halves = np.split(np.broadcast_to(rmse, 2 * len(dofs)), 2)
-            for (what, unit), half in zip(units.items(), halves, strict=True):
-                found += per_dof("validation", model, f"{what}_rmse_{name}", half, dofs, unit)
-            found.append(Metric("validation", model, "all", f"limited_share_{name}", limited, ""))
+            for what, half in zip(("pose", "velocity"), halves, strict=True):
+                found += per_dof(f"{what}_rmse_{name}", "validation", model, dofs, half)
+            found.append(metric(f"limited_share_{name}", "validation", model, "all", limited))
     return found, reasons

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.compiled import kernel
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.dynamics import Scratch, advance, rates, scratch
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import kinematics_of, state_of
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import LagTable, no_lag
 from seatrial.models.weather.weather import Weather
 from tests.benchmarks.supply_vessel import SupplyVessel, as_table

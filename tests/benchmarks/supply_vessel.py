@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import coriolis
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.wind import Windage
 
 LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81

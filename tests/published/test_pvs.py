@@ -16,10 +16,11 @@ import pytest
 
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.manoeuvres import open_loop
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 
 LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.config import GROUPS
 from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.vocabulary import GROUPS
 from tests.trials import composed
 
 # An option that only works beside others, and those.

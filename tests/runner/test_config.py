@@ -7,7 +7,8 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.config import GROUPS, build, build_trial
+from seatrial.runner.config import build, build_trial
+from seatrial.runner.vocabulary import GROUPS
 
 LAG = {
     "_target_": "seatrial.models.vessel.thruster.SecondOrderLag",

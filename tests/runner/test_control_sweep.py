@@ -7,9 +7,9 @@ import pytest
 
 from seatrial.models.notation import DOFS
 from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import Logbook
 from tests.runner.command import Command
 

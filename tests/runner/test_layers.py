@@ -27,15 +27,20 @@ FLOORS = (
     "models.identification",
     "models.control",
     "runner.invocation",
+    "runner.vocabulary",
+    "runner.record.catalogue",
     "runner.database",
     "runner.compare",
     "runner",
 )
 # The comparison reads the database alone; the database holds rows, whatever they mean.
-GROUND = ("models.errors", "models.notation")
+GROUND = ("models.errors", "models.notation", "runner.vocabulary")
+NAMES = (*GROUND, "runner.record.catalogue")
 ONLY = {
-    "runner.database": GROUND,
-    "runner.compare": (*GROUND, "runner.invocation", "runner.database"),
+    "runner.vocabulary": GROUND,
+    "runner.record.catalogue": GROUND,
+    "runner.database": NAMES,
+    "runner.compare": (*NAMES, "runner.invocation", "runner.database"),
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {"__main__", "sweep", "launching", "composition", "hydra_errors"}
@@ -86,6 +91,6 @@ def test_the_rules_see_a_breach() -> None:
     assert refused("models.vessel.table", "seatrial.runner.trial.run")
     assert refused("runner.trial", "hydra.utils")
     assert refused("models.excitation.missions", "seatrial.models.control.pid.Pid")
-    assert refused("runner.compare.table", "seatrial.models.vessel.table.Vessel")
+    assert refused("runner.compare.comparison_table", "seatrial.models.vessel.table.Vessel")
     assert not refused("runner.trial", "seatrial.models.vessel.table.Vessel")
     assert len(SOURCES) > 100

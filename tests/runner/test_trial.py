@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.kinematics import in_body
-from seatrial.models.vessel.table import PLANAR
 from seatrial.runner import trial as trials
 from seatrial.runner.database.records import Results
 from tests.trials import asked_for, composed

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.pivot import DOF_ORDER, Cell, Pivot, pivot
+from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.pivot import Cell, Pivot, pivot
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -21,6 +22,16 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
 from seatrial.runner.compare.selection import pooled
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "bars",
+    "A metric by rows and columns: mean over seeds, its spread, and every seed.",
+    "a metric",
+    each="metric and dof",
+    caption="A metric",
+    place=1,
+)
 
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -25,6 +25,16 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import FINISHED, Observation, Results, ordered
 from seatrial.runner.compare.statistics import confidence_interval
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "coefficients",
+    "Identified against true coefficients with 95 % intervals.",
+    "coefficients of an identified model",
+    caption="Identified against true coefficients",
+    each="column",
+    place=6,
+)
 
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far

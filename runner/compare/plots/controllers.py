@@ -3,14 +3,25 @@
 from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import CHOICES
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.plots.request import PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.sailed_missions import PREFIX
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed
 from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
+from seatrial.runner.vocabulary import GROUPS
 
-SAME = (*CHOICES, "seed")
+FIGURE = Figure(
+    "controllers",
+    "Responses of several controllers on one mission over one another.",
+    "two runs with the series deployment_* that differ in the rows alone",
+    caption="Controllers on one mission",
+    each="dof",
+    rows="controller",
+    place=11,
+)
+
+SAME = (*GROUPS, "seed")
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
+from seatrial.runner.compare.plots.force_residual import shade
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
-from seatrial.runner.compare.plots.residual import shade
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     REFERENCE,
@@ -26,6 +26,15 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "excitation",
+    "Forces of one run, their spectrum and the limits.",
+    "series recording",
+    caption="Forces of the newest run and their spectrum",
+    place=13,
+)
 
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
 GROUPS = "inseparable_terms"

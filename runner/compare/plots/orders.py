@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -21,6 +21,16 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import Results, ordered
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "orders",
+    "Force MSE over model order; the selected orders are marked.",
+    "diagnostic order_mse, as of identifier=plsr",
+    caption="Error over model order",
+    each="dof",
+    place=2,
+)
 
 LINE_STYLES = ("-", "--", ":", "-.")
 NAMES = ("order_mse", "selected_order")

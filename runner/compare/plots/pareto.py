@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
@@ -24,6 +25,14 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.statistics import Sample
+
+FIGURE = Figure(
+    "pareto",
+    "The Pareto set of a multi-objective identification.",
+    "diagnostic pareto_objective, as of identifier=nsga2",
+    caption="Pareto set",
+    place=4,
+)
 
 OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
 MOST_PANELS, ABREAST = 6, 3

@@ -10,6 +10,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -24,6 +25,14 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+
+FIGURE = Figure(
+    "plan",
+    "The planned path of an informative mix in its waters.",
+    "series plan, of excitation=mix with a route",
+    caption="Planned path of the newest mix",
+    place=8,
+)
 
 Flags = NDArray[np.bool_]
 TESTING = 2.0

@@ -7,11 +7,20 @@ against the velocity; the largest error is marked.
 import numpy as np
 from matplotlib.axes import Axes
 
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import MODEL_COLOURS, Drawing, footnote, headed, panels
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.database.records import Series
+
+FIGURE = Figure(
+    "quality",
+    "Velocity against position of a measured recording.",
+    "series quality, of excitation=recording",
+    caption="Velocity against position of the newest measured recording",
+    place=15,
+)
 
 SIDES = (
     (("x", "y", "z", "phi", "theta", "psi"), "Integrated velocity - position"),

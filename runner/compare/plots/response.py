@@ -5,13 +5,13 @@ Bargouth (2022), sections 4.3 to 4.7, shows every simulation so: set-point and o
 
 from collections.abc import Mapping, Sequence
 
+import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run
 from seatrial.runner.compare.plots.sailed_missions import PREFIX, degrees
 from seatrial.runner.compare.plots.style import (
@@ -27,6 +27,16 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "response",
+    "Set-points, pose, force and wind of one run over time.",
+    "series deployment_*",
+    caption="Response of the newest deployed run",
+    each="dof",
+    place=10,
+)
 
 POSES = {"surge": "x", "sway": "y", "heave": "z", "roll": "phi", "pitch": "theta", "yaw": "psi"}
 NAMES = {
@@ -73,7 +83,7 @@ def told(run: Run) -> str:
 
 def overlaid(
     lines: Mapping[str, Series], request: PlotRequest, colours: Sequence[str], what: str
-) -> Figure:
+) -> matplotlib.figure.Figure:
     """Missions over one another by label, an axis a column: pose, force and, where it is, wind."""
     first = next(iter(lines.values()))
     dofs = [dof for dof in DOF_ORDER if all(f"tau_{dof}" in s.columns for s in lines.values())]

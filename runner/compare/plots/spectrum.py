@@ -13,6 +13,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
@@ -25,6 +26,14 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.results import Results
+
+FIGURE = Figure(
+    "spectrum",
+    "Singular values and eigenvalues of a subspace identification.",
+    "diagnostic singular_value, as of identifier=dsr",
+    caption="Singular values and eigenvalues",
+    place=5,
+)
 
 SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"

@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.vocabulary import COMBINED
 
 # Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -55,30 +57,6 @@ RC: dict[Any, Any] = {
     "svg.fonttype": "path",
     "path.simplify": True,
 }
-METRIC_LABELS = {
-    "force_mse": "Force MSE",
-    "force_mae": "Force MAE",
-    "force_mse_filtered": "Force MSE, filtered",
-    "below_true_model": "Below the true model",
-    "coefficient_error": "Relative coefficient error",
-    "pose_rmse_one_step": "Pose RMSE, one step (hides bias)",
-    "pose_rmse_ten_step": "Pose RMSE, ten steps",
-    "pose_rmse_free_run": "Pose RMSE, free run",
-    "velocity_rmse_one_step": "Velocity RMSE, one step (hides bias)",
-    "velocity_rmse_ten_step": "Velocity RMSE, ten steps",
-    "velocity_rmse_free_run": "Velocity RMSE, free run",
-    "e_pos_mae": "Position MAE",
-    "e_pos_mse": "Position MSE",
-    "e_psi_mae": "Heading MAE",
-    "e_psi_mse": "Heading MSE",
-    "nu_mse": "Velocity MSE",
-    "nu_dot_mse": "Acceleration MSE",
-    "tau_mean_abs": "Mean |force|",
-    "tau_fb_mean_abs": "Mean |feedback force|",
-    "power_mean": "Mean power",
-    "iaew": "IAEW",
-}
-WHOLE_DOFS = ("position", "heading", "all")  # named by the metric already
 
 
 @dataclass(frozen=True)
@@ -120,8 +98,8 @@ def panels(
 
 def metric_label(name: str, dof: str, unit: str | None) -> str:
     """`Force MSE, surge [N²]`."""
-    label = METRIC_LABELS.get(name, name)
-    named = label if dof in WHOLE_DOFS else f"{label}, {dof}"
+    label = definition_of(name).label
+    named = label if dof in COMBINED else f"{label}, {dof}"
     return with_unit(named, unit)
 
 

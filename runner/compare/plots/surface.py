@@ -13,12 +13,21 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "surface",
+    "MSE over model order and number of variables.",
+    "diagnostic surface_mse, as of identifier=surface_plsr",
+    caption="Error over order and variables",
+    place=3,
+)
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"

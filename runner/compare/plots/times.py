@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -18,6 +19,12 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
 )
 from seatrial.runner.compare.results import Results
+
+FIGURE = Figure(
+    "times",
+    "Time of n predictions without JIT, with it and many at once.",
+    "diagnostic prediction_time, of identifier=prediction_times",
+)
 
 TIME, COMPILED = "prediction_time", "prediction_time_compiled"
 

@@ -12,12 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
 from seatrial.runner.compare.plots.surface import COLOURS
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
+
+FIGURE = Figure(
+    "topology",
+    "An objective over two parameters.",
+    "diagnostic topology, as of identifier=grid",
+)
 
 Z, FIRST, SECOND = "topology", "topology_first", "topology_second"
 OBJECTIVE = "identifier.objective"

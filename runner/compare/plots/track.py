@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.sailed_missions import Voyages, voyages
@@ -16,10 +17,18 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.plots.wind import EAST, NORTH
+from seatrial.runner.compare.plots.wind_force import EAST, NORTH
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+
+FIGURE = Figure(
+    "track",
+    "The sailed track of one run in the plane, with headings and wind.",
+    "series deployment_* or recording, in the plane",
+    caption="Track of the newest deployed run",
+    place=7,
+)
 
 MARKS = 24  # hulls along a track
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).

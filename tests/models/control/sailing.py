@@ -8,12 +8,13 @@ from seatrial.models.control.estimator import Kalman
 from seatrial.models.control.lqi import Lqi
 from seatrial.models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
 from seatrial.models.excitation.guidance import Step, Timetable
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch, sail
 from seatrial.models.simulation.voyage import Voyage, outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import Windage
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.linear_design import largest_disturbance
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import LIMITS, WINDAGE, ship, steady, weather
 
 BEAM = 0.5 * 1.23 * 0.8 * 1100.0 * 20.0**2  # d2 V^2, Bargouth (2022), (2.6)

@@ -5,8 +5,9 @@ import pytest
 
 from seatrial.models.control.linear_design import design_model
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.statespace import StateSpace
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import ConstantForce
 from tests.models.control.sailing import LIMITS, WINDAGE, double_integrators, ship
 

@@ -9,8 +9,8 @@ import pytest
 from seatrial.models.control import mpc as module
 from seatrial.models.control.horizon import Solver
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import CONTROLLERS, REFERENCES
-from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,
     KALMAN,

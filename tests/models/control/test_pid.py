@@ -7,10 +7,11 @@ import pytest
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 from seatrial.runner import closed_loop
 from tests.trials import composed

@@ -11,7 +11,7 @@ from seatrial.models.excitation.forcing import Forcing
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
 from seatrial.models.excitation.signals import Multisine, Prbs, Pulses, Sines, multisine, prbs
-from seatrial.models.vessel.table import PLANAR
+from seatrial.models.notation import PLANAR
 from tests.trials import composed
 
 T = 0.1 * np.arange(1000)

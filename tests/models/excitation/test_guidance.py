@@ -19,10 +19,10 @@ from seatrial.models.excitation.guidance import (
     straight_line_setpoints,
 )
 from seatrial.models.excitation.missions import Operation, Replay, Waypoints
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import GUIDANCE, REFERENCES
 from seatrial.models.simulation.voyage import outlook
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR
 from tests.models.control.sailing import lqi, ship, voyage, weather
 
 POSES = ((0.0, 0.0, 0.0), (4.0, -2.0, 90.0))

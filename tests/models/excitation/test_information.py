@@ -16,10 +16,11 @@ from seatrial.models.excitation.information import (
     sensitivities,
     spectral_lines,
 )
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 DOFS = ("surge",)
 

@@ -8,8 +8,8 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
 from seatrial.models.excitation.missions import added_force, check_limits
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.models.vessel.table import PLANAR
 from seatrial.runner.closed_loop import sail_mission, streams
 from seatrial.runner.trial import check
 from tests.trials import composed

@@ -13,12 +13,13 @@ from seatrial.models.identification.dsr import Dsr
 from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.sampled_data import body_pose, sampled
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotation
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 Identifier = Callable[..., Any]
 INERTIA = np.array([[1200.0, 0.0, 0.0], [0.0, 1300.0, 30.0], [0.0, 15.0, 2500.0]])

@@ -22,12 +22,12 @@ from seatrial.models.identification.free_run import (
     predicted_layout,
 )
 from seatrial.models.identification.validation import prediction
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
 from seatrial.models.vessel.pose import Euler, Planar, Quaternion, displaced, state_of
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.closed_loop import streams
 from seatrial.runner.trial import excite

@@ -9,10 +9,11 @@ import pytest
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.linearised import Linearised
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.wind import Windage
 
 MASS, DRAG = (2.4e7, 4.0e7, 4.5e10), (5.0e4, 22.0e4, 1.2e10)  # of the supply vessel, physical

@@ -9,9 +9,9 @@ from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.output_error import fit_through
 from seatrial.models.identification.prediction_fit import Misfit, Uncertainty
-from seatrial.models.notation import DOFS, VELOCITIES
+from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 EULER = {"integrator": "euler"}
 

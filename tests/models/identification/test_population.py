@@ -15,10 +15,10 @@ from seatrial.models.identification.free_run import (
 )
 from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.packs import WIDTH
 from seatrial.models.vessel.basis import terms
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 
 def predictor(model, recording, integrator, horizon=None, limit=10.0):

@@ -7,13 +7,14 @@ import pytest
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
 from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import Windage

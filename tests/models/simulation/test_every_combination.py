@@ -14,10 +14,9 @@ from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.models.vessel.table import PLANAR
 from seatrial.runner.config import build
 
 CONF = Path(__file__).parents[3] / "conf"

@@ -8,12 +8,13 @@ from hypothesis.extra.numpy import arrays
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.linearisation import gradient, linearise, operating_force, tangent
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import N_VARIABLES
 from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 
 WINDAGE = {"X_|u_q|u_q": -9.0, "Y_|v_q|v_q": -30.0, "N_V_qv_q": -4.0}
 

@@ -7,11 +7,12 @@ import pytest
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.lqi import LqiTable
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from tests.models.control.sailing import (
     WINDAGE,
     appendix_k,

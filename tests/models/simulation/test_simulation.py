@@ -12,13 +12,14 @@ import pytest
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.guidance import LineOfSight, ReferenceFilter, Timetable
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, control_step, guide_step
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.disturbance import ConstantForce, Disturbance
 from seatrial.models.weather.noise import MeasurementNoise

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.allocation import Allocation, Thruster, reached, voltage_factors
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import PLANAR
 from tests.trials import composed
 
 FERRY = (Thruster("azimuth", (1.8, 0.0, 0.0), 500.0), Thruster("azimuth", (-1.8, 0.0, 0.0), 500.0))

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.vessel.table import PLANAR
 from seatrial.models.weather.noise import ProcessNoise
 from seatrial.models.weather.wind import WindDerivatives
 from tests.trials import composed

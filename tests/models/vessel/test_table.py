@@ -8,9 +8,10 @@ from hypothesis.extra.numpy import arrays
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.derivatives import coriolis, from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel, coefficient_unit
+from seatrial.models.vessel.table import Vessel, coefficient_unit
 
 finite = st.floats(-10.0, 10.0)
 matrices = arrays(np.float64, (3, 3), elements=finite)

@@ -9,9 +9,10 @@ from scipy.signal import lti, step
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.manoeuvres import open_loop
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import (
     FirstOrderLag,
     SecondOrderLag,

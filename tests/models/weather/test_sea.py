@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import welch
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.vessel.table import PLANAR
+from seatrial.models.notation import PLANAR
 from seatrial.models.weather.current import Current
 from seatrial.models.weather.noise import ProcessNoise, gauss_markov
 from seatrial.models.weather.waves import Waves

@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import welch
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.kinematics import in_body
-from seatrial.models.vessel.table import PLANAR
 from seatrial.models.weather.noise import smoothed_levels
 from seatrial.models.weather.wind import (
     BEAUFORT,

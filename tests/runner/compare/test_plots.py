@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.quiver import Quiver
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.plots import KINDS, draw
+from seatrial.runner.compare.figures import drawings_of, figures
+from seatrial.runner.compare.plots import draw
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.results import Results, open_results
@@ -34,10 +34,9 @@ def voyages(sailed: Path) -> Iterator[Results]:
 
 
 def drawings(kind: str, results: Results, **options: object) -> list[Drawing]:
-    module = import_module(f"seatrial.runner.compare.plots.{kind}")
     with drawn():
         request = PlotRequest(**options)  # type: ignore[arg-type]
-        made: list[Drawing] = module.drawings(results, request)
+        made: list[Drawing] = drawings_of(kind)(results, request)
         for one in made:
             one.figure.draw_without_rendering()
     return made
@@ -48,7 +47,7 @@ def axes_of(kind: str, results: Results, **options: object) -> list[Axes]:
     return drawing.figure.axes
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", figures())
 def test_every_kind_writes_png_and_the_same_svg_twice(
     voyages: Results, tmp_path: Path, kind: str
 ) -> None:
@@ -60,7 +59,7 @@ def test_every_kind_writes_png_and_the_same_svg_twice(
     assert b"<dc:date>" not in first[1].read_bytes()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", figures())
 def test_all_axes_are_labelled_and_texts_do_not_overlap(voyages: Results, kind: str) -> None:
     for drawing in drawings(kind, voyages):
         figure = drawing.figure

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from sqlalchemy import event, func, select
 
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.tables import Metric
 from tests.runner.database.samples import make_results, make_start

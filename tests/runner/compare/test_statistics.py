@@ -55,7 +55,7 @@ def test_paired_test_by_hand() -> None:
     assert (found.pairs, found.wins) == (6, 6)
     assert found.ratio == pytest.approx(2.0 / 3.0)
     assert found.p_value == pytest.approx(2.0 / 64.0)
-    assert paired_test(sample, baseline, higher_is_better=True).wins == 0
+    assert paired_test(sample, baseline, better="higher").wins == 0
 
 
 def test_pairs_that_do_not_differ_have_no_p_value() -> None:

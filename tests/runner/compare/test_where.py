@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.compare.table import comparison
 from seatrial.runner.compare.where import Among, Comparison, Joined, Not, parse
 from seatrial.runner.database import Logbook
 from tests.runner.compare import stored

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.linear_design import Remark
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
-from seatrial.models.vessel.table import PLANAR
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import Design, Sailed
 from seatrial.runner.record import deployment_metrics

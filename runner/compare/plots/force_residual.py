@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -18,6 +18,15 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "residual",
+    "Force residual of one run over time, before and after identification.",
+    "series residual",
+    caption="Force residual of the newest run",
+    place=12,
+)
 
 MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
 

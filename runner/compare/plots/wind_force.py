@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import DOF_ORDER
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -17,6 +17,15 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import DOF_ORDER
+
+FIGURE = Figure(
+    "wind",
+    "Speed, direction and force of the wind in one run.",
+    "a series with the column wind_north",
+    caption="Wind of the newest run that met some",
+    place=14,
+)
 
 KINDS = ("recording", "deployment_nominal", "deployment_identified")
 NORTH, EAST = "wind_north", "wind_east"

@@ -4,12 +4,16 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
 from seatrial.runner.compare.grid import Cell as GridCell
 from seatrial.runner.compare.grid import Grid, Scalar, number_text, unit_text, with_unit
 from seatrial.runner.compare.pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
 from seatrial.runner.compare.results import OWN_FACTORS, Results
 from seatrial.runner.compare.selection import Found, TableRequest, gather, pooled
-from seatrial.runner.compare.statistics import SAME, PairedTest, summary
+from seatrial.runner.compare.statistics import SAME, PairedTest, loss, summary
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.vocabulary import UNFINISHED
 
 Place = tuple[Key, Key]
 EMPTY = "–"
@@ -19,11 +23,6 @@ MIXED = "mixed"
 FLAG_NOTE = (
     f"{MARK} below_true_model: a force error below the true plant's own fits lag or feedback,"
     " not the vessel; such a figure is never set in bold"
-)
-ONE_STEP = "_one_step"
-ONE_STEP_NOTE = (
-    "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
-    " free_run"
 )
 UNSETTLED_NOTE = (
     f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
@@ -66,7 +65,7 @@ class _Writer:
             for place, cell in table.cells.items()
         }
         self.location = {place: self._location(cell) for place, cell in table.cells.items()}
-        self.best = best_cells(table, self._compared_by(), found.fixed.get("metric"))
+        self.best = best_cells(table, self._losses())
 
     def grid(self) -> Grid:
         """The finished table; a column of units where the rows have different ones."""
@@ -96,14 +95,16 @@ class _Writer:
         median = "median" in shown and "mean" not in shown
         return summary(cell.sample, ["median" if median else "mean"]).popitem()[1]
 
-    def _compared_by(self) -> Mapping[Place, float]:
+    def _losses(self) -> Mapping[Place, float]:
         """What the best is chosen by: the figure, or a coefficient's distance from the truth."""
-        if not self.request.of_coefficients:
-            return self.location
-        return {
-            place: abs(value - _truth(self.table.cells[place]))
-            for place, value in self.location.items()
-        }
+        return {place: self._loss(place, value) for place, value in self.location.items()}
+
+    def _loss(self, place: Place, value: float) -> float:
+        if self.request.of_coefficients:
+            return abs(value - _truth(self.table.cells[place]))
+        name = self.table.level(*place, "metric") or self.found.fixed.get("metric") or ""
+        better = definition_of(name).better
+        return math.nan if better is None else float(loss(np.array(value), better))
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
@@ -169,9 +170,8 @@ class _Writer:
         notes = []
         if any(cell.flagged for cell in self.table.cells.values()):
             notes.append(FLAG_NOTE)
-        shown = [one.name for cell in self.table.cells.values() for one in cell.observed]
-        if any(name.endswith(ONE_STEP) for name in shown):
-            notes.append(ONE_STEP_NOTE)
+        shown = {one.name for cell in self.table.cells.values() for one in cell.observed}
+        notes += sorted({definition_of(name).note for name in shown} - {""})
         notes += [note for _, note in self._flaws(self.table.cells.values())]
         if self.tests and self.request.baseline is not None:
             notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
@@ -206,7 +206,7 @@ class _Writer:
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
         record["n"] = len(cell.observed)
-        for status in ("failed", "diverged", "running", "interrupted"):
+        for status in UNFINISHED:
             record[status] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
         record["below_true_model"] = cell.flagged
@@ -300,4 +300,5 @@ def _test_text(test: PairedTest) -> str:
         return "no pairs"
     p_value = "p –" if math.isnan(test.p_value) else f"p {test.p_value:.2g}"
     ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
-    return f"{ratio}, {p_value}, won {test.wins}/{test.pairs}"
+    won = "" if test.wins is None else f", won {test.wins}/{test.pairs}"
+    return f"{ratio}, {p_value}{won}"

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,14 @@ from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.compare.table import comparison
+from seatrial.runner.database.records import Metric
+from seatrial.runner.record import catalogue
+from seatrial.runner.record.catalogue import Definition
 from tests.runner.compare import stored
 
 
@@ -246,3 +250,47 @@ def test_a_design_that_does_not_settle_marks_its_figures(tmp_path: Path) -> None
         assert [key for key, flag in flags.items() if flag] == [("ls", "identified")]
         assert not any("‡" in cell.text for row in table(opened).rows for cell in row)
         assert r"\ddag{}" in render(grid, Format.LATEX)
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Results]:
+    """Metrics of parts from elsewhere: near 95 is good, high is good, and one nothing declares."""
+    monkeypatch.setattr(catalogue, "_declared", dict(catalogue._declared))
+    catalogue.register(Definition("coverage", ("validation",), "%", 95.0, "Coverage", "", note="N"))
+    catalogue.register(Definition("vaf", ("validation",), "%", "higher", "VAF", ""))
+    values = {
+        "none": {"coverage": (80.0, 99.0), "vaf": (60.0, 62.0), "speed": (1.0, 2.0)},
+        "ls": {"coverage": (94.0, 95.0), "vaf": (90.0, 92.0), "speed": (3.0, 4.0)},
+        "plsr": {"coverage": (99.0, 99.5), "vaf": (70.0, 61.0), "speed": (5.0, 6.0)},
+    }
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier, metrics in values.items():
+            for seed in (0, 1):
+                rows = [
+                    Metric("validation", "identified", "surge", name, by_seed[seed], "knots")
+                    for name, by_seed in metrics.items()
+                ]
+                stored.finish(logbook, stored.start(identifier, seed=seed), rows)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        yield opened
+
+
+@pytest.mark.parametrize(("name", "best"), [("coverage", "ls"), ("vaf", "ls"), ("speed", None)])
+def test_bold_is_what_the_catalogue_says_is_better(
+    own: Results, name: str, best: str | None
+) -> None:
+    grid = table(own, metric=[name], columns="none")
+    bold = [key[0] for key, text in cells(grid).items() if text.endswith("*")]
+    assert bold == ([best] if best else [])
+    assert "[knots]" in grid.title  # the stored unit
+    assert ("N" in grid.notes) == (name == "coverage")
+
+
+@pytest.mark.parametrize(
+    ("name", "won"), [("coverage", "won 1/2"), ("vaf", "won 1/2"), ("speed", None)]
+)
+def test_wins_over_a_baseline_go_by_the_same(own: Results, name: str, won: str | None) -> None:
+    """Of plsr against none: coverage 99, 99.5 against 80, 99; VAF 70, 61 against 60, 62."""
+    shown = cells(table(own, metric=[name], columns="none", baseline="identifier=none"))
+    (text,) = (text for key, text in shown.items() if key[0] == "plsr")
+    assert (won in text) if won else ("won" not in text and "× 3.67" in text)

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.sailed_missions import Voyages, degrees, voyages
@@ -10,6 +11,14 @@ from seatrial.runner.compare.plots.style import MODEL_COLOURS, Drawing, footnote
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+
+FIGURE = Figure(
+    "errors",
+    "Tracking errors of one run over time.",
+    "series deployment_*",
+    caption="Tracking error of the newest deployed run",
+    place=9,
+)
 
 ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 

@@ -1,0 +1,343 @@
+"""The metrics that trials store: each is declared here, once.
+
+A declaration says what a metric is called, in which unit it is for which degree of freedom, which
+way it is better, and what it is in words. Stored rows, the database's views, tables, figures,
+reports and the command `seatrial-results metrics` read it. A part from elsewhere declares its own
+metrics with `register` where it is defined; a name in a database that nothing here declares is
+shown with the unit that is stored beside it, and is not judged.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from seatrial.models.notation import (
+    ACCELERATION_UNIT,
+    FORCE_UNIT,
+    POSE_UNIT,
+    SQUARE_UNIT,
+    VELOCITY_UNIT,
+)
+from seatrial.runner.vocabulary import Stage
+
+Unit = str | Mapping[str, str]
+Better = Literal["lower", "higher"] | float | None
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What a metric is.
+
+    `stages` are those of a trial that store it. `unit` is one for all, or by degree of freedom.
+    `better` is `lower`, `higher`, a number that good values are near to, or None where the metric
+    says nothing of good and bad. `label` names it on axes, `formula` says what it is, `caption` is
+    the heading of its table in a report (the label unless given), and `note` stands under every
+    table that shows it. A `wide` metric is a column of the view `metric_wide`; one with a
+    `headline` is, for that degree of freedom, in `run_overview`.
+    """
+
+    name: str
+    stages: tuple[Stage, ...]
+    unit: Unit
+    better: Better
+    label: str
+    formula: str
+    caption: str = ""
+    note: str = ""
+    wide: bool = False
+    headline: str = ""
+
+    def unit_of(self, dof: str) -> str:
+        """The unit for a degree of freedom; KeyError where the metric has none for it."""
+        if isinstance(self.unit, str):
+            return self.unit
+        if dof not in self.unit:
+            expected = ", ".join(self.unit)
+            raise KeyError(f"metric {self.name}: got dof {dof!r}, expected one of {expected}")
+        return self.unit[dof]
+
+    @property
+    def units(self) -> str:
+        """Every unit that it has, as text: `N^2, (Nm)^2`."""
+        units = [self.unit] if isinstance(self.unit, str) else self.unit.values()
+        return ", ".join(dict.fromkeys(units))
+
+    @property
+    def better_text(self) -> str:
+        """Which way is better, as text; empty where neither is."""
+        if isinstance(self.better, int | float):
+            return f"nearer to {self.better:g}"
+        return self.better or ""
+
+
+def _each(units: Mapping[str, str], form: str) -> dict[str, str]:
+    """Units made of others: `_each(POSE_UNIT, "{} s")` is m s and rad s."""
+    return {dof: form.format(unit) for dof, unit in units.items()}
+
+
+VALIDATION: tuple[Stage, ...] = ("validation",)
+DEPLOYMENT: tuple[Stage, ...] = ("deployment",)
+IDENTIFICATION: tuple[Stage, ...] = ("identification",)
+POSE_IN_DEGREES = {dof: "m" if unit == "m" else "deg" for dof, unit in POSE_UNIT.items()}
+VELOCITY_SQUARED = _each(VELOCITY_UNIT, "({})^2")
+ACCELERATION_SQUARED = _each(ACCELERATION_UNIT, "({})^2")
+ENERGY = {"position": "J", "heading": "J"}
+POWER = {"position": "W", "heading": "W"}
+HIDES_BIAS = (
+    "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
+    " free_run"
+)
+
+METRICS = (
+    Definition(
+        "force_mse", VALIDATION, SQUARE_UNIT, "lower", "Force MSE",
+        "mean square of the commanded force less the model's, on the held-out part",
+        "Force residual on the held-out part", wide=True, headline="surge",
+    ),
+    Definition(
+        "force_mae", VALIDATION, FORCE_UNIT, "lower", "Force MAE",
+        "mean absolute commanded force less the model's, on the held-out part", wide=True,
+    ),
+    Definition(
+        "force_mse_filtered", VALIDATION, SQUARE_UNIT, "lower", "Force MSE, filtered",
+        "as force_mse, of the commanded force after the known thruster lag",
+        "Force residual, thruster lag taken into account", wide=True,
+    ),
+    Definition(
+        "force_mae_filtered", VALIDATION, FORCE_UNIT, "lower", "Force MAE, filtered",
+        "as force_mae, of the commanded force after the known thruster lag",
+    ),
+    Definition(
+        "below_true_model", VALIDATION, "", None, "Below the true model",
+        "1 where the force MSE is below 0.99 times the true plant's: the model then fits lag or"
+        " feedback, not the vessel", wide=True,
+    ),
+    Definition(
+        "coefficient_error", VALIDATION, "", "lower", "Relative coefficient error",
+        "largest |estimate - true| / |true| over the coefficients whose true value is not zero",
+        "Largest relative error of a coefficient", wide=True,
+    ),
+    Definition(
+        "coefficient_error_median", VALIDATION, "", "lower", "Relative coefficient error, median",
+        "median of |estimate - true| / |true| over the coefficients of the vessel's own terms",
+    ),
+    Definition(
+        "pose_rmse_one_step", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, one step (hides bias)",
+        "root mean square error of the pose one step after every measured state",
+        note=HIDES_BIAS, wide=True,
+    ),
+    Definition(
+        "pose_rmse_ten_step", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, ten steps",
+        "root mean square error of the pose ten steps after every measured state", wide=True,
+    ),
+    Definition(
+        "pose_rmse_free_run", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, free run",
+        "root mean square error of the pose in a free run over the held-out part", wide=True,
+    ),
+    Definition(
+        "velocity_rmse_one_step", VALIDATION, VELOCITY_UNIT, "lower",
+        "Velocity RMSE, one step (hides bias)",
+        "root mean square error of the velocity one step after every measured state",
+        "Velocity error one step ahead, which hides bias", HIDES_BIAS, wide=True,
+    ),
+    Definition(
+        "velocity_rmse_ten_step", VALIDATION, VELOCITY_UNIT, "lower", "Velocity RMSE, ten steps",
+        "root mean square error of the velocity ten steps after every measured state", wide=True,
+    ),
+    Definition(
+        "velocity_rmse_free_run", VALIDATION, VELOCITY_UNIT, "lower", "Velocity RMSE, free run",
+        "root mean square error of the velocity in a free run over the held-out part",
+        "Velocity error of a free run over the held-out part", wide=True,
+    ),
+    Definition(
+        "limited_share_one_step", VALIDATION, "", "lower", "Limited rates, one step",
+        "share of the rates of change that had to be limited one step ahead",
+    ),
+    Definition(
+        "limited_share_ten_step", VALIDATION, "", "lower", "Limited rates, ten steps",
+        "share of the rates of change that had to be limited within ten steps",
+    ),
+    Definition(
+        "limited_share_free_run", VALIDATION, "", "lower", "Limited rates, free run",
+        "share of the rates of change that had to be limited in a free run; above 0 the model is"
+        " unstable",
+    ),
+    Definition(
+        "e_pos_mae", DEPLOYMENT, {"position": "m"}, "lower", "Position MAE",
+        "mean distance from the reference position", "Position error when deployed",
+        wide=True, headline="position",
+    ),
+    Definition(
+        "e_pos_mse", DEPLOYMENT, {"position": "m^2"}, "lower", "Position MSE",
+        "mean square distance from the reference position", wide=True,
+    ),
+    Definition(
+        "e_psi_mae", DEPLOYMENT, {"heading": "deg"}, "lower", "Heading MAE",
+        "mean absolute heading error, wrapped to (-180, 180] deg", "Heading error when deployed",
+        wide=True, headline="heading",
+    ),
+    Definition(
+        "e_psi_mse", DEPLOYMENT, {"heading": "deg^2"}, "lower", "Heading MSE",
+        "mean square heading error, wrapped to (-180, 180] deg", wide=True,
+    ),
+    Definition(
+        "nu_mse", DEPLOYMENT, VELOCITY_SQUARED, "lower", "Velocity MSE",
+        "mean square error of the velocity against its reference", wide=True,
+    ),
+    Definition(
+        "nu_dot_mse", DEPLOYMENT, ACCELERATION_SQUARED, "lower", "Acceleration MSE",
+        "mean square error of the acceleration against its reference", wide=True,
+    ),
+    Definition(
+        "tau_mean_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Mean |force|",
+        "mean absolute commanded force", "Mean absolute force when deployed", wide=True,
+    ),
+    Definition(
+        "tau_fb_mean_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Mean |feedback force|",
+        "mean absolute part of the commanded force that is feedback", wide=True,
+    ),
+    Definition(
+        "power_mean", DEPLOYMENT, POWER, "lower", "Mean power",
+        "mean of |force times velocity|, in the plane or about the down axis",
+        "Mean power when deployed", wide=True,
+    ),
+    Definition(
+        "iaew", DEPLOYMENT, {"position": "m J s", "heading": "rad J s"}, "lower", "IAEW",
+        "integral of the absolute error times the integral of the power",
+        "Integral of absolute error times work", wide=True,
+    ),
+    Definition(
+        "error_mae", DEPLOYMENT, POSE_IN_DEGREES, "lower", "Pose MAE",
+        "mean absolute error of the pose against its reference, by axis",
+        "Pose error by axis when deployed",
+    ),
+    Definition(
+        "error_mse", DEPLOYMENT, _each(POSE_IN_DEGREES, "{}^2"), "lower", "Pose MSE",
+        "mean square error of the pose against its reference, by axis",
+    ),
+    Definition(
+        "iae", DEPLOYMENT, _each(POSE_IN_DEGREES, "{} s"), "lower", "IAE",
+        "integral of the absolute error of the pose",
+    ),
+    Definition(
+        "itae", DEPLOYMENT, _each(POSE_IN_DEGREES, "{} s^2"), "lower", "ITAE",
+        "integral of the absolute error of the pose times the time since the set-point last moved",
+    ),
+    Definition(
+        "steady_state_error", DEPLOYMENT, POSE_IN_DEGREES, "lower", "Steady-state error",
+        "largest |mean error| over the last 60 s of the stretches with a constant set-point",
+        "Steady-state error when deployed",
+    ),
+    Definition(
+        "overshoot", DEPLOYMENT, "%", "lower", "Overshoot",
+        "largest overshoot of the set-point steps, of the step's size",
+    ),
+    Definition(
+        "rise_time", DEPLOYMENT, "s", "lower", "Rise time",
+        "mean time from 10 to 90 % of a set-point step",
+    ),
+    Definition(
+        "settling_time", DEPLOYMENT, "s", "lower", "Settling time",
+        "mean time until the pose stays within 5 % of a set-point step",
+    ),
+    Definition(
+        "early_share", DEPLOYMENT, "%", "lower", "Early share",
+        "mean share of a set-point step that is made in the 10 s before it",
+    ),
+    Definition(
+        "tau_max_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Largest |force|",
+        "largest absolute commanded force",
+    ),
+    Definition(
+        "tau_rms", DEPLOYMENT, FORCE_UNIT, "lower", "RMS force",
+        "root mean square of the commanded force",
+    ),
+    Definition(
+        "tau_tv", DEPLOYMENT, FORCE_UNIT, "lower", "Total variation of the force",
+        "sum of the absolute changes of the commanded force",
+    ),
+    Definition(
+        "limit_hits", DEPLOYMENT, "", "lower", "Samples at the limit",
+        "number of samples at which the commanded force is at its limit",
+    ),
+    Definition(
+        "energy", DEPLOYMENT, ENERGY, "lower", "Energy",
+        "integral of |force times velocity|, in the plane or about the down axis",
+    ),
+    Definition(
+        "failures", DEPLOYMENT, "", "lower", "Failures of the controller",
+        "number of commands that the controller could not compute, the last one being held",
+    ),
+    Definition(
+        "held_commands", DEPLOYMENT, "", "lower", "Held commands",
+        "number of samples at which a command was not a number, so that the last one was held",
+    ),
+    Definition(
+        "step_time_median", DEPLOYMENT, "us", "lower", "Step time, median",
+        "median time to compute one step of the controller",
+    ),
+    Definition(
+        "step_time_p99", DEPLOYMENT, "us", "lower", "Step time, 99th percentile",
+        "99th percentile of the time to compute one step of the controller",
+    ),
+    Definition(
+        "spectral_radius", DEPLOYMENT, "", "lower", "Spectral radius",
+        "largest |eigenvalue| of the closed loop on the controller's own model; stable below 1",
+    ),
+    Definition(
+        "infeasible_limits", DEPLOYMENT, "", "lower", "Infeasible limits",
+        "1 where the weather needs more force than the limits give",
+    ),
+    Definition(
+        "unreached_share", ("identification", "deployment"), "", "lower", "Unreached share",
+        "share of the commanded forces that the thrusters cannot give",
+    ),
+    Definition(
+        "integrated_velocity_error_max", IDENTIFICATION, POSE_UNIT, "lower",
+        "Largest error of the integrated velocity",
+        "largest |measured pose - integral of the measured velocity|",
+    ),
+    Definition(
+        "differentiated_position_error_max", IDENTIFICATION, VELOCITY_UNIT, "lower",
+        "Largest error of the differentiated pose",
+        "largest |measured velocity - derivative of the measured pose|",
+    ),
+)  # fmt: skip
+_declared: dict[str, Definition] = {}
+
+
+def register(definition: Definition) -> Definition:
+    """Declare a metric, of ours or of a part from elsewhere, and return it.
+
+    Raises ValueError for a name that is no plain word, or that another definition has.
+    """
+    name = definition.name
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ValueError(f"metric: got name {name!r}, expected small letters, digits and _")
+    if _declared.setdefault(name, definition) != definition:
+        raise ValueError(f"metric {name}: got a second definition, expected one")
+    return definition
+
+
+for _definition in METRICS:
+    register(_definition)
+
+
+def declared(name: str) -> Definition:
+    """The definition of a metric; KeyError where it is not declared."""
+    if name not in _declared:
+        raise KeyError(
+            f"metric {name}: got no definition, expected it in catalogue.METRICS or registered"
+        )
+    return _declared[name]
+
+
+def all_declared() -> tuple[Definition, ...]:
+    """Every metric that is declared, ours first."""
+    return tuple(_declared.values())
+
+
+def definition_of(name: str) -> Definition:
+    """What is known of a name in a database; its name alone where it is not declared here."""
+    return _declared.get(name) or Definition(name, (), "", None, name, "")

@@ -1,0 +1,63 @@
+"""Metrics from elsewhere: the parts that the option `metrics` names.
+
+A part declares its metric and computes it, of a model on the held-out part or of a sailed mission:
+
+    @dataclass(frozen=True)
+    class LargestSpeed(OwnMetric):
+        definition = Definition(
+            "speed_max", ("deployment",), {"surge": "m/s"}, "lower", "Largest speed", "max |u|"
+        )
+
+        def of_voyage(self, voyage: Voyage) -> Mapping[str, float]:
+            return {"surge": float(np.max(np.abs(voyage.log.nu[:, 0])))}
+"""
+
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.database.records import Metric
+from seatrial.runner.record.catalogue import Definition, register
+from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.vocabulary import Stage
+
+
+class OwnMetric(ABC):
+    """A metric that is stored beside ours. Its methods give values by degree of freedom."""
+
+    definition: ClassVar[Definition]
+
+    def of_model(self, held_out: Recording, model: Vessel) -> Mapping[str, float]:
+        """Values of a model on the held-out part of a recording; none by default."""
+        return {}
+
+    def of_voyage(self, voyage: Voyage) -> Mapping[str, float]:
+        """Values of a mission sailed in deployment; none by default."""
+        return {}
+
+
+def validation_rows(
+    parts: Sequence[OwnMetric], held_out: Recording, models: Mapping[str, Vessel]
+) -> list[Metric]:
+    """What the parts measure of every model."""
+    return [
+        row
+        for part in parts
+        for name, model in models.items()
+        for row in _rows(part, "validation", name, part.of_model(held_out, model))
+    ]
+
+
+def deployment_rows(parts: Sequence[OwnMetric], voyage: Voyage, model: str) -> list[Metric]:
+    """What the parts measure of a sailed mission."""
+    return [
+        row for part in parts for row in _rows(part, "deployment", model, part.of_voyage(voyage))
+    ]
+
+
+def _rows(part: OwnMetric, stage: Stage, model: str, values: Mapping[str, float]) -> list[Metric]:
+    name = register(part.definition).name
+    return [metric(name, stage, model, dof, value) for dof, value in values.items()]

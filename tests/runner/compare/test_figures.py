@@ -1,0 +1,87 @@
+"""How figures are found: by their files, without importing them, and from elsewhere."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import figures
+from tests.runner.compare.conftest import Program
+
+ELSEWHERE = '''
+"""How many runs there are."""
+
+from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.plots.style import Drawing, panels
+
+FIGURE = Figure("runs", "How many runs there are.", "a run", rows="vessel")
+
+
+def drawings(results, request):
+    figure, (axes,) = panels(1, 1, 4.0, 3.0)
+    axes.bar([request.rows], [len(results.runs())])
+    return [Drawing("number-of-runs", figure)]
+'''
+
+
+def test_every_file_that_draws_declares_itself() -> None:
+    draws = [p for p in figures.PLOTS.glob("*.py") if "\ndef drawings(" in p.read_text()]
+    assert len(figures.figures()) == len(draws) > 10
+    assert list(figures.figures()) == sorted(figures.figures())
+
+
+def test_what_is_read_from_a_file_is_what_it_declares() -> None:
+    for figure, path in figures._files():
+        module = __import__(f"seatrial.runner.compare.plots.{path.stem}", fromlist=["FIGURE"])
+        assert figure == module.FIGURE
+        assert figures.drawings_of(figure.name) is module.drawings
+
+
+def test_places_in_the_report_differ() -> None:
+    places = [one.place for one in figures.figures().values() if one.caption]
+    assert len(set(places)) == len(places)
+    assert all(bool(one.caption) == bool(one.place) for one in figures.figures().values())
+
+
+def test_the_help_lists_every_figure(program: Program) -> None:
+    code, out, _ = program("plot", "--help")
+    text = " ".join(out.split())
+    assert code == 0
+    for one in figures.figures().values():
+        assert f"{one.name}: {one.help}"[:60] in text
+
+
+def test_a_figure_from_elsewhere_is_drawn_by_its_dotted_name(
+    program: Program, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "elsewhere_figures"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "runs.py").write_text(ELSEWHERE)
+    (package / "empty.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    options = ("--database", f"sqlite:///{plain}/results.db", "--output", str(tmp_path / "out"))
+    code, out, err = program("plot", "elsewhere_figures.runs", *options)
+    assert (code, err) == (0, "")
+    assert [Path(line).name for line in out.split()] == ["number-of-runs.png", "number-of-runs.svg"]
+    code, _, err = program("plot", "elsewhere_figures.empty", *options)
+    assert (code, "elsewhere_figures.empty has no FIGURE" in err) == (2, True)
+    for name in [name for name in sys.modules if name.startswith("elsewhere_figures")]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.mark.parametrize("name", ["pie", "no_such_module.figure", "seatrial.runner.pie"])
+def test_an_unknown_figure_is_refused_with_those_that_there_are(name: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"expected one of bars, .*, or the dotted name"):
+        figures.figure_of(name)
+
+
+def test_a_fault_in_a_module_from_elsewhere_is_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "faulty_figures").mkdir()
+    (tmp_path / "faulty_figures" / "one.py").write_text("import no_such_module_at_all")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="no_such_module_at_all"):
+        figures.figure_of("faulty_figures.one")
