@@ -144,7 +144,7 @@ def test_builds_a_trial() -> None:
             {"plant": {"scale": 1, "mass": 2}},
             "plant.mass: unknown option, expected one of scale, change",
         ),
-        ({"plant": 3}, "plant: got 3, expected the option scale, change"),
+        ({"plant": 3}, "plant: got 3, expected a group of options"),
         ({"seed": -1}, "seed must not be negative, got -1"),
         ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
         ({"seed": None}, "seed is missing"),
