@@ -16,7 +16,7 @@ from seatrial.models.errors import ConfigurationError
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-PositiveInt = Annotated[int, Gt(0)]
+PositiveInt = Annotated[int, Ge(1)]
 NotNegativeInt = Annotated[int, Ge(0)]
 
 

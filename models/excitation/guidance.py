@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import GUIDANCE, FilterTable
 from seatrial.models.vessel.basis import Array
 
@@ -20,13 +21,11 @@ class ReferenceFilter:
     damping D.
     """
 
-    bandwidth_rad_s: float
-    damping: float
+    bandwidth_rad_s: Positive
+    damping: Positive
 
     def __post_init__(self) -> None:
-        for name in ("bandwidth_rad_s", "damping"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
 
     def table(self, period_s: float) -> FilterTable:
         """Exact zero-order-hold discretisation for a control period [s]."""
@@ -99,16 +98,15 @@ class LineOfSight:
     """Line-of-sight guidance through way-points (north, east) [m]; acceptance radius [m]."""
 
     waypoints: tuple[tuple[float, ...], ...]
-    radius_m: float
+    radius_m: Positive
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         points = np.array(self.waypoints, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ConfigurationError("waypoints: expected at least two of (north, east)")
         if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
             raise ConfigurationError("waypoints: two that follow each other are equal")
-        if not self.radius_m > 0.0:
-            raise ConfigurationError(f"radius_m must be positive, got {self.radius_m}")
 
     def build(self, start: Array) -> tuple[SightTable, Array]:
         """Parameters and initial state of the compiled step, from a starting pose (3,)."""

@@ -19,6 +19,7 @@ from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.route import Route, parts_of
 from seatrial.models.excitation.schedule import Gains, Role, Schedule, check_open
 from seatrial.models.planning.planner import Plan
+from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.splits import Split
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
@@ -37,29 +38,24 @@ class Mix:
     """
 
     candidates: dict[str, Any]
-    sub_experiments: int
+    sub_experiments: PositiveInt
     design: Literal["optimal", "random"]
-    repeats: int
+    repeats: PositiveInt
     draw_seed: int
     held_out: tuple[str, ...]
-    length_s: float
-    stop_s: float
-    time_scale: float
+    length_s: Positive
+    stop_s: Positive
+    time_scale: Positive
     vessel: VesselParameters
     believed: Believed
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
     reference_filter: ReferenceFilter
-    period_s: float
+    period_s: Positive
 
     def __post_init__(self) -> None:
-        for name in ("length_s", "stop_s", "time_scale", "period_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("sub_experiments", "repeats"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         pool = self.repeats * len(self.candidates)
         if self.design == "random" and self.sub_experiments > pool:
             raise ConfigurationError(

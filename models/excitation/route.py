@@ -20,6 +20,7 @@ from seatrial.models.excitation.schedule import Part
 from seatrial.models.planning.planner import Plan, Task, plan
 from seatrial.models.planning.primitives import Pace, Primitive
 from seatrial.models.planning.waters import Corners, Waters
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
@@ -40,20 +41,14 @@ class Route:
     start: Pose
     goal: Pose | None
     clearance_m: float
-    cell_m: float | None
-    speed_m_s: float
-    turn_rate_rad_s: float
-    hold_s: float
+    cell_m: Positive | None
+    speed_m_s: Positive
+    turn_rate_rad_s: Positive
+    hold_s: NotNegative
     follow: Literal["everywhere", "passages"]
 
     def __post_init__(self) -> None:
-        for name in ("speed_m_s", "turn_rate_rad_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
-        if self.cell_m is not None and not self.cell_m > 0.0:
-            raise ConfigurationError(f"cell_m must be positive or null, got {self.cell_m}")
-        if self.hold_s < 0.0:
-            raise ConfigurationError(f"hold_s must not be negative, got {self.hold_s}")
+        check_ranges(self)
         if self.area is not None:
             _ = self.waters
         elif self.obstacles:

@@ -14,6 +14,7 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Timetable, step_setpoints
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import REFERENCES
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import PLANAR
@@ -113,11 +114,12 @@ class Setpoints:
 
     schedule: str
     schedules: dict[str, tuple[tuple[float, ...], ...]]
-    scale: float
-    duration_s: float
+    scale: Positive
+    duration_s: Positive
     reference_filter: Reference
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if self.schedule not in self.schedules:
             raise ConfigurationError(
                 f"schedule: got {self.schedule!r}, expected one of {', '.join(self.schedules)}"
@@ -127,9 +129,6 @@ class Setpoints:
             raise ConfigurationError(
                 f"schedules.{self.schedule}: expected a list of (north, east, heading)"
             )
-        for name in ("duration_s", "scale"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
 
     def poses(self, n_dof: int) -> Array:
         """The poses of the schedule, shape (n, n_dof) [m, rad]: in the plane, or north alone."""
