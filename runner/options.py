@@ -27,6 +27,7 @@ from pydantic import (
     Strict,
     TypeAdapter,
     ValidationError,
+    WithJsonSchema,
 )
 from pydantic_core import ErrorDetails
 from typing_extensions import TypedDict
@@ -35,6 +36,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import in_words
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
+CLASS = "class"  # in a JSON schema: whose node is wanted here
 ROOTS = ("seatrial.models.", "seatrial.runner.")  # where the classes are that may be built
 EXPECTED = {
     "bool_type": "true or false",
@@ -138,7 +140,8 @@ def _strict(hint: Any) -> Any:
     if arguments and kind is not Literal:
         return kind[tuple(one if one is Ellipsis else _strict(one) for one in arguments)]
     if isinstance(hint, type) and hint not in (str, list, tuple, dict):
-        return Annotated[Any, PlainValidator(partial(part, hint))]
+        known = WithJsonSchema({CLASS: f"{hint.__module__}.{hint.__qualname__}"})
+        return Annotated[Any, PlainValidator(partial(part, hint)), known]
     return hint
 
 
