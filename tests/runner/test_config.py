@@ -81,8 +81,13 @@ def test_unknown_and_missing_options() -> None:
     assert refusal(missing) == "thruster.damping is missing"
 
 
-def test_a_range_error_of_the_class_gets_its_key() -> None:
-    assert refusal(LAG | {"damping": -1}).startswith("thruster: ")
+def test_a_range_error_names_the_option() -> None:
+    assert refusal(LAG | {"damping": -1}) == "thruster.damping must be positive, got -1"
+
+
+def test_another_error_of_the_class_gets_its_key() -> None:
+    said = refusal(VESSEL | {"dofs": ["surge", "surge"]}, "vessel")
+    assert said.startswith("vessel: ")
 
 
 @pytest.mark.parametrize(
