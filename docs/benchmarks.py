@@ -1,7 +1,8 @@
-"""The tables of benchmarks in README.md: `python -m docs.benchmarks`, after `make bench`.
+"""The benchmark tables of README.md: `python -m docs.benchmarks`, after `make bench`.
 
-Read from `results/bench.json`, which pytest-benchmark writes; `tests/benchmarks/conftest.py` says
-what is measured, and how. A ratio is that of the medians, the other's time over ours.
+The data are read from `results/bench.json`, written by pytest-benchmark; the measurements are
+described in `tests/benchmarks/conftest.py`. Ratios are those of the medians, the time of the other
+program over ours.
 """
 
 import json
@@ -16,7 +17,7 @@ Row = dict[str, Any]
 
 
 def read(file: Path) -> tuple[list[Row], str]:
-    """What was measured, in the order of its numbers, and the machine."""
+    """The benchmark records, sorted by item number, and a description of the machine."""
     if not file.exists():
         sys.exit(f"{file}: not found; `make bench` writes it")
     held = json.loads(file.read_text())
@@ -25,7 +26,7 @@ def read(file: Path) -> tuple[list[Row], str]:
     info = held["machine_info"]
     cpu = info["cpu"]
     if not rows:
-        sys.exit(f"{file}: holds no benchmark that passed")
+        sys.exit(f"{file}: contains no passed benchmark")
     loads = [row["load"] for row in rows]
     machine = (
         f"{cpu.get('brand_raw', info['machine'])}, {cpu.get('count', '?')} cores,"
@@ -36,20 +37,20 @@ def read(file: Path) -> tuple[list[Row], str]:
 
 
 def shown_seconds(value: float) -> str:
-    """A time in a unit that leaves it at least 1."""
+    """A time with three digits, in the largest unit in which it is at least 1."""
     size, unit = next((u for u in UNITS if value >= u[0]), UNITS[-1])
     return f"{value / size:.3g} {unit}"
 
 
 def ratio_of(row: Row) -> tuple[float, float, float]:
-    """Ours [s], the other's [s], and how many times longer the other takes (medians)."""
+    """Median of ours [s], median of the other program [s], and the ratio of other to ours."""
     ours = row["stats"]["median"] / row["calls"]
     peer = median(row["peer_seconds"])
     return ours, peer, peer / ours
 
 
 def ratio_row(row: Row) -> list[str]:
-    """The cells of one comparison."""
+    """The table cells of one comparison."""
     ours, peer, ratio = ratio_of(row)
     wanted = row["wanted"]
     return [
@@ -63,13 +64,13 @@ def ratio_row(row: Row) -> list[str]:
 
 
 def remark(row: Row, *, short: bool, by: str) -> str:
-    """By how much and why a figure falls short, and what else must be known."""
+    """The shortfall of a figure with its reason, and the note of its benchmark."""
     parts = [f"short: {by}; {row['why'] or 'not explained yet'}"] if short else []
     return "; ".join([*parts, *([row["note"]] if row["note"] else [])])
 
 
 def figure_rows(row: Row) -> list[list[str]]:
-    """The cells of figures that are no ratio; what must be known of all stands in the first."""
+    """The table cells of figures other than ratios; the note is added to the first row only."""
     rest = row | {"note": ""}
     return [
         [
@@ -83,7 +84,7 @@ def figure_rows(row: Row) -> list[list[str]]:
 
 
 def table(headers: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; nothing where there are no rows."""
+    """A Markdown table; the empty string if there are no rows."""
     if not rows:
         return ""
     lines = [headers, ["---"] * len(headers), *rows]
@@ -91,7 +92,7 @@ def table(headers: list[str], rows: list[list[str]]) -> str:
 
 
 def main() -> None:
-    """Print the tables, and the machine."""
+    """Print the tables and the description of the machine."""
     rows, machine = read(Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH)
     ratios = [ratio_row(row) for row in rows if row["kind"] == "ratio"]
     figures = [cells for row in rows if row["kind"] == "figures" for cells in figure_rows(row)]

@@ -1,9 +1,9 @@
-"""The figures of growth in README.md: `python -m docs.growth`, after `make bench`.
+"""The scaling figures of README.md: `python -m docs.growth`, after `make bench`.
 
-Every curve that `tests/benchmarks/conftest.py` made with `growth` and `results/bench.json` kept:
-time over size on logarithmic axes, with the slope of a straight line through the points, and peak
-memory where it was measured. `docs/growth.svg` has one column, for a narrow screen,
-`docs/growth-wide.svg` two.
+They show every curve that `growth` of `tests/benchmarks/conftest.py` wrote to `results/bench.json`:
+time over problem size on logarithmic axes, with the slope of a straight line through the points,
+and peak memory if it was measured. `docs/growth.svg` has one column, for a narrow screen,
+`docs/growth-wide.svg` has two.
 """
 
 import sys
@@ -19,7 +19,7 @@ from docs.benchmarks import BENCH, read
 from seatrial.runner.compare.plots import style
 
 FOLDER = Path(__file__).parent
-PANEL = (4.2, 2.5)  # [inch], without its legend
+PANEL = (4.2, 2.5)  # [inch], without the legend
 LEGEND_LINE = 0.17  # [inch]
 QUANTITIES = {"seconds": "time [s]", "megabytes": "peak memory [MB]"}
 LEGENDS = {"seconds": "slope", "megabytes": "MB at the largest size"}
@@ -28,7 +28,7 @@ Curve = dict[str, Any]
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves of one benchmark: `seconds` or `megabytes` over the sizes of each."""
+    """The curves of one benchmark: `seconds` or `megabytes` over problem size."""
 
     title: str
     quantity: str
@@ -36,7 +36,7 @@ class Panel:
 
 
 def panels(rows: list[dict[str, Any]]) -> list[Panel]:
-    """The panels of all benchmarks that have curves, in their order."""
+    """The panels of all benchmarks that have curves, in the order of the benchmarks."""
     found = []
     for row in rows:
         curves = {name: one for name, one in row.get("found", {}).items() if one.get("sizes")}
@@ -48,7 +48,7 @@ def panels(rows: list[dict[str, Any]]) -> list[Panel]:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Points, and the line through them, of every curve."""
+    """Draw the points of every curve and the straight line through them."""
     for i, (name, one) in enumerate(panel.curves.items()):
         sizes, values = one["sizes"], one[panel.quantity]
         colour = style.PALETTE[i % len(style.PALETTE)]
@@ -80,13 +80,13 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def columns_of(panel: Panel) -> int:
-    """Of the legend: two where they find room beside each other."""
+    """Number of columns of the legend: two if they fit side by side."""
     longest = max(len(name) for name in panel.curves) + len(": 1.00") + 5
     return 2 if 2 * longest <= PANEL[0] * style.LETTERS_PER_INCH else 1
 
 
 def drawing(name: str, found: list[Panel], columns: int) -> style.Drawing:
-    """All panels; a row of them is as high as its longest legend asks for."""
+    """A drawing of all panels; the height of a row depends on its longest legend."""
     groups = [found[i : i + columns] for i in range(0, len(found), columns)]
     lines = [max(-(-len(one.curves) // columns_of(one)) + 1 for one in group) for group in groups]
     heights = [PANEL[1] + LEGEND_LINE * count for count in lines]
@@ -105,7 +105,7 @@ def main() -> None:
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else BENCH
     found = panels(read(file)[0])
     if not found:
-        sys.exit(f"{file}: holds no curves")
+        sys.exit(f"{file}: contains no curves")
     with style.drawn():
         for name, columns in (("growth", 1), ("growth-wide", 2)):
             made = drawing(name, found, columns)

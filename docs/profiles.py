@@ -1,11 +1,12 @@
 """Flame graphs of a typical trial and a typical sweep: `python -m docs.profiles after [CHECKOUT]`.
 
-Sampled by pyinstrument every millisecond of wall-clock time, in the main thread, from the start of
-the program to its end; the machine code is compiled before. Written to
-`docs/profile_trial_after.svg` and `docs/profile_sweep_after.svg`: a box is a function, as wide as
-the time spent in it and in what it calls, which stands on it; boxes too narrow to see are left
-out. Compiled kernels stand by themselves, to the right of the program: numba tells a profiler of
-them without their callers. CHECKOUT is another state of the sources to run.
+pyinstrument samples the main thread every millisecond of wall-clock time, from the start of the
+program to its end; the machine code is compiled beforehand. The output is
+`docs/profile_trial_after.svg` and `docs/profile_sweep_after.svg`. A box is a function; its width is
+the time spent in it and in the functions it calls, which are drawn above it. Boxes that are too
+narrow to be visible are left out. Compiled kernels are drawn separately, to the right of the
+program, because numba reports them to a profiler without their callers. CHECKOUT is the folder of
+another version of the sources.
 """
 
 import json
@@ -24,7 +25,7 @@ COMMANDS = {
     "sweep": ("-m", "identifier=ls,plsr", "disturbance=noise"),
 }
 SEEDS = {"trial": (), "sweep": ("seed=range(0,25)",)}
-COLOURS = {  # of a box, by the package its function is in
+COLOURS = {  # of a box, by the package of its function
     "seatrial": "#e8945a",
     "Hydra, OmegaConf": "#7fb3d5",
     "SQLAlchemy, SQLite, Arrow": "#8fc7a0",
@@ -39,18 +40,18 @@ PACKAGES = {
 }
 MACHINERY = ("thread", "importlib", "runpy", "pyinstrument", "string")
 WIDTH, ROW, MARGIN, LETTER = 1200.0, 17, 10, 6.4  # [px]; LETTER: mean width of a letter
-SEEN = 0.003  # share of the whole below which a box is left out
+SEEN = 0.003  # share of the total time below which a box is left out
 
 Frame = dict[str, Any]
 
 
 def profile(arguments: tuple[str, ...], seeds: tuple[str, ...], checkout: Path) -> Frame:
-    """The tree of calls of one start of the program, in a folder of its own."""
+    """The call tree of one run of the program, with results in a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         sampled = Path(folder) / "profile.json"
         sampler = ["pyinstrument", "-i", "0.001", "-r", "json", "--show-all", "-o", str(sampled)]
         sampler += ["-p", f"processor_options.filter_threshold={SEEN}"]
-        # The first start compiles what is not in the cache yet.
+        # The first run compiles kernels that are not in the cache yet.
         for program, more in ((), ()), ((*sampler, "-m"), seeds):
             subprocess.run(
                 [
@@ -71,14 +72,14 @@ def package_of(frame: Frame) -> str:
 
 
 def name_of(frame: Frame) -> str:
-    """What a box is called: module and function."""
+    """The name of a box: module and function."""
     where = str(frame["file_path_short"]).removesuffix(".py").replace("/", ".")
     what = ".".join(filter(None, (frame.get("class_name"), frame["function"])))
     return f"import {where}" if what == "<module>" else f"{where}: {what}"
 
 
 def boxes(frame: Frame, x: float, depth: int, scale: float) -> Iterator[tuple[float, int, Frame]]:
-    """Left edge [px], row and frame of every box; frames that only pass on are left out."""
+    """Left edge [px], row and frame of every box; frames that only call another are left out."""
     inner = frame["children"]
     passes = len(inner) == 1 and inner[0]["time"] > 0.98 * frame["time"]
     same = passes and package_of(inner[0]) == package_of(frame)
@@ -91,7 +92,7 @@ def boxes(frame: Frame, x: float, depth: int, scale: float) -> Iterator[tuple[fl
 
 
 def box(x: float, y: float, frame: Frame, scale: float, whole_s: float) -> str:
-    """One box, with its text where it has room, and what it is in full as its title."""
+    """One box as SVG, with its name shortened to the width and the full name as a tooltip."""
     width, name, seconds = frame["time"] * scale, name_of(frame), frame["time"]
     colour = COLOURS[PACKAGES.get(package_of(frame), "other")]
     room = int((width - 4) / LETTER)
@@ -105,7 +106,7 @@ def box(x: float, y: float, frame: Frame, scale: float, whole_s: float) -> str:
 
 
 def drawn(root: Frame, title: str) -> str:
-    """The flame graph as SVG, the start of the program at the bottom."""
+    """The flame graph as SVG, with the start of the program at the bottom."""
     whole = root["time"]
     scale = (WIDTH - 2 * MARGIN) / whole
     found = list(boxes(root, MARGIN, 0, scale))
@@ -129,7 +130,7 @@ def drawn(root: Frame, title: str) -> str:
 
 
 def main() -> None:
-    """Profile and draw both."""
+    """Profile the trial and the sweep, and draw both flame graphs."""
     if len(sys.argv) < 2:
         sys.exit("docs.profiles: expected a name for the figures, such as after")
     state = sys.argv[1]

@@ -1,8 +1,10 @@
-"""Make again what README.md shows: `make readme`; `python docs/refresh.py WORD` only some of it.
+"""Update the generated blocks of README.md and CONTRIBUTING.md: `make readme`.
 
-Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` becomes what its command
-prints; with a WORD, only the blocks whose command holds it. The commands read what `make demo`,
-`make comparison`, `make published` and `make bench` wrote.
+`python docs/refresh.py WORD` updates only some of them.
+
+Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
+command; with a WORD, only blocks whose command contains it. The commands read the results of
+`make demo`, `make comparison`, `make published` and `make bench`.
 """
 
 import re
@@ -12,11 +14,12 @@ import sys
 from pathlib import Path
 
 README = Path(__file__).parents[1] / "README.md"
+CONTRIBUTING = README.with_name("CONTRIBUTING.md")
 BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def output(command: str, *more: str) -> str:
-    """What a `python -m ...` command prints."""
+    """The output of a `python -m ...` command."""
     words = [sys.executable if word == "python" else word for word in shlex.split(command)]
     done = subprocess.run(
         [*words, *more], capture_output=True, text=True, check=True, cwd=README.parent
@@ -25,7 +28,7 @@ def output(command: str, *more: str) -> str:
 
 
 def refreshed(text: str, word: str = "") -> str:
-    """The text with every block made again whose command holds `word`."""
+    """The text with updated blocks, if their command contains `word`."""
 
     def block(found: re.Match[str]) -> str:
         if word not in found["command"]:
@@ -36,4 +39,5 @@ def refreshed(text: str, word: str = "") -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(refreshed(README.read_text(), *sys.argv[1:2]))
+    for page in (README, CONTRIBUTING):
+        page.write_text(refreshed(page.read_text(), *sys.argv[1:2]))

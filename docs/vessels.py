@@ -1,6 +1,6 @@
 """The table of vessels in README.md: `python -m docs.vessels`.
 
-Counted and read from `conf/vessel`, whose files say of every number where it comes from.
+It is generated from `conf/vessel`, whose files give the source of every number.
 """
 
 from pathlib import Path
@@ -20,12 +20,12 @@ HEADERS = (
 
 
 def vessels() -> list[str]:
-    """The options of the group `vessel`."""
+    """The names of all options of the group `vessel`."""
     return sorted(path.stem for path in (CONF / "vessel").glob("*.yaml"))
 
 
 def parameters_of(name: str) -> VesselParameters:
-    """A vessel as configured."""
+    """The parameters of a vessel, as configured."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose("trial", [f"vessel={name}"])
         node = OmegaConf.to_container(config.vessel, resolve=True)
@@ -35,21 +35,21 @@ def parameters_of(name: str) -> VesselParameters:
 
 
 def kinematics(vessel: VesselParameters) -> str:
-    """How its pose follows from its velocity."""
+    """The kinematics of a vessel: the relation between velocity and pose."""
     if vessel.planar:
         return "R(psi)"
     return f"{vessel.attitude}s" if vessel.dofs == DOFS else "along its axis"
 
 
 def counts(vessel: VesselParameters) -> tuple[int, int]:
-    """Hydrodynamic derivatives that are not zero, and coefficients of the whole table."""
+    """The numbers of nonzero hydrodynamic derivatives and of nonzero coefficients."""
     derivatives = vessel.derivatives | vessel.parameter_sets.get(vessel.parameters or "", {})
     known = sum(value != 0.0 for value in derivatives.values())
     return known, int(np.count_nonzero(vessel.nominal().theta))
 
 
 def row(name: str) -> list[str]:
-    """The cells of one vessel."""
+    """The table cells of one vessel."""
     vessel = parameters_of(name)
     known, whole = counts(vessel)
     dofs = "all six" if vessel.dofs == DOFS else ", ".join(vessel.dofs)
@@ -59,7 +59,7 @@ def row(name: str) -> list[str]:
 
 
 def table() -> str:
-    """The whole table in Markdown."""
+    """The complete table in Markdown."""
     rows = [list(HEADERS), ["---"] * len(HEADERS), *map(row, vessels())]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 

@@ -1,102 +1,168 @@
 """Compilation of the readable equations to machine code, cached on disk for every process.
 
 numba's own cache watches the file of the compiled function only, so a caller of a changed
-function would run stale. Here the cache folder is named by the content of every source file
-under `models/`: any change begins an empty one. A lock lets one process compile while the
-others, started at the same time, wait and then load.
-
-The folder is `$SEATRIAL_CACHE`, else `$XDG_CACHE_HOME/seatrial`, else `~/.cache/seatrial`,
-else (when none can be written) one in the system's temporary folder.
+function would run stale. Here the cache folder is named by the syntax trees of every source file
+under `models/`: a change of code begins an empty one, a change of comments does not.
 """
 
+# mypy: disallow-untyped-calls=False
+# (numba's caching is typed in part only)
 import hashlib
-import os
-import tempfile
-from collections.abc import Callable
+import logging
+import pickle
+import uuid
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
-from filelock import FileLock, Timeout
 from numba.core import config
-from numba.core.caching import FunctionCache
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    _CacheLocator,
+)
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+
+from seatrial.models.compile_lock import CompileLock
+from seatrial.models.source_digest import MODELS, cache_home, folder_digest, source
 
 numba_config: Any = config
+log = logging.getLogger(__name__)
 F = TypeVar("F", bound=Callable[..., Any])
-LOCK_TIMEOUT_S = 120.0
 LEAN: Any = {"_nrt": False, "forceinline": True}  # options of a `lean_kernel`
-
-
-@cache
-def source_hash() -> str:
-    """SHA-256 of every source file under `models/` (relative names and bytes), in hexadecimal."""
-    root = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0")
-        digest.update(path.read_bytes() + b"\0")
-    return digest.hexdigest()
-
-
-def _writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
 
 
 @cache
 def cache_folder() -> Path:
     """The folder that holds the machine code of exactly these sources."""
-    homes = [os.environ.get("SEATRIAL_CACHE"), os.environ.get("XDG_CACHE_HOME")]
-    candidates = [Path(homes[0])] if homes[0] else []
-    candidates += [Path(homes[1]) / "seatrial"] if homes[1] else []
-    candidates += [Path("~/.cache/seatrial").expanduser()]
-    candidates += [Path(tempfile.gettempdir()) / f"seatrial-{os.getuid()}"]
-    name = f"numba-{numba.__version__}-{source_hash()[:16]}"
-    return next((c / name for c in candidates if _writable(c / name)), candidates[-1] / name)
+    folder = cache_home() / _folder_name()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
-class _SharedCache(FunctionCache):
-    """numba's function cache, in which one process compiles and the others wait for it."""
+def _folder_name() -> str:
+    return f"numba-{numba.__version__}-{folder_digest(MODELS)[:16]}"
 
-    _lock: FileLock | None = None
-    _waiting: set[tuple[str, Any]] = set()  # noqa: RUF012 - one set a process
+
+class _Files(IndexDataCacheFile):
+    """numba's files of one kernel: an index, and a file of machine code a signature.
+
+    numba numbers the latter, so that two processes that save at once can take the same number for
+    two signatures. Here each name is new, and is in the index only when the file is whole.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        name = self._data_name(uuid.uuid4().int)
+        self._save_data(name, data)
+        self._save_index({**self._load_index(), key: name})
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except (EOFError, pickle.UnpicklingError):  # cut short by a loss of power
+            return {}
+
+
+class _Locator(_CacheLocator):
+    """Where numba keeps a function, and by what it knows that the source has changed."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self._function = function
+        self._py_file = function.__code__.co_filename
 
     @classmethod
-    def _acquire(cls) -> bool:
-        if cls._lock is None:
-            cls._lock = FileLock(str(cache_folder() / "compile.lock"))
-        try:
-            cls._lock.acquire(timeout=LOCK_TIMEOUT_S)
-        except (Timeout, OSError):
-            return False  # a process that died while holding it must not stop the others
-        return True
+    def from_function(cls, py_func: FunctionType, py_file: str) -> "_Locator":
+        return cls(py_func)
+
+    def get_cache_path(self) -> str:
+        return str(cache_folder())
+
+    def get_source_stamp(self) -> str:
+        """The function's own file counts twice: it may have changed after the folder was named."""
+        return source(Path(self._py_file)).digest
+
+    def get_disambiguator(self) -> str:
+        """Two functions of one name differ by their code, and outside `models/` by their file."""
+        outside = "" if Path(self._py_file).is_relative_to(MODELS) else self._py_file
+        parts = (self._function.__module__, outside, *_code_of(self._function))
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+def _code_of(function: FunctionType) -> tuple[object, ...]:
+    """What a function does, without its docstring and its place in the file."""
+    constants = function.__code__.co_consts
+    return _content(function.__code__, constants[1:] if function.__doc__ else constants)
+
+
+def _content(code: CodeType, constants: tuple[object, ...]) -> tuple[object, ...]:
+    return code.co_code, code.co_names, code.co_varnames, *map(_constant, constants)
+
+
+def _constant(value: object) -> object:
+    """A constant, in a form whose text is the same in every process."""
+    if isinstance(value, CodeType):
+        return _content(value, value.co_consts)
+    return sorted(map(repr, value)) if isinstance(value, frozenset) else value
+
+
+class _Storage(CompileResultCacheImpl):
+    _locator_classes: Any = [_Locator]  # noqa: RUF012 - read by numba
+
+
+class _Cache(FunctionCache):
+    """numba's function cache in the shared folder, with a lock."""
+
+    _impl_class = _Storage
+
+    def __init__(self, function: FunctionType, options: Mapping[str, bool]) -> None:
+        super().__init__(function)
+        self._options = tuple(sorted(options.items()))
+        name = self._impl.filename_base
+        self._cache_file = _Files(self._cache_path, name, self._impl.locator.get_source_stamp())
+        kernel = f"{function.__module__}.{function.__qualname__}"
+        self.lock = CompileLock(cache_folder() / f"{name}.lock", kernel)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), self._options)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code from disk; None when this process is to compile it, lock held."""
-        found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        if found is None and self._acquire():
-            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-            if found is None:
-                self._waiting.add((self._name, sig))
-            else:
-                self._release()
-        return found
+        """The machine code from disk; None when this process is to compile it."""
+        result = super().load_overload(sig, target_context)
+        if result is None:
+            self.lock.acquire()
+            result = super().load_overload(sig, target_context)
+            if result is None:
+                _announce()
+        return result
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the machine code and let the next process go."""
-        super().save_overload(sig, data)  # type: ignore[no-untyped-call]
-        if (self._name, sig) in self._waiting:
-            self._waiting.discard((self._name, sig))
-            self._release()
+        """Write the machine code, unless the sources have changed since the folder was named."""
+        with suppress(OSError):  # a full disk makes the next start slow, no more
+            if _folder_name() == cache_folder().name:
+                super().save_overload(sig, data)
 
-    @classmethod
-    def _release(cls) -> None:
-        if cls._lock is not None:
-            cls._lock.release()
+
+@cache
+def _announce() -> None:
+    """Say, once in a process, why it takes so long."""
+    log.info("compiling (first run on this machine)")
+
+
+class _Kernel(CPUDispatcher):
+    """numba's dispatcher, which releases the lock however a compilation ends."""
+
+    _cache: _Cache
+
+    def compile(self, sig: Any) -> Any:
+        with global_compiler_lock, self._cache.lock.scope():
+            return super().compile(sig)
 
 
 def kernel(function: F) -> F:
@@ -114,8 +180,9 @@ def lean_kernel(function: F) -> F:
 
 
 def _compile(function: F, **options: bool) -> F:
-    numba_config.CACHE_DIR = str(cache_folder())
-    njit: Any = numba.njit
-    compiled = njit(error_model="numpy", cache=True, **options)(function)
-    compiled._cache = _SharedCache(function)  # type: ignore[no-untyped-call]
+    if numba_config.DISABLE_JIT:
+        return function
+    targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
+    compiled = _Kernel(function, targetoptions=targetoptions)
+    compiled._cache = _Cache(cast(FunctionType, function), options)
     return cast(F, compiled)

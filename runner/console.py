@@ -14,7 +14,9 @@ from dataclasses import dataclass, field
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Protocol
 
+from seatrial.models.compile_lock import seconds_compiled
 from seatrial.models.errors import LogbookError
+from seatrial.runner.invocation import results_program
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
 
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
-COMPARE = "python -m runner.compare"
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
@@ -109,7 +110,7 @@ def compare(command: str, url: str, *arguments: str) -> str:
     words = [command, *arguments]
     if url != DEFAULT_DATABASE:
         words += ["--database", _shown(url)]
-    return f"{COMPARE} {shlex.join(words)}"
+    return f"{results_program()} {shlex.join(words)}"
 
 
 def _shown(url: str) -> str:
@@ -210,8 +211,13 @@ def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
         planned=status.planned,
         running=status.counts.get("running", 0),
         failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
-        left_s=pace.left_s(done, status.planned, time.monotonic()),
+        left_s=pace.left_s(done, status.planned, _clock_s()),
     )
+
+
+def _clock_s() -> float:
+    """A clock [s] that stands while this process compiles, which it does once on a machine."""
+    return time.monotonic() - seconds_compiled()
 
 
 class Pace:

@@ -1,13 +1,24 @@
-"""What makes two trials the same: their configuration, and the sources of the models."""
+"""What makes two trials the same: their configuration, and the code that computes their results.
+
+That code is all of `models/`, the modules of this package that `trial.py` imports, but for the
+storage, and the file of every part that comes from elsewhere. Comments and docstrings are no part
+of it.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-MODELS = Path(__file__).resolve().parent.parent / "models"
+from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
+
+RUNNER = Path(__file__).parent
+STORAGE = ("database", "compare")  # subpackages that store and show what was computed
+# The project's own packages, whatever they are installed as.
+OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
 # Where results go and how a trial is started do not change what it computes.
 NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run"})
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
@@ -16,7 +27,8 @@ EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: str) -> str:
     """SHA-256 of a resolved configuration, its chosen options' names and a digest of sources.
 
-    The order of keys does not matter, nor whether a whole number is written 1 or 1.0.
+    The order of keys does not matter, nor whether a whole number is written 1 or 1.0. A part
+    from outside of the project counts by its file, too.
     """
     compared = {key: value for key, value in config.items() if key not in NOT_COMPARED}
     compared["excitation"] = _by_content(compared.get("excitation"), "path")
@@ -24,7 +36,8 @@ def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: st
     if isinstance(disturbance, Mapping) and "wind" in disturbance:
         compared["disturbance"] = {**disturbance, "wind": _by_content(disturbance["wind"], "file")}
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
-    content = {"config": compared, "names": chosen, "sources": sources}
+    parts = {name: part_digest(name) for name in _targets(compared) if not name.startswith(OWN)}
+    content = {"config": compared, "names": chosen, "sources": sources, "parts": parts}
     return hashlib.sha256(canonical(content).encode()).hexdigest()
 
 
@@ -49,14 +62,39 @@ def canonical(value: Any) -> str:
     )
 
 
-def source_digest(folder: Path = MODELS) -> str:
-    """SHA-256 of the names and bytes of all sources under a folder."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py"), key=lambda path: path.relative_to(folder).as_posix()):
-        content = path.read_bytes()
-        name = path.relative_to(folder).as_posix().encode()
-        digest.update(b"%d %s %d " % (len(name), name, len(content)) + content)
-    return digest.hexdigest()
+def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) -> str:
+    """SHA-256 of the project's own code that computes results, by its syntax trees."""
+    runner_files = computing_files(runner_folder)
+    digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def computing_files(folder: Path = RUNNER) -> set[Path]:
+    """The files of the runner that compute what a trial stores: `trial.py` and its imports."""
+    return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
+
+
+def _targets(node: Any) -> Iterator[str]:
+    """The classes that a configuration names."""
+    if isinstance(node, Mapping):
+        if isinstance(node.get("_target_"), str):
+            yield node["_target_"]
+        node = list(node.values())
+    if isinstance(node, list | tuple):
+        for child in node:
+            yield from _targets(child)
+
+
+def part_digest(target: str) -> str:
+    """SHA-256 of the file that defines the class `module.Class`, and of what it runs with.
+
+    That is what the file imports of its own package; a module outside of a package counts alone.
+    """
+    module_name, _, class_name = target.rpartition(".")
+    module = import_module(getattr(import_module(module_name), class_name).__module__)
+    file, package = Path(str(module.__file__)), module.__package__
+    files = imported_files(file, file.parent, package) if package else {file}
+    return files_digest(file.parent, files)
 
 
 def _plain(value: Any) -> Any:

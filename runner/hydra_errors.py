@@ -13,6 +13,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import SeatrialError
+from seatrial.runner.invocation import trial_program
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 # Launchers that are no part of a plain installation, and the extra that brings them.
@@ -72,7 +73,7 @@ def _missing_config(error: MissingConfigException) -> str:
     if found is None:
         return _joined(str(error))
     if (extra := LAUNCHERS.get(found["option"])) and found["group"] == "hydra/launcher":
-        return f"hydra/launcher={found['option']} is not installed: pip install -e '.[{extra}]'"
+        return f"hydra/launcher={found['option']} is not installed: pip install 'seatrial[{extra}]'"
     options = sorted(error.options or ()) or _options(found["group"])
     close = get_close_matches(found["option"], options, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
@@ -104,7 +105,7 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     if not close:  # right name in the wrong place, or the other way round
         leaf = key.rpartition(".")[2]
         close = [name for name in known if name.rpartition(".")[2] == leaf][:3]
-    hint = f"did you mean {' or '.join(close)}?" if close else "see python -m runner --cfg job"
+    hint = f"did you mean {' or '.join(close)}?" if close else f"see {trial_program()} --cfg job"
     return f"{key}: unknown option, {hint}"
 
 

@@ -30,7 +30,7 @@ class Order:
         return shown(self.overrides)
 
     def fingerprint(self, sources: str) -> str:
-        """What makes this trial the same as another; `sources` is the digest of the models."""
+        """What makes this trial the same as another; `sources` is the digest of the code."""
         return fingerprint(self.config, self.names, sources)
 
 

@@ -17,60 +17,9 @@ from dataclasses import dataclass, field
 
 from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
-from submitit.slurm.slurm import SlurmInfoWatcher, SlurmJob
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.job import ENDED, Outcome, Plan, states
-
-# The state of Slurm's jobs, as the controller's queue tells it.
-#
-# submitit asks the accounting (`sacct`). A Slurm that keeps none never says that a job has ended,
-# so a sweep that lost one would wait for ever; one that does is asked every ten minutes only.
-# `squeue` answers everywhere.
-
-
-EVERY_S = 60  # at most between two questions; after a submission the first come sooner
-# squeue(1), JOB STATE CODES: what a job does not leave by itself. A preempted one may be queued
-# again; where it is not, it drops out of the queue.
-SLURM_ENDED = {
-    "BOOT_FAIL",
-    "CANCELLED",
-    "COMPLETED",
-    "DEADLINE",
-    "FAILED",
-    "NODE_FAIL",
-    "OUT_OF_MEMORY",
-    "TIMEOUT",
-}
-FORGOTTEN = "FORGOTTEN"  # ended longer ago than Slurm remembers (MinJobAge, five minutes)
-
-
-class QueueWatcher(SlurmInfoWatcher):
-    """Asks squeue for all of the user's jobs at once, those that ended of late among them."""
-
-    def _make_command(self) -> list[str] | None:
-        if not self._registered - self._finished:
-            return None
-        return ["squeue", "--me", "--array", "--noheader", "--states=all", "--format=%i|%T|%N"]
-
-    def read_info(self, string: bytes | str) -> dict[str, dict[str, str]]:
-        """State and nodes of each job that was submitted, from the answer of squeue."""
-        answer = string if isinstance(string, str) else string.decode()
-        listed = dict.fromkeys(self._registered, (FORGOTTEN, ""))
-        for line in answer.splitlines():
-            job, state, nodes = line.strip().split("|")
-            listed[job] = (state, nodes)
-        return {job: {"State": state, "NodeList": nodes} for job, (state, nodes) in listed.items()}
-
-    def is_done(self, job_id: str, mode: str = "standard") -> bool:
-        """Whether a job has ended, however it did."""
-        return self.get_state(job_id, mode) in {*SLURM_ENDED, FORGOTTEN}
-
-
-def watch_the_queue() -> None:
-    """Let submitit learn from the queue what becomes of its jobs."""
-    SlurmJob.watcher = QueueWatcher(delay_s=EVERY_S)
-
 
 POOL_LOST = (
     "a worker process was killed, or ran out of memory, and that ends the sweep: "
@@ -81,7 +30,6 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 WAIT_S = 0.5
 # submitit starts a process a job at once; basic keeps the configurations of all jobs it was given.
 AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
-ONE_BY_ONE = ("submitit", "ray")  # packages whose errors concern one job, not its neighbours
 
 
 @dataclass
@@ -120,6 +68,8 @@ def launch(
         return launched
     launcher = make()
     if choice == "submitit_slurm":
+        from seatrial.runner.slurm_queue import watch_the_queue
+
         watch_the_queue()
     size = size or AT_ONCE.get(choice) or len(plans)
     with _single_threaded_workers():

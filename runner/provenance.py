@@ -2,17 +2,14 @@
 
 import os
 import platform
-import shlex
 import subprocess
-import sys
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 from seatrial.runner.fingerprint import source_digest
+from seatrial.runner.invocation import ROOT, in_checkout, typed_command
 
-ROOT = Path(__file__).resolve().parent.parent
 # Those that a number in the database can depend on.
 PACKAGES = (
     "seatrial",
@@ -38,7 +35,7 @@ class Provenance:
     git_dirty: bool | None
     versions: dict[str, str]  # of packages; with python, platform and the number of cpus
     command: str  # as typed
-    sources: str  # digest of the models' sources
+    sources: str  # digest of the code that computes results
 
 
 @cache
@@ -50,7 +47,7 @@ def collect() -> Provenance:
         git_commit=commit,
         git_dirty=None if changes is None else changes != "",
         versions=_versions(),
-        command=shlex.join(sys.orig_argv),
+        command=typed_command(),
         sources=source_digest(),
     )
 
@@ -70,7 +67,12 @@ def _versions() -> dict[str, str]:
 
 
 def _git(*arguments: str) -> str | None:
-    """What git says about the checkout; None where there is no git, or no checkout."""
+    """What git says about the checkout; None where there is no git, or no checkout.
+
+    An installed package may lie inside another project's repository, whose commit is not ours.
+    """
+    if not in_checkout(ROOT):
+        return None
     try:
         answer = subprocess.run(
             ["git", "-C", str(ROOT), *arguments],

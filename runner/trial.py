@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Replay, check_limits, is_open_loop
-from seatrial.models.excitation.persistence import persistence
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, check_cutoff
@@ -139,7 +139,7 @@ def run(trial: Trial) -> Results:
     predicted, reasons = validation_metrics.prediction_metrics(problem, identified, excited.truth)
     for reason in reasons:
         log.warning("prediction: %s", reason.label)
-    mixed = excitation_results.mix_results(trial.excitation, excited, problem, identified)
+    mixed = excitation_results.mix_results(trial.excitation, excited)
     results = Results(
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[

@@ -51,7 +51,7 @@ def test_what_falls_short_says_by_how_much_and_why(tmp_path: Path) -> None:
 
 
 def test_a_file_without_benchmarks_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="holds no benchmark that passed"):
+    with pytest.raises(SystemExit, match="contains no passed benchmark"):
         read(written(tmp_path))
 
 

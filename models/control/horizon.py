@@ -25,8 +25,6 @@ import numpy as np
 
 from seatrial.models.vessel.basis import Array
 
-FREE = 1e30  # what the solver takes for no bound
-
 
 @dataclass(frozen=True, eq=False)
 class Horizon:

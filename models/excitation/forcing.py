@@ -8,11 +8,11 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.manoeuvres import open_loop
 from seatrial.models.excitation.missions import Mission, check_fraction, check_offset, steady_force
-from seatrial.models.excitation.open_loop import open_loop
 from seatrial.models.excitation.signals import Signal
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.splits import Split
+from seatrial.models.recording.recording import Split
 from seatrial.models.vessel.basis import Array
 
 

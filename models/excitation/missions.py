@@ -15,7 +15,7 @@ from seatrial.models.excitation.guidance import (
     straight_line_setpoints,
 )
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.splits import Split, half
+from seatrial.models.recording.recording import Split, half
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import PLANAR
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.open_loop import OpenLoop, ZigZagTable
+from seatrial.models.excitation.manoeuvres import OpenLoop, ZigZagTable
 from seatrial.models.ranges import NotNegative, check_ranges
-from seatrial.models.recording.splits import Mask
+from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array, Codes
-from seatrial.models.vessel.kinematics import in_body
+from seatrial.models.vessel.kinematics import in_body, wrap_kernel
 
 OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3
 Kind = Literal["manoeuvre", "stop", "passage"]
@@ -76,8 +76,7 @@ def _feedback(
     north, east, turn = 0.0, 0.0, 0.0
     if follow:
         north, east = table.poses[k, 0] - eta[0], table.poses[k, 1] - eta[1]
-        turn = table.poses[k, 2] - eta[2]
-        turn = np.arctan2(np.sin(turn), np.cos(turn))
+        turn = wrap_kernel(table.poses[k, 2] - eta[2])
     tau[0] = table.kp[0] * (c * north + s * east) - table.kd[0] * (nu[0] - table.velocities[k, 0])
     tau[1] = table.kp[1] * (-s * north + c * east) - table.kd[1] * (nu[1] - table.velocities[k, 1])
     tau[2] = table.kp[2] * turn - table.kd[2] * (nu[2] - table.velocities[k, 2])

@@ -31,8 +31,7 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.identification.validation import prediction
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.splits import blocked_k_fold
+from seatrial.models.recording.recording import Recording, blocked_k_fold
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag

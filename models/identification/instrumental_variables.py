@@ -23,10 +23,15 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification import blockwise_qr
-from seatrial.models.identification.lag import thruster_of
+from seatrial.models.identification.linear import qr
 from seatrial.models.identification.problem import Finding, Identified, Problem
-from seatrial.models.identification.residual import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
+from seatrial.models.identification.residual import (
+    CONSTANT,
+    NED_COLUMNS,
+    ResidualOptions,
+    Samples,
+    thruster_of,
+)
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.identification.uncertainty import (
     ErrorKind,
@@ -59,15 +64,6 @@ class Solution:
         """Weight of every sample's target in theta, shape (N, n_terms)."""
         return np.asarray(self.span @ self.share)
 
-    def white_errors(self) -> Array:
-        """Standard errors for white residuals, shape (n_terms, m); N - n_terms degrees of freedom.
-
-        s^2 diag((Phi' P Phi)^-1) with the projection P on the instruments.
-        """
-        n, n_terms = self.gains.shape
-        variance = np.sum(self.rest**2, axis=0) / (n - n_terms)
-        return np.sqrt(np.outer(np.sum(self.gains**2, axis=0), variance))
-
 
 def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution:
     """Two-stage least squares; z (N, n_instruments), phi (N, n_terms), y (N, m).
@@ -81,7 +77,7 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
         raise IdentificationError(
             f"got {z.shape[1]} instruments for {phi.shape[1]} terms, expected at least as many"
         )
-    zq, zr = blockwise_qr.qr(_scaled(z))
+    zq, zr = qr(_scaled(z))
     if z.shape[1] == phi.shape[1]:
         _check_rank(zr, names, "instruments")
     scale = _size(phi)

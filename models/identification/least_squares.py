@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.lag import thruster_of
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -29,6 +28,7 @@ from seatrial.models.identification.residual import (
     Samples,
     ned_columns,
     ned_table,
+    thruster_of,
 )
 from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
 from seatrial.models.ranges import NotNegative, Positive

@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.block_hankel import stretches
-from seatrial.models.identification.prediction import sample_time
 from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
-from seatrial.models.identification.sampled_data import GAP, Sampled, sampled
+from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -132,7 +130,7 @@ def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording
             f"identifier.hold_s: got {held_out.period_s:g} s, expected at most the "
             f"{len(recording)} samples that are held out"
         )
-    first = np.flatnonzero(np.diff(recording.t, prepend=-np.inf) > GAP * sample_time(recording))
+    first = np.flatnonzero(recording.piece_starts)
     first = first[np.unique(held_out.stretch)]
     free, drift = [], np.zeros(len(recording.dofs))
     ys, us = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))

@@ -152,7 +152,7 @@ def fit_through(
 def _distance(predictor: Predictor, point: Array, sigma: Array | None) -> float:
     """Sum of squares of the prediction errors from the measured initial states."""
     scale = predictor.spread if sigma is None else sigma
-    return float(np.sum(((predictor.course.measured - predictor.predict(point)) / scale) ** 2))
+    return float(np.sum((predictor.deviation(point) / scale) ** 2))
 
 
 def fit_findings(predictor: Predictor, found: Fit) -> list[Finding]:

@@ -24,9 +24,8 @@ from seatrial.models.identification.kernel_pls import (
     mean_squares,
     output_moment,
 )
-from seatrial.models.identification.lag import thruster_of
 from seatrial.models.identification.problem import Finding, Identified, Problem
-from seatrial.models.identification.residual import CONSTANT, ResidualOptions
+from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.ranges import PositiveInt
 from seatrial.models.vessel.basis import Array, Term

@@ -47,7 +47,7 @@ class Fit:
     """A converged fit; `jacobian` and `rest` are divided by sigma."""
 
     point: Array  # (m,)
-    start: Array  # (n_starts, 2 n_dof) states that the predictions begin with
+    start: Array  # (n_starts, 2 n_dof) where the predictions begin beside the measured states
     jacobian: Array  # (N 2 n_dof, m) of what is predicted, without what the initial states explain
     rest: Array  # (N, 2 n_dof) measured - predicted
     sigma: Array  # (2 n_dof,)
@@ -68,7 +68,8 @@ class Misfit:
         restart = predictor.course.restart
         self.begin = np.flatnonzero(restart)
         self.group = np.cumsum(restart) - 1  # prediction that each sample belongs to
-        self.start = predictor.course.start[restart]  # of the last accepted point
+        states = predictor.course.measured.shape[1]
+        self.start = np.zeros((len(self.begin), states))  # beside the measured ones, last accepted
 
     def best(self, x: Array) -> tuple[Array, Array]:
         """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof)."""
@@ -110,11 +111,21 @@ class Misfit:
     def _slope(self, x: Array, i: int, start: Array, rest: Array, step: float) -> Array:
         moved = x.copy()
         moved[i] += step * max(abs(x[i]), 1.0)
-        return np.asarray((self._rest(moved, start) - rest) / (moved[i] - x[i]))
+        return np.asarray(self._change(rest, self._rest(moved, start)) / (moved[i] - x[i]))
 
     def _rest(self, x: Array, start: Array) -> Array:
-        predicted = self.predictor.predict(x * self.size, start)
-        return np.asarray((self.predictor.course.measured - predicted) / self.sigma)
+        return np.asarray(-self.predictor.deviation(x * self.size, start) / self.sigma)
+
+    def _change(self, rest: Array, moved: Array) -> Array:
+        """moved - rest, where a small change of an attitude may turn an error past half a turn."""
+        after = moved * self.sigma
+        for columns in self.predictor.attitudes:
+            turn = after[:, columns]
+            size = np.linalg.norm(turn, axis=1, keepdims=True)
+            jumped = np.linalg.norm(turn - (rest * self.sigma)[:, columns], axis=1) > np.pi
+            full = 2.0 * np.pi / np.where(size > 0.0, size, 1.0)
+            after[:, columns] = np.where(jumped[:, None], turn - full * turn, turn)
+        return np.asarray(after / self.sigma - rest)
 
     def _slopes(self, x: Array, start: Array, rest: Array) -> Array:
         """Derivative of `rest` by the initial states, shape (N, 2 n_dof, 2 n_dof)."""
@@ -122,7 +133,7 @@ class Misfit:
         for j, spread in enumerate(self.predictor.spread):
             moved = start.copy()
             moved[:, j] += STEP * spread
-            slopes.append((self._rest(x, moved) - rest) / (STEP * spread))
+            slopes.append(self._change(rest, self._rest(x, moved)) / (STEP * spread))
         return np.stack(slopes, axis=2)
 
     def _explained(self, slopes: Array, values: Array) -> Array:

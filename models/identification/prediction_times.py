@@ -1,8 +1,8 @@
 """How long n predictions take without JIT, with it, and many at once. Hoyer (2021), section 7.6.
 
 Each way is timed in a process of its own, with an empty cache of machine code, so that the time
-of the first call includes the compilation. `many at once` predicts blocks of candidates in one
-compiled call (`population`), where the thesis started a thread for each.
+of the first call includes the compilation. `many at once` predicts packs of candidates in one
+compiled call, where the thesis started a thread for each.
 """
 
 import json
@@ -19,12 +19,16 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.lanes import METRICS
-from seatrial.models.identification.population import prediction_errors
-from seatrial.models.identification.prediction import Course, course_of, predict
+from seatrial.models.identification.free_run import (
+    METRICS,
+    Course,
+    course_of,
+    predict,
+    predicted_layout,
+    prediction_errors,
+)
 from seatrial.models.identification.problem import Finding, Identified, NoIdentifier, Problem
-from seatrial.models.identification.structure import Structure, layout
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.plant_table import PlantTable
 
 WAYS = ("without JIT", "with JIT", "with JIT, many at once")
 LIMIT = 10.0  # of the rates, Hoyer (2021), section 6.4
@@ -35,9 +39,7 @@ SHORT_S, REPEATS = 0.1, 5  # a time below is measured again, for others use the 
 class Task(NamedTuple):
     """What is predicted: the nominal model along a recording; arrays only."""
 
-    structure: Structure
-    entries: Array
-    inverse: Array
+    plant: PlantTable
     course: Course
 
 
@@ -62,11 +64,10 @@ class PredictionTimes:
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The nominal model; the times as findings `prediction_time` (i = n, label = way)."""
         nominal = problem.nominal
-        plan = layout(nominal.terms, nominal.dofs, nominal.theta != 0.0, "euler")
-        course = course_of(problem.training, problem.thruster, None, None, LIMIT)
-        entries = plan.entries(nominal.theta[None])[:, 0].copy()
-        inverse = plan.inverse_inertia(nominal.theta[None])[0][..., 0].copy()
-        task = Task(plan.structure, entries, inverse, course)
+        plan = predicted_layout(nominal.terms, nominal.dofs, nominal.theta != 0.0)
+        course = course_of(problem.training, problem.thruster, None, None, LIMIT, nominal.attitude)
+        inverse, _ = plan.inverse_inertia(nominal.theta[None])
+        task = Task(plan.plant(nominal.theta, inverse[..., 0]), course)
         findings = []
         for way in WAYS:
             calls = self.interpreted_calls if way == WAYS[0] else self.calls
@@ -125,19 +126,18 @@ def _least(predicted: Callable[[Task, int], None], task: Task, n: int) -> float:
 
 def one_by_one(task: Task, n: int) -> None:
     """n predictions, one after the other."""
-    states = np.empty_like(task.course.measured)
+    states = np.empty_like(task.course.reached)
     for _ in range(n):
-        predict(task.structure, task.entries, task.inverse, task.course, states)
+        predict(task.plant, task.course, True, states)
 
 
 def at_once(task: Task, n: int) -> None:
     """n candidates in one call."""
-    entries = np.repeat(task.entries[:, None], n, axis=1)
-    inverse = np.repeat(task.inverse[:, :, None], n, axis=2)
-    errors, limited = np.empty((n, task.course.measured.shape[1])), np.empty(n)
-    prediction_errors(
-        task.structure, entries, inverse, task.course, METRICS.index("mae"), errors, limited
-    )
+    plant, course = task.plant, task.course
+    entries = np.repeat(plant.entries[:, None], n, axis=1)
+    inverse = np.repeat(plant.inverse_inertia[:, :, None], n, axis=2)
+    errors, limited = np.empty((n, course.measured.shape[1])), np.empty(n)
+    prediction_errors(plant, entries, inverse, course, True, METRICS.index("mae"), errors, limited)
 
 
 def main() -> None:

@@ -9,14 +9,23 @@ from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
-from seatrial.models.identification.lanes import METRICS
-from seatrial.models.identification.population import prediction_errors
-from seatrial.models.identification.prediction import Course, course_of, predict
+from seatrial.models.identification.free_run import (
+    METRICS,
+    Course,
+    Integrator,
+    course_of,
+    deviations,
+    predict,
+    predicted_layout,
+    prediction_errors,
+    spread,
+)
 from seatrial.models.identification.problem import Problem, check_force
-from seatrial.models.identification.structure import Flags, Integrator, Layout, layout
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.plant_table import Flags, Layout
 from seatrial.models.vessel.table import PLANAR, Vessel, poses_of, velocities_of
 
 POSE_UNIT = {"x": "m", "y": "m", "z": "m", "phi": "rad", "theta": "rad", "psi": "rad"}
@@ -29,6 +38,7 @@ class Predictor:
     free: FreeParameters
     plan: Layout
     course: Course
+    integrator: Integrator
 
     @cached_property
     def dofs(self) -> tuple[str, ...]:
@@ -40,6 +50,12 @@ class Predictor:
         """Names of the states: poses, then velocities."""
         return poses_of(self.free.nominal.dofs) + velocities_of(self.free.nominal.dofs)
 
+    @property
+    def attitudes(self) -> list[list[int]]:
+        """Columns of the states that are one attitude: three angles together, or each alone."""
+        angles = [i for i, dof in enumerate(self.free.nominal.dofs) if dof in DOFS[3:]]
+        return [angles] if self.free.nominal.dofs == DOFS else [[i] for i in angles]
+
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the states."""
@@ -49,29 +65,29 @@ class Predictor:
     @cached_property
     def spread(self) -> Array:
         """Standard deviation of each measured state, 1 for one that does not move."""
-        deviation = np.std(self.course.measured, axis=0)
+        deviation = spread(self.course)
         return np.where(deviation > 0.0, deviation, 1.0)
 
-    def predict(self, point: Array, start: Array | None = None) -> Array:
-        """Pose and velocity of one design point, shape (N, 2 n_dof).
+    def predict(self, point: Array, offset: Array | None = None) -> Array:
+        """States of one design point, shape (N, n_pose + n_dof).
 
-        `start` (n, 2 n_dof) replaces the measured states that the n predictions begin with. The
+        `offset` (n, 2 n_dof) is where the n predictions begin beside the measured states. The
         prediction is NaN where the inertia is not positive definite.
         """
-        course = self.course
-        if start is not None:
-            begun = course.start.copy()
-            begun[course.restart] = start
-            course = course._replace(start=begun)
+        course = self.course if offset is None else self.course.begun(offset)
         tables = self.free.tables(point[None])
-        entries = np.ascontiguousarray(self.plan.entries(tables)[:, 0])
         inverses, realistic = self.plan.inverse_inertia(tables)
         if not realistic[0]:
-            return np.full_like(course.measured, np.nan)
-        inverse = np.ascontiguousarray(inverses[..., 0])
-        predicted = np.empty_like(course.measured)
-        predict(self.plan.structure, entries, inverse, course, predicted)
+            return np.full_like(course.reached, np.nan)
+        plant = self.plan.plant(tables[0], inverses[..., 0])
+        predicted = np.empty_like(course.reached)
+        predict(plant, course, self.integrator == "euler", predicted)
         return predicted
+
+    def deviation(self, point: Array, offset: Array | None = None) -> Array:
+        """Predicted - measured, attitudes by rotation vectors, shape (N, 2 n_dof)."""
+        predicted = self.predict(point, offset)
+        return deviations(self.course.kinematics, self.course.reached, predicted)
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m): per state (n, 2 n_dof), and two warnings.
@@ -85,10 +101,10 @@ class Predictor:
         limited = np.empty(len(points))
         prediction_errors(
             self.plan.structure, self.plan.entries(tables), inverse, self.course,
-            METRICS.index(metric), errors, limited,
+            self.integrator == "euler", METRICS.index(metric), errors, limited,
         )  # fmt: skip
-        stages = 4 if self.plan.structure.rk4 else 1
-        return errors, limited / (stages * self.course.measured.size), realistic
+        stages = 1 if self.integrator == "euler" else 4
+        return errors, limited / (stages * self.course.reached.size), realistic
 
 
 def _canonical(label: str) -> str:
@@ -158,12 +174,12 @@ class PredictionOptions:
         """Predictor of the training part; `horizon` overrides the option."""
         free = self.free(problem.nominal)
         nominal = free.nominal
-        plan = layout(nominal.terms, nominal.dofs, free.support, self.integrator)
+        plan = predicted_layout(nominal.terms, nominal.dofs, free.support)
         course = course_of(
             problem.training, problem.thruster, self.force, horizon or self.horizon,
-            self.derivative_limit,
+            self.derivative_limit, nominal.attitude,
         )  # fmt: skip
-        return Predictor(free, plan, course)
+        return Predictor(free, plan, course, self.integrator)
 
     def box(self, free: FreeParameters) -> tuple[Array, Array]:
         """Lower and upper bounds of the parameters, infinite where there are none, shape (m,)."""

@@ -4,6 +4,16 @@
 
 Every identifier of a coefficient table is told the same about its data (`ResidualOptions`) and
 begins with the same samples of Phi and epsilon (`Samples`).
+
+Where the thruster lag is not known, the one is taken that makes the filtered force most
+explicable. For each natural frequency and damping the command is passed through the lag and
+regressed on the basis; the pair with the largest R^2 *of the filtered force* wins,
+
+    maximise mean over dof of 1 - |rest|^2 / |f - mean f|^2,    f = lag(command).
+
+Dividing by the variance of the lack of fit instead would reward a lag that makes the force, and
+with it the lack of fit, large. Standard errors of coefficients are those at the lag that was
+found. An axis that is hardly excited near the lag's frequency does not tell a lag from inertia.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.problem import choose_basis, lack_of_fit
+from seatrial.models.identification.problem import Finding, Problem, choose_basis, lack_of_fit
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
@@ -24,6 +34,10 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 CONSTANT = basis.term("1")
 NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
+SETTLE_S = 10.0  # the lag's state at the start is not known; its effect is gone by then
+FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] where the search begins
+DAMPINGS = np.geomspace(0.3, 2.0, 4)
+NOTHING_LEFT = 1e-12  # share of the force below which a better fit is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,3 +162,84 @@ def ned_table(force: Array) -> Array:
     """The same as coefficients of cos(psi) and sin(psi), shape (2, 3); force (north, east) [N]."""
     north, east = force
     return np.array([[-north, -east, 0.0], [-east, north, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What does not change while the lag does."""
+
+    options: ResidualOptions
+    problem: Problem
+    keep: slice
+    fitted: Array  # (N, n_dof) force that the nominal model needs
+    u: Array  # (N, rank) orthonormal columns of the basis
+
+    def unexplained(self, logs: Array) -> float:
+        """Mean over dof of 1 - R^2 of the filtered force, for (log frequency, log damping)."""
+        force = self.force(SecondOrderLag(*np.exp(logs)))
+        rest = force - self.fitted
+        rest -= self.u @ (self.u.T @ rest)
+        moves = np.var(force, axis=0) > 0.0
+        if not np.any(moves):
+            return 1.0
+        ratios = np.mean(rest[:, moves] ** 2, axis=0) / np.var(force[:, moves], axis=0)
+        return float(np.mean(ratios))
+
+    def force(self, lag: SecondOrderLag) -> Array:
+        """Filtered and low-passed command [N, Nm], (N, n_dof)."""
+        return self.options.filtered(self.problem.training, lag).force("filtered")[self.keep]
+
+
+def thruster_of(
+    options: ResidualOptions, problem: Problem
+) -> tuple[SecondOrderLag | None, tuple[Finding, ...]]:
+    """The lag to filter the command with, by `options.thruster`, and what was found of it."""
+    if options.thruster == "known":
+        return problem.thruster, ()
+    if options.thruster == "none":
+        return None, ()
+    return estimate(options, problem)
+
+
+def estimate(
+    options: ResidualOptions, problem: Problem
+) -> tuple[SecondOrderLag, tuple[Finding, ...]]:
+    """The lag of the largest R^2, by a grid and then the simplex of Nelder and Mead."""
+    from scipy.optimize import minimize  # slow to import
+
+    search = _prepare(options, problem)
+    grid = np.array([(np.log(w), np.log(d)) for w in FREQUENCIES for d in DAMPINGS])
+    start = grid[int(np.argmin([search.unexplained(point) for point in grid]))]
+    found = minimize(
+        lambda logs: np.log(search.unexplained(np.clip(logs, -5.0, 6.0)) + NOTHING_LEFT),
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 500},
+    )
+    frequency, damping = (float(value) for value in np.exp(np.clip(found.x, -5.0, 6.0)))
+    lag = SecondOrderLag(frequency, damping)
+    r2 = 1.0 - search.unexplained(found.x)
+    return lag, (
+        Finding("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
+        Finding("thruster_damping", "all", lag.damping),
+        Finding("thruster_r2", "all", r2),
+    )
+
+
+def _prepare(options: ResidualOptions, problem: Problem) -> _Search:
+    """The basis with cos(psi), sin(psi) beside it, so that a constant force does not mislead."""
+    training = problem.training
+    any_lag = SecondOrderLag(1.0, 1.0)
+    samples = options.samples(training, problem.nominal, any_lag)
+    settle = round(SETTLE_S / training.period_s)
+    if len(samples) < settle + 2 * len(samples.terms):
+        raise IdentificationError(
+            f"thruster=estimated: the training part has {len(samples)} samples, expected at "
+            f"least {settle + 2 * len(samples.terms)}"
+        )
+    keep = slice(settle, None)
+    columns = np.hstack([samples.phi, samples.heading])[keep]
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    u, s, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    fitted = (samples.force - samples.epsilon)[keep]
+    return _Search(options, problem, keep, fitted, u[:, s > 1e-10 * s[0]])

@@ -22,7 +22,7 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, REFERENCES
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import in_body
+from seatrial.models.vessel.kinematics import in_body, in_ned
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
@@ -72,20 +72,6 @@ GUIDANCE[Adrift] = _ask_nothing
 REFERENCES[Adrift] = _stay
 
 
-def held_force(recording: Recording, kind: str | None) -> Array:
-    """Force [N, Nm] of every control period (N, n_dof), of the kind that the residual has.
-
-    A command is held from its sample on. What passed a known lag is continuous: its mean over the
-    period. An acting force that was recorded is what acts at the period's end, exact where it
-    follows the command at once.
-    """
-    force = recording.force(kind)
-    if force is recording.tau:
-        return force
-    after = np.vstack([force[1:], force[-1:]])
-    return after if force is recording.tau_actual else 0.5 * (force + after)
-
-
 def simulated_motion(
     recording: Recording, model: Vessel, force: str | None, restart_s: float | None
 ) -> tuple[Recording, NDArray[np.bool_]]:
@@ -125,7 +111,7 @@ def mean_wind(recording: Recording) -> Array | None:
     """Mean of the measured wind in NED [m/s], shape (2,); None where it was not measured."""
     if recording.wind is None:
         return None
-    north_east = in_body(recording.wind, -recording.attitude[:, 2])  # back by the same angle
+    north_east = in_ned(recording.wind, recording.attitude[:, 2])
     return np.asarray(np.mean(north_east, axis=0))
 
 
@@ -141,7 +127,10 @@ def _simulated(
     limits: tuple[float, ...],
 ) -> tuple[Array, Array]:
     """Velocity and acceleration of a model from the first measured state on, (N, n_dof) each."""
-    forces = held_force(piece, force)
+    # A recorded acting force is what acts at a period's end, exact where it follows the command at
+    # once; what passed a known lag is continuous and acts by its mean.
+    at_end = piece.force(force) is piece.tau_actual
+    forces = piece.held_force(force)[:, 2 if at_end else 1]
     n, n_dof = forces.shape
     still = np.zeros((n, n_dof))
     weather = Weather(still, still, still, still)

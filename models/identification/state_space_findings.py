@@ -7,10 +7,9 @@ from the first sample show the bias.
 
 import numpy as np
 
-from seatrial.models.identification.block_hankel import stretches
 from seatrial.models.identification.physical_form import PhysicalForm
 from seatrial.models.identification.problem import Finding
-from seatrial.models.identification.sampled_data import Sampled
+from seatrial.models.identification.sampled_data import Sampled, stretches
 from seatrial.models.identification.subspace import Realisation
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
 from seatrial.models.simulation.statespace import StateSpace
@@ -106,8 +105,3 @@ def fit(y: Array, predicted: Array) -> Array:
     error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)
-
-
-def variance_accounted_for(y: Array, predicted: Array) -> Array:
-    """100 (1 - var(y - y_hat) / var(y)) [%] per column, the measure of the SLICOT collection."""
-    return np.asarray(100.0 * (1.0 - np.var(y - predicted, axis=0) / np.var(y, axis=0)))

@@ -25,7 +25,8 @@ import numpy as np
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.block_hankel import (
+from seatrial.models.identification.linear import triangle, turns
+from seatrial.models.identification.sampled_data import (
     Record,
     Window,
     explained_by_past,
@@ -33,7 +34,6 @@ from seatrial.models.identification.block_hankel import (
     stretches,
     triangular,
 )
-from seatrial.models.identification.blockwise_qr import triangle, turns
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
 

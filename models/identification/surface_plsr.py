@@ -36,10 +36,9 @@ from seatrial.models.identification.kernel_pls import (
     output_moment,
     partial_least_squares,
 )
-from seatrial.models.identification.lag import thruster_of
 from seatrial.models.identification.plsr import PartialLeastSquares
 from seatrial.models.identification.problem import Finding, Identified, Problem
-from seatrial.models.identification.residual import Samples
+from seatrial.models.identification.residual import Samples, thruster_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import SQUARE_UNIT, Vessel, coefficient_unit
 

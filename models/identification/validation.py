@@ -12,10 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.prediction import Course, course_of, predict
-from seatrial.models.identification.structure import Flags, Layout, layout
+from seatrial.models.identification.free_run import (
+    Course,
+    course_of,
+    deviations,
+    predict,
+    predicted_layout,
+)
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.plant_table import Flags, PlantTable
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -37,37 +43,35 @@ class Ahead(NamedTuple):
 class Prediction:
     """A model that predicts a recording."""
 
-    plan: Layout
-    entries: Array
-    inverse: Array
+    plant: PlantTable
     course: Course
 
-    def states(self, restart: Flags | None = None) -> tuple[Array, float]:
-        """Pose and velocity (N, 2 n_dof), and the number of rates that had to be limited.
+    def deviations(self, restart: Flags | None = None) -> tuple[Array, float]:
+        """Predicted - measured, (N, 2 n_dof), and the share of rates that had to be limited.
 
-        Predictions begin where `restart` (N,) is true, by default as the course says.
+        Attitudes differ by rotation vectors. Predictions begin where `restart` (N,) is true, by
+        default as the course says.
         """
         course = self.course if restart is None else self.course._replace(restart=restart)
-        states = np.empty_like(course.measured)
-        count = predict(self.plan.structure, self.entries, self.inverse, course, states)
-        return states, count
+        states = np.empty_like(course.reached)
+        count = predict(self.plant, course, False, states)
+        return deviations(course.kinematics, course.reached, states), count / (4.0 * states.size)
 
     def ahead(self, steps: int | None) -> Ahead:
         """Errors `steps` after every measured state, or (None) of the course as it is."""
-        begins, measured = self.course.restart, self.course.measured
+        begins = self.course.restart
         if steps is None:
-            states, limited = self.states()
-            rest = (states - measured)[~begins]
-            return _ahead(rest, limited / (4.0 * measured.size))
+            errors, limited = self.deviations()
+            return _ahead(errors[~begins], limited)
         index = np.arange(len(begins))
         since = index - np.maximum.accumulate(np.where(begins, index, 0))
         rests, limited = [], 0.0
         for first in range(steps + 1):  # the samples that are `steps` after such a restart
-            states, count = self.states(begins | ((since - first) % (steps + 1) == 0))
+            errors, share = self.deviations(begins | ((since - first) % (steps + 1) == 0))
             reached = (since >= first + steps) & ((since - first) % (steps + 1) == steps)
-            rests.append((states - measured)[reached])
-            limited += count
-        return _ahead(np.vstack(rests), limited / (4.0 * measured.size * (steps + 1)))
+            rests.append(errors[reached])
+            limited += share
+        return _ahead(np.vstack(rests), limited / (steps + 1))
 
 
 def _ahead(rest: Array, limited: float) -> Ahead:
@@ -89,15 +93,12 @@ def prediction(
     a term needs what is not predicted, such as the heading in surge alone.
     """
     limit = max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
-    course = course_of(recording, thruster, force, horizon, limit)
+    course = course_of(recording, thruster, force, horizon, limit, model.attitude)
     try:
-        plan = layout(model.terms, model.dofs, model.theta != 0.0, "rk4")
+        plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
     except ConfigurationError as error:
         raise IdentificationError(str(error)) from error
     inverse, realistic = plan.inverse_inertia(model.theta[None])
     if not realistic[0]:
         raise IdentificationError("its inertia is not positive definite")
-    entries = plan.entries(model.theta[None])[:, 0]
-    return Prediction(
-        plan, np.ascontiguousarray(entries), np.ascontiguousarray(inverse[..., 0]), course
-    )
+    return Prediction(plan.plant(model.theta, inverse[..., 0]), course)

@@ -23,10 +23,18 @@ from seatrial.models.planning.a_star import (
     relaxed,
     shortest,
 )
-from seatrial.models.planning.lattice import Lattice, Placed, placed
-from seatrial.models.planning.primitives import HEADINGS, Pace, Primitive
+from seatrial.models.planning.lattice import (
+    HEADINGS,
+    STEP,
+    Lattice,
+    Pace,
+    Placed,
+    Primitive,
+    placed,
+)
 from seatrial.models.planning.waters import Waters, clear
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_ned, wrap
 
 MOST_STATES = 30_000_000
 
@@ -223,20 +231,14 @@ def _legs(setting: Setting, steps: Integers) -> list[Leg]:
     for p in steps:
         h, i, j = (int(k) for k in np.unravel_index(place, (HEADINGS, *lattice.shape)))
         path = board.paths[p][h]
-        c, s = np.cos(task.start[2]), np.sin(task.start[2])
-        poses = np.column_stack(
-            [
-                lattice.pose(place)[0] + c * path[:, 0] - s * path[:, 1],
-                lattice.pose(place)[1] + s * path[:, 0] + c * path[:, 1],
-                pose[2] + path[:, 2] - h * 2.0 * np.pi / HEADINGS,
-            ]
-        )
+        position = lattice.pose(place)[:2] + in_ned(path[:, :2], task.start[2])
+        poses = np.column_stack([position, pose[2] + path[:, 2] - h * STEP])
         legs.append(Leg(board.names[p], p < len(task.used), poses))
         pose = poses[-1]
         row, column = i + int(board.di[p, h]), j + int(board.dj[p, h])
         place = (int(board.to[p, h]) * lattice.shape[0] + row) * lattice.shape[1] + column
     end = task.goal.copy()
-    end[2] = pose[2] + np.arctan2(np.sin(end[2] - pose[2]), np.cos(end[2] - pose[2]))
+    end[2] = pose[2] + wrap(end[2] - pose[2])
     rest = np.tile(end, (task.hold, 1))
     passage = task.pace.line(pose, end) if np.max(np.abs(end - pose)) > 1e-9 else rest[:0]
     if len(passage) + len(rest):

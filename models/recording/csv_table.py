@@ -1,19 +1,28 @@
-"""CSV files as columns of numbers, with errors that name file, line and column."""
+"""CSV files as columns of numbers, and which column is what; errors name file, line and column."""
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 
-from seatrial.models.errors import RecordingError
-from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS
+from seatrial.models.recording.preprocessing import without_sign_flips
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import euler_zyx, unroll
 
-UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
+LARGEST_BLOCK = 2**31 - 1  # bytes that pyarrow parses at once
 LARGEST = 1e30  # what is larger was not measured, and its square is not far from overflow
+NUMBER = r"^(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)$"
+MISSING = r"^([+-]?[nN][aA][nN])?$"
+KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
+NORM_TOLERANCE = 0.05  # of a quaternion's length: more is not rounding but a wrong column
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +30,11 @@ class Table:
     """Number columns of a CSV file with one header line; NaN where a cell is empty."""
 
     path: Path
-    lines: Codes  # (N,) line of the file that each row ends on, for messages
     columns: dict[str, Array]  # (N,) each
-    present: tuple[str, ...]  # names of all columns of the file
+
+    def line(self, row: int) -> int:
+        """Line of the file that a row ends on, for messages: the file is read again."""
+        return next(islice(_cells(self.path, _text(self.path)), row + 1, None))[0]
 
 
 def read_table(
@@ -34,103 +45,94 @@ def read_table(
     `gaps` allows empty cells and NaN. RecordingError when the file cannot be read, a required
     column is missing, or a cell of one of these columns is not a finite number.
     """
-    header, rows, lines = _rows(path)
+    text = _text(path)
+    head = list(islice(_cells(path, text), 2))
+    if len(head) < 2:
+        raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
+    line, header = head[0][0], [name.strip() for name in head[0][1]]
     for name in required:
         if name not in header:
-            raise RecordingError(f"{path}: no column {name!r}, expected it among {listed(header)}")
-    columns = {}
-    for name in dict.fromkeys((*required, *(each for each in optional if each in header))):
+            names = shorten(", ".join(header), 600, placeholder=" ...")
+            raise RecordingError(f"{path}: no column {name!r}, expected it among {names}")
+    chosen = list(dict.fromkeys((*required, *(each for each in optional if each in header))))
+    for name in chosen:
         if header.count(name) > 1:
             raise RecordingError(f"{path}: {header.count(name)} columns {name!r}, expected one")
-        place = header.index(name)
-        columns[name] = _numbers(
-            [row[place] for row in rows], lines, f"{path}, column {name}", gaps
-        )
-    return Table(path, np.array(lines, dtype=np.int64), columns, tuple(header))
+    texts = _texts(path, text, line, len(header), [header.index(name) for name in chosen])
+    table = Table(path, {})
+    for name, cells in zip(chosen, texts, strict=True):
+        table.columns[name] = _numbers(table, name, cells, gaps)
+    return table
 
 
-def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
-    """Raise RecordingError where time does not increase in uniform steps.
+def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence[int]) -> Any:
+    """The columns at some places below the header, as text without spaces about it."""
+    import pyarrow as pa  # slow to import
+    from pyarrow import compute as pc
+    from pyarrow import csv as arrow_csv
 
-    A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
-    """
-    t = table.columns[name]
-    check_increasing(table, name)
-    steps = np.diff(t)
-    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
-    wrong = np.abs(steps - period) > UNIFORMITY * period
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.lines[k + 1]}: got a step of "
-            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
-        )
-
-
-def check_increasing(table: Table, name: str) -> None:
-    """Raise RecordingError where a time is missing or does not come after the one before."""
-    t = table.columns[name]
-    if len(t) < 2:
-        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
-    wrong = ~(np.diff(t) > 0.0)  # also where a time is missing
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, line {table.lines[k + 1]}: got {t[k + 1]:.6f} s after "
-            f"{t[k]:.6f} s, expected time to increase"
-        )
-
-
-def check_gaps(table: Table, time: str, longest_s: float) -> None:
-    """Raise RecordingError where a column has no sample for more than `longest_s` [s].
-
-    Columns may begin late and end early.
-    """
-    check_increasing(table, time)
-    for name, values in table.columns.items():
-        known = np.flatnonzero(~np.isnan(values))
-        if len(known) < 2:
-            raise RecordingError(
-                f"{table.path}, column {name}: got {len(known)} samples, expected at least 2"
-            )
-        t = table.columns[time][known]
-        gaps = np.diff(t)
-        if np.max(gaps) > longest_s:
-            k = int(np.argmax(gaps > longest_s))
-            raise RecordingError(
-                f"{table.path}, column {name}, line {table.lines[known[k]]}: got no sample for "
-                f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
-            )
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names on one line, however many and whatever they hold."""
-    return shorten(", ".join(names), 600, placeholder=" ...")
-
-
-def _rows(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Header, rows of equally many cells, and the line of each row; blank lines are skipped."""
-    reader = csv.reader(io.StringIO(_text(path), newline=""))
-    rows: list[list[str]] = []
-    lines: list[int] = []
+    data, names = text.encode(), [str(place) for place in range(width)]
+    chosen = {names[place]: pa.string() for place in places}
     try:
-        header = [name.strip() for name in next(row for row in reader if row)]
+        table = arrow_csv.read_csv(
+            pa.py_buffer(data),
+            arrow_csv.ReadOptions(
+                use_threads=False,
+                block_size=min(len(data), LARGEST_BLOCK),
+                skip_rows=header_line,
+                column_names=names,
+            ),
+            arrow_csv.ParseOptions(newlines_in_values=True),
+            arrow_csv.ConvertOptions(
+                include_columns=list(chosen), column_types=chosen, strings_can_be_null=False
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        raise _not_a_row(path, text, width, str(error)) from error
+    return [pc.utf8_trim_whitespace(column) for column in table.columns]
+
+
+def _not_a_row(path: Path, text: str, width: int, reason: str) -> RecordingError:
+    """The first row of another length than the header's, or what else stopped the reader."""
+    for line, row in _cells(path, text):
+        if len(row) != width:
+            return RecordingError(
+                f"{path}, line {line}: got {len(row)} cells, expected {width} as in the header"
+            )
+    return RecordingError(f"{path}: {shorten(reason, 600)}, expected comma-separated values")
+
+
+def _numbers(table: Table, name: str, cells: Any, gaps: bool) -> Array:
+    """Numbers as floats are written; NaN for a missing one, where `gaps` allows it."""
+    from pyarrow import compute as pc
+
+    written = pc.struct_field(pc.extract_regex(cells, NUMBER), "number")  # null: not a number
+    values = np.array(pc.utf8_ltrim(written, "+").cast("float64").to_numpy())
+    wrong = ~(np.abs(values) < LARGEST)
+    if gaps:
+        wrong &= ~pc.match_substring_regex(cells, MISSING).to_numpy()
+    if np.any(wrong):
+        row = int(np.argmax(wrong))
+        cell = cells[row].as_py()
+        got = repr(shorten(cell, 40, placeholder="...")) if cell else "an empty cell"
+        raise RecordingError(
+            f"{table.path}, column {name}, line {table.line(row)}: got {got}, "
+            f"expected a finite number"
+        )
+    return values
+
+
+def _cells(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
+    """The line that each row ends on, and its cells; blank lines are skipped."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    try:
         for row in reader:
-            if row and len(row) != len(header):
-                raise RecordingError(
-                    f"{path}, line {reader.line_num}: got {len(row)} cells, "
-                    f"expected {len(header)} as in the header"
-                )
             if row:
-                rows.append(row)
-                lines.append(reader.line_num)
+                yield reader.line_num, row
     except csv.Error as error:
         raise RecordingError(
             f"{path}, line {reader.line_num}: {error}, expected comma-separated values"
         ) from error
-    if not rows:
-        raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
-    return header, rows, lines
 
 
 def _text(path: Path) -> str:
@@ -161,22 +163,123 @@ def _text(path: Path) -> str:
     return text
 
 
-def _numbers(cells: list[str], lines: list[int], where: str, gaps: bool) -> Array:
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        try:
-            values[i] = float(cell)
-        except ValueError:
-            if cell.strip():
-                raise _not_a_number(cell, lines[i], where) from None
-            values[i] = np.nan
-    wrong = ~(np.abs(values) < LARGEST) & ~(gaps & np.isnan(values))
+@dataclass(frozen=True)
+class ColumnMap:
+    """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
+
+    Positions [m] (angles [rad] where there is no `orientation`), body velocities [m/s, rad/s],
+    body accelerations [m/s^2, rad/s^2] where recorded, commanded forces [N, Nm], acting forces
+    where recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
+    """
+
+    time: str
+    position: dict[str, str]
+    velocity: dict[str, str]
+    acceleration: dict[str, str]
+    force: dict[str, str]
+    actual_force: dict[str, str]
+    orientation: tuple[str, str, str, str] | None
+
+    def __post_init__(self) -> None:
+        for kind in KINDS:
+            for dof, name in getattr(self, kind).items():
+                if dof not in DOFS:
+                    raise ConfigurationError(
+                        f"columns.{kind}: got {dof!r}, expected some of {', '.join(DOFS)}"
+                    )
+                if not _plain(name):
+                    raise ConfigurationError(
+                        f"columns.{kind}.{dof}: got {name!r}, expected the name of a column"
+                    )
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError when a degree of freedom has no column."""
+        for kind in ("velocity", "force", "position"):
+            known = set(getattr(self, kind))
+            if kind == "position" and self.orientation is not None:
+                known |= set(DOFS[3:])
+            for dof in dofs:
+                if dof not in known:
+                    raise ConfigurationError(
+                        f"excitation.columns.{kind}: no column for {dof}, "
+                        f"expected one for each of {', '.join(dofs)}"
+                    )
+
+    def required(self, dofs: Sequence[str]) -> list[str]:
+        """Names of the columns that a vessel of these degrees of freedom needs."""
+        maps = (self.velocity, self.force, self._poses(), self.acceleration, self.actual_force)
+        names = [_plain(one[dof]) for one in maps for dof in dofs if dof in one]
+        turning = any(dof in DOFS[3:] for dof in dofs)
+        return [self.time, *names, *((self.orientation or ()) if turning else ())]
+
+    def angles(self) -> list[str]:
+        """Names of the columns that hold angles of the pose, which may jump by a full turn."""
+        return [_plain(name) for dof, name in self._poses().items() if dof in DOFS[3:]]
+
+    def values(self, table: Table, kind: str, dofs: Iterable[str]) -> Array:
+        """Columns of one kind with their signs, shape (N, n_dof)."""
+        names = getattr(self, kind)
+        return np.column_stack([_signed(table, names[dof]) for dof in dofs])
+
+    def attitude(self, table: Table, heading: float) -> Array:
+        """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""
+        if self.orientation is not None and _all_in(table, self.orientation):
+            quaternions = np.column_stack([table.columns[name] for name in self.orientation])
+            return np.asarray(euler_zyx(quaternions) - [0.0, 0.0, heading])
+        angles = np.zeros((len(table.columns[self.time]), 3))
+        for dof, name in self._poses().items():
+            if dof in DOFS[3:] and _all_in(table, (_plain(name),)):
+                offset = heading if dof == "yaw" else 0.0
+                angles[:, DOFS[3:].index(dof)] = _signed(table, name) - offset
+        return angles
+
+    def continuous(self, table: Table, angles: Iterable[str] = ()) -> Table:
+        """The table with quaternions of length one and without sign flips, angles unrolled.
+
+        `angles` names columns of other angles [rad] than those of the pose. Raises
+        RecordingError where a quaternion is far from length one.
+        """
+        columns = dict(table.columns)
+        for name in (*self.angles(), *angles):
+            if name in columns:  # a vessel may not need it
+                known = ~np.isnan(columns[name])
+                columns[name] = columns[name].copy()
+                columns[name][known] = unroll(columns[name][known])
+        if self.orientation is not None and _all_in(table, self.orientation):
+            quaternions = np.column_stack([columns[name] for name in self.orientation])
+            known = ~np.any(np.isnan(quaternions), axis=1)
+            lengths = np.linalg.norm(quaternions, axis=1)
+            _check_lengths(table, lengths, self.orientation)
+            quaternions[~known] = np.nan
+            unit = quaternions[known] / lengths[known, None]
+            quaternions[known] = without_sign_flips(unit)
+            columns |= dict(zip(self.orientation, quaternions.T, strict=True))
+        return replace(table, columns=columns)
+
+    def _poses(self) -> Mapping[str, str]:
+        """The position columns in use: angles come from the orientation where it is recorded."""
+        own = DOFS if self.orientation is None else DOFS[:3]
+        return {dof: name for dof, name in self.position.items() if dof in own}
+
+
+def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
+    wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE  # False where it is not known
     if np.any(wrong):
-        first = int(np.argmax(wrong))
-        raise _not_a_number(cells[first], lines[first], where)
-    return values
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, columns {', '.join(names)}, line {table.line(k)}: got a quaternion of "
+            f"length {lengths[k]:.3g}, expected 1"
+        )
 
 
-def _not_a_number(cell: str, line: int, where: str) -> RecordingError:
-    got = repr(shorten(cell, 40, placeholder="...")) if cell.strip() else "an empty cell"
-    return RecordingError(f"{where}, line {line}: got {got}, expected a finite number")
+def _all_in(table: Table, names: Iterable[str]) -> bool:
+    return all(name in table.columns for name in names)
+
+
+def _plain(name: str) -> str:
+    return name.removeprefix("-")
+
+
+def _signed(table: Table, name: str) -> Array:
+    values = table.columns[_plain(name)]
+    return -values if name.startswith("-") else values

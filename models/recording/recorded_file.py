@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated
 
@@ -12,23 +11,23 @@ from annotated_types import Ge
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.consistency import Description, describe
-from seatrial.models.recording.csv_table import Table, check_gaps, check_time, read_table
+from seatrial.models.recording.csv_table import ColumnMap, Table, read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
+    Description,
     Differentiation,
-    Mask,
     common_rate,
+    describe,
     interpolated,
     outliers,
     without_bias,
 )
-from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.splits import Split, by_trips, half, trips
+from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 from seatrial.models.vessel.table import PLANAR
+
+UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
 
 
 @dataclass(frozen=True)
@@ -148,13 +147,6 @@ class RecordedFile:
         names = [name for name in self.statistics if name in table.columns]
         return describe({name: table.columns[name][kept] for name in names})
 
-    def content_sha256(self) -> str:
-        """SHA-256 of the file: the same path may hold other data tomorrow."""
-        try:
-            return sha256(self.file.read_bytes()).hexdigest()
-        except (OSError, ValueError) as error:
-            raise RecordingError(f"{self.file}: cannot be read, expected a CSV file") from error
-
     def _table(self, dofs: Sequence[str]) -> Table:
         """The columns in use, without outliers where asked, on one uniform grid."""
         table = self._measured(dofs)
@@ -258,3 +250,57 @@ class RecordedFile:
                 f" expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
         return kept
+
+
+def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
+    """Raise RecordingError where time does not increase in uniform steps.
+
+    A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
+    """
+    t = table.columns[name]
+    check_increasing(table, name)
+    steps = np.diff(t)
+    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
+    wrong = np.abs(steps - period) > UNIFORMITY * period
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, column {name}, line {table.line(k + 1)}: got a step of "
+            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
+        )
+
+
+def check_increasing(table: Table, name: str) -> None:
+    """Raise RecordingError where a time is missing or does not come after the one before."""
+    t = table.columns[name]
+    if len(t) < 2:
+        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
+    wrong = ~(np.diff(t) > 0.0)  # also where a time is missing
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise RecordingError(
+            f"{table.path}, column {name}, line {table.line(k + 1)}: got {t[k + 1]:.6f} s after "
+            f"{t[k]:.6f} s, expected time to increase"
+        )
+
+
+def check_gaps(table: Table, time: str, longest_s: float) -> None:
+    """Raise RecordingError where a column has no sample for more than `longest_s` [s].
+
+    Columns may begin late and end early.
+    """
+    check_increasing(table, time)
+    for name, values in table.columns.items():
+        known = np.flatnonzero(~np.isnan(values))
+        if len(known) < 2:
+            raise RecordingError(
+                f"{table.path}, column {name}: got {len(known)} samples, expected at least 2"
+            )
+        t = table.columns[time][known]
+        gaps = np.diff(t)
+        if np.max(gaps) > longest_s:
+            k = int(np.argmax(gaps > longest_s))
+            raise RecordingError(
+                f"{table.path}, column {name}, line {table.line(int(known[k]))}: got no sample for "
+                f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
+            )

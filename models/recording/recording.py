@@ -1,9 +1,9 @@
-"""Recordings: sampled motion and force of a vessel, simulated or measured."""
+"""Recordings: sampled motion and force of a vessel, simulated or measured, and their splits."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
+GAP = 1.5  # sample times: a longer step in time is a gap
 LOWPASS_ORDER = 4
 FORCES = ("commanded", "filtered", "actual")
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +55,16 @@ class Recording:
 
     @property
     def period_s(self) -> float:
-        """Sample time [s]."""
+        """Sample time [s], also where parts of the recording are missing."""
         span = self.t[-1] - self.t[0]  # over a gap, such as between trips, a whole multiple
         return float(span / round(span / np.median(np.diff(self.t))))
 
-    def part(self, mask: NDArray[np.bool_] | slice) -> "Recording":
+    @property
+    def piece_starts(self) -> Mask:
+        """True (N,) at the first sample and at each that follows a gap in time."""
+        return np.diff(self.t, prepend=-np.inf) > GAP * self.period_s
+
+    def part(self, mask: Mask | slice) -> "Recording":
         """The samples of a mask or slice."""
 
         def cut(values: Array | None) -> Array | None:
@@ -94,6 +101,16 @@ class Recording:
             raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
         return chosen
 
+    def held_force(self, kind: str | None) -> Array:
+        """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
+
+        A command is held over its sample. An acting force is known at the samples and runs
+        straight between them, so that its middle is its mean; the last one stays.
+        """
+        start = self.force(kind)
+        end = start if start is self.tau else following(start)
+        return np.stack([start, 0.5 * (start + end), end], axis=1)
+
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
         return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind)
@@ -110,8 +127,7 @@ class Recording:
 
     def pieces(self) -> list["Recording"]:
         """The stretches without a gap in time, such as the trips of a training part."""
-        gaps = np.flatnonzero(np.diff(self.t) > 1.5 * self.period_s) + 1
-        edges = [0, *gaps.tolist(), len(self)]
+        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
         return [self.part(slice(a, b)) for a, b in pairwise(edges)]
 
     def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
@@ -133,6 +149,11 @@ class Recording:
             wind=None if self.wind is None else smooth(self.wind),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
+
+
+def following(values: Array) -> Array:
+    """The value of the next sample, of the last one itself, shape (N, ...)."""
+    return np.concatenate([values[1:], values[-1:]])
 
 
 def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
@@ -166,5 +187,88 @@ def attitude_of(dofs: Sequence[str], eta: Array) -> Array:
 
 def blocks(n: int, count: int) -> list[slice]:
     """`count` consecutive blocks that cover n samples, for blocked cross-validation."""
-    edges = np.linspace(0, n, count + 1).round().astype(int)
-    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    return [slice(a, b) for a, b in pairwise(_edges(n, count))]
+
+
+def _edges(n: int, count: int) -> list[int]:
+    return [int(edge) for edge in np.linspace(0, n, count + 1).round()]
+
+
+class Split(NamedTuple):
+    """Masks over the samples, shape (N,): disjoint, not necessarily covering.
+
+    Neighbouring samples of a motion are alike, so a random split tests on what was learnt: all
+    splits cut in time, and those for cross-validation can leave a gap.
+    """
+
+    train: Mask
+    test: Mask
+
+
+def half(n: int, fraction: float = 0.5) -> Split:
+    """The first `fraction` of n samples for training, the rest for testing."""
+    if not 0.0 < fraction < 1.0:
+        raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction:g}")
+    train = np.arange(n) < fraction * n - 1e-9
+    return Split(train, ~train)
+
+
+def trips(t: Array, starts_s: Collection[float]) -> NDArray[np.int64]:
+    """The trip of each sample, counted from 1; samples before the first start are trip 0.
+
+    A trip begins at its start [s] and lasts until the next one. Starts must increase.
+    """
+    starts = np.array(list(starts_s), dtype=np.float64)
+    if np.any(np.diff(starts) <= 0.0):
+        raise ConfigurationError(f"trip_starts_s must increase, got {starts.tolist()}")
+    return np.searchsorted(starts, t, side="right").astype(np.int64)
+
+
+def by_trips(trip: NDArray[np.int64], training: Collection[int]) -> Split:
+    """The `training` trips against the others; samples before the first trip are in neither.
+
+    Jervan (2020), section 5.3: trips 1 and 3 for training, 2 and 4 for testing, so that weather
+    that changed on the way is in both.
+    """
+    chosen = np.isin(trip, list(training))
+    split = Split(chosen & (trip > 0), ~chosen & (trip > 0))
+    if not np.any(split.train) or not np.any(split.test):
+        raise ConfigurationError(
+            f"training_trips must leave trips to train and to test with, got {list(training)} of "
+            f"trips {np.unique(trip[trip > 0]).tolist()}"
+        )
+    return split
+
+
+def rolling_origin(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
+    """`count` splits that train on the past and test on the next of count + 1 equal blocks.
+
+    `gap` samples before each test block are left out.
+    """
+    edges = _checked_edges(n, count + 1, gap)
+    k = np.arange(n)
+    return tuple(
+        Split(k < start - gap, (start <= k) & (k < end)) for start, end in pairwise(edges[1:])
+    )
+
+
+def blocked_k_fold(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
+    """`count` splits that test on one block each and train on the others.
+
+    `gap` samples on both sides of the test block are left out.
+    """
+    k = np.arange(n)
+    return tuple(
+        Split((k < start - gap) | (k >= end + gap), (start <= k) & (k < end))
+        for start, end in pairwise(_checked_edges(n, count, gap))
+    )
+
+
+def _checked_edges(n: int, count: int, gap: int) -> list[int]:
+    """Edges of `count` blocks that cover n samples; each block must be longer than the gap."""
+    if count < 2 or gap < 0 or n // count <= gap:
+        raise ConfigurationError(
+            f"cannot cut {n} samples into {count} blocks with a gap of {gap}, "
+            f"expected at least 2 blocks that are longer than the gap"
+        )
+    return _edges(n, count)

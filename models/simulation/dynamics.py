@@ -9,18 +9,21 @@ water, seen from the water (Fossen (2011), section 8.3.1). A table without Corio
 this out as it leaves them out. A current that varies is taken as constant over a control period:
 the forces of accelerated water are neglected.
 
-The kinematics J are chosen by the type of a named tuple of `seatrial.models.vessel.pose`, so that
-each is compiled without the others.
+The kinematics J are chosen by the type of a named tuple of `pose`, so that each is compiled
+without the others. The closed loop, the free run of one model and the free runs of many candidates
+are made from `step`: its arrays hold numbers, or packs of numbers (`seatrial.models.packs`) for
+candidates side by side. So no branch here may depend on the state: `where` chooses instead.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload
+from numba.extending import overload, register_jitable
 
 from seatrial.models.compiled import LEAN, lean_kernel
-from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, features_kernel
+from seatrial.models.elementary import where
+from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array
 from seatrial.models.vessel.kinematics import (
     angle_rate_kernel,
     fill_attitude_kernel,
@@ -28,30 +31,27 @@ from seatrial.models.vessel.kinematics import (
     frame_of_quaternion_kernel,
     quaternion_rate_kernel,
 )
+from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import Axes, Euler, Planar, Quaternion, normalise
-from seatrial.models.vessel.table import (
-    PlantTable,
-    fill_air_kernel,
-    fill_variables_kernel,
-    weighted_sum_kernel,
-)
+from seatrial.models.vessel.table import fill_air_kernel
 from seatrial.models.vessel.thruster import LagTable, step_lag_kernel
 from seatrial.models.weather.weather import Weather
 
-COS_PSI = INDEX["cos(psi)"]
+COS_PHI, COS_THETA, COS_PSI = INDEX["cos(phi)"], INDEX["cos(theta)"], INDEX["cos(psi)"]
 SIN_PSI = INDEX["sin(psi)"]
 RATES: dict[type, Callable[..., None]] = {}
 
 
 class Scratch(NamedTuple):
-    """Work space of the right-hand side."""
+    """Work space of a step, of numbers or of packs."""
 
     z: Array
-    phi: Array
+    frame: Array  # (3, 6), of which (3, 3) is the rotation from body to NED
+    force: Array  # (3, 6), of which (3, n_dof) acts at the start, in the middle and at the end
+    stream: Array  # (3,) velocity of the water in body axes
+    limited: Array  # (1,) number of rates that had to be limited
     rest: Array
-    frame: Array  # (3, 3) rotation from body to NED
     through: Array  # velocity through the water
-    tau: Array  # acting force at a stage
     nu: Array  # velocity and pose at a stage, their rates, and the weighted sums of these
     nu_dot: Array
     nu_sum: Array
@@ -60,14 +60,35 @@ class Scratch(NamedTuple):
     eta_sum: Array
 
 
-def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
-    """Work space for a plant of some terms, velocities and pose coordinates."""
-    z = np.zeros(2 * N_VARIABLES)
-    z[0] = z[N_VARIABLES] = 1.0
-    velocities = (np.zeros(n_dof) for _ in range(6))
-    poses = (np.zeros(n_pose) for _ in range(3))
-    rest = next(velocities)
-    return Scratch(z, np.empty(n_terms), rest, np.zeros((3, 3)), *velocities, *poses)
+@register_jitable
+def scratch_size(n_dof: int, n_pose: int) -> int:
+    """Length of the array that holds the vectors of a work space."""
+    return 2 * N_VARIABLES + 4 + 5 * n_dof + 3 * n_pose
+
+
+@register_jitable
+def scratch_in(vectors: Array, matrices: Array, n_dof: int, n_pose: int) -> Scratch:
+    """Work space in two arrays of zeros, shapes (scratch_size,) and (2, 3, 6).
+
+    For a plant of so many velocities and coordinates of the pose.
+    """
+    z = vectors[: 2 * N_VARIABLES]
+    for i in (0, COS_PHI, COS_THETA, COS_PSI):  # level, and heading north
+        z[i] = z[N_VARIABLES + i] = 1.0
+    rest = vectors[2 * N_VARIABLES :]
+    of_nu, of_eta, n = rest[4:], rest[4 + 5 * n_dof :], n_dof
+    return Scratch(
+        z, matrices[0], matrices[1], rest[:3], rest[3:4],
+        of_nu[:n], of_nu[n : 2 * n], of_nu[2 * n : 3 * n], of_nu[3 * n : 4 * n],
+        of_nu[4 * n : 5 * n], of_eta[:n_pose], of_eta[n_pose : 2 * n_pose],
+        of_eta[2 * n_pose : 3 * n_pose],
+    )  # fmt: skip
+
+
+def scratch(n_dof: int, n_pose: int) -> Scratch:
+    """Work space of numbers."""
+    vectors = np.zeros(scratch_size(n_dof, n_pose))
+    return scratch_in(vectors, np.zeros((2, 3, 6)), n_dof, n_pose)
 
 
 def rates(
@@ -95,23 +116,47 @@ def _rates(
 
 
 @lean_kernel
-def unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
+def _unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
     """rest = tau - F(0, nu_r, attitude, nu_q), of the variables that stand in the work space."""
-    features_kernel(plant.codes, work.z, work.phi)
-    weighted_sum_kernel(plant.theta, work.phi, work.rest)
-    for i in range(tau.shape[0]):
-        work.rest[i] = tau[i] - work.rest[i]
+    z = work.z
+    for i in range(work.rest.shape[0]):
+        total = 0.0
+        for entry in range(plant.first[i], plant.first[i + 1]):
+            a, b, c = plant.codes[entry, 0], plant.codes[entry, 1], plant.codes[entry, 2]
+            total += plant.entries[entry] * (z[a] * z[b] * z[c])
+        work.rest[i] = tau[i] - total
 
 
 @lean_kernel
-def accelerate(plant: PlantTable, rest: Array, process: Array, nu_dot: Array) -> None:
+def _accelerate(plant: PlantTable, weather: Weather, k: int, rest: Array, nu_dot: Array) -> None:
     """nu_dot = M^-1 rest + w."""
     n = rest.shape[0]
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += plant.inverse_inertia[i, j] * rest[j]
-        nu_dot[i] = total + process[i]
+            if plant.coupled[i, j]:
+                total += plant.inverse_inertia[i, j] * rest[j]
+        nu_dot[i] = total
+    if weather.process.shape[0] > 0:
+        for i in range(n):
+            nu_dot[i] += weather.process[k, i]
+
+
+@lean_kernel
+def _fill_velocities(plant: PlantTable, nu: Array, z: Array) -> None:
+    """Write velocities, and the magnitudes that are used, into z = [x, |x|]."""
+    for i in range(nu.shape[0]):
+        z[plant.velocity_index[i]] = nu[i]
+    for place in plant.magnitudes:
+        z[N_VARIABLES + plant.velocity_index[place]] = abs(nu[place])
+
+
+@lean_kernel
+def _fill_angle(z: Array, at: int, angle: float) -> None:
+    """Write cosine and sine of an angle, and their magnitudes, into z = [x, |x|] from `at` on."""
+    c, s = np.cos(angle), np.sin(angle)
+    z[at], z[at + 1] = c, s
+    z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(c), abs(s)
 
 
 @lean_kernel
@@ -121,20 +166,37 @@ def _axes_rates(
 ) -> None:  # fmt: skip
     """Each axis alone; a current along north and east meets surge and sway."""
     for i in range(nu.shape[0]):
-        eta_dot[i] = work.through[i] = nu[i]
-    if axes.north >= 0:
-        work.through[axes.north] -= weather.current_ned[k, 0]
-    if axes.east >= 0:
-        work.through[axes.east] -= weather.current_ned[k, 1]
-    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+        eta_dot[i] = nu[i]
+    if axes.roll >= 0:
+        _fill_angle(work.z, COS_PHI, eta[axes.roll])
+    if axes.pitch >= 0:
+        _fill_angle(work.z, COS_THETA, eta[axes.pitch])
+    if axes.yaw >= 0:
+        _fill_angle(work.z, COS_PSI, eta[axes.yaw])
+    through = nu
+    if weather.current_ned.shape[0] > 0:
+        through = work.through
+        for i in range(nu.shape[0]):
+            through[i] = nu[i]
+        if axes.north >= 0:
+            through[axes.north] -= weather.current_ned[k, 0]
+        if axes.east >= 0:
+            through[axes.east] -= weather.current_ned[k, 1]
+    _fill_velocities(plant, through, work.z)
     if plant.aerodynamic:
-        ahead = nu[axes.north] - weather.wind_ned[k, 0] if axes.north >= 0 else 0.0
-        aside = nu[axes.east] - weather.wind_ned[k, 1] if axes.east >= 0 else 0.0
+        ahead = nu[axes.north] if axes.north >= 0 else 0.0
+        aside = nu[axes.east] if axes.east >= 0 else 0.0
+        if weather.wind_ned.shape[0] > 0:
+            ahead -= weather.wind_ned[k, 0] if axes.north >= 0 else 0.0
+            aside -= weather.wind_ned[k, 1] if axes.east >= 0 else 0.0
+        if weather.wind_body.shape[0] > 0:
+            ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
         fill_air_kernel(work.z, ahead, aside)
-    unmet_force(plant, tau, work)
-    for i in range(nu.shape[0]):
-        work.rest[i] += weather.force_ned[k, i]
-    accelerate(plant, work.rest, weather.process[k], nu_dot)
+    _unmet_force(plant, tau, work)
+    if weather.force_ned.shape[0] > 0:
+        for i in range(nu.shape[0]):
+            work.rest[i] += weather.force_ned[k, i]
+    _accelerate(plant, weather, k, work.rest, nu_dot)
 
 
 RATES[Axes] = _axes_rates
@@ -146,28 +208,37 @@ def _planar_rates(
     work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
     """eta_dot = R(psi) nu; vectors in NED are seen from body axes by R(psi)'."""
-    c, s = np.cos(eta[2]), np.sin(eta[2])
-    work.z[COS_PSI], work.z[SIN_PSI] = c, s
-    work.z[N_VARIABLES + COS_PSI], work.z[N_VARIABLES + SIN_PSI] = abs(c), abs(s)
+    _fill_angle(work.z, COS_PSI, eta[2])
+    c, s = work.z[COS_PSI], work.z[SIN_PSI]
     eta_dot[0] = c * nu[0] - s * nu[1]
     eta_dot[1] = s * nu[0] + c * nu[1]
     eta_dot[2] = nu[2]
-    north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
-    ahead, aside = c * north + s * east, c * east - s * north
-    work.through[0], work.through[1], work.through[2] = nu[0] - ahead, nu[1] - aside, nu[2]
-    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+    through = nu
+    if weather.current_ned.shape[0] > 0:
+        through, stream = work.through, work.stream
+        north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
+        stream[0], stream[1] = c * north + s * east, c * east - s * north
+        through[0], through[1], through[2] = nu[0] - stream[0], nu[1] - stream[1], nu[2]
+    _fill_velocities(plant, through, work.z)
     if plant.aerodynamic:
-        north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
-        fill_air_kernel(work.z, nu[0] - (c * north + s * east), nu[1] - (c * east - s * north))
-    unmet_force(plant, tau, work)
-    north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
-    work.rest[0] += c * north + s * east
-    work.rest[1] += c * east - s * north
-    work.rest[2] += weather.force_ned[k, 2]
-    accelerate(plant, work.rest, weather.process[k], nu_dot)
-    if plant.turning:
-        nu_dot[0] += nu[2] * aside
-        nu_dot[1] -= nu[2] * ahead
+        ahead, aside = nu[0], nu[1]
+        if weather.wind_ned.shape[0] > 0:
+            north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
+            ahead -= c * north + s * east
+            aside -= c * east - s * north
+        if weather.wind_body.shape[0] > 0:
+            ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
+        fill_air_kernel(work.z, ahead, aside)
+    _unmet_force(plant, tau, work)
+    if weather.force_ned.shape[0] > 0:
+        north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
+        work.rest[0] += c * north + s * east
+        work.rest[1] += c * east - s * north
+        work.rest[2] += weather.force_ned[k, 2]
+    _accelerate(plant, weather, k, work.rest, nu_dot)
+    if plant.turning and weather.current_ned.shape[0] > 0:
+        nu_dot[0] += nu[2] * work.stream[1]
+        nu_dot[1] -= nu[2] * work.stream[0]
 
 
 RATES[Planar] = _planar_rates
@@ -179,29 +250,36 @@ def _spatial_rates(
     eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
     """All rates but that of the attitude, which stands in work.frame and work.z."""
-    R, stream = work.frame, work.through
+    R, stream = work.frame, work.stream
     for i in range(3):
         eta_dot[i] = R[i, 0] * nu[0] + R[i, 1] * nu[1] + R[i, 2] * nu[2]
-        stream[i] = R[0, i] * weather.current_ned[k, 0] + R[1, i] * weather.current_ned[k, 1]
-    ahead, aside, below = stream[0], stream[1], stream[2]
-    for i in range(3):
-        work.through[i] = nu[i] - stream[i]
-        work.through[3 + i] = nu[3 + i]
-    fill_variables_kernel(work.z, plant.velocity_index, work.through)
+    through = nu
+    if weather.current_ned.shape[0] > 0:
+        through = work.through
+        for i in range(3):
+            stream[i] = R[0, i] * weather.current_ned[k, 0] + R[1, i] * weather.current_ned[k, 1]
+            through[i], through[3 + i] = nu[i] - stream[i], nu[3 + i]
+    _fill_velocities(plant, through, work.z)
     if plant.aerodynamic:
-        north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
-        through = nu[0] - R[0, 0] * north - R[1, 0] * east
-        fill_air_kernel(work.z, through, nu[1] - R[0, 1] * north - R[1, 1] * east)
-    unmet_force(plant, tau, work)
-    force = weather.force_ned[k]
-    for i in range(3):
-        work.rest[i] += R[0, i] * force[0] + R[1, i] * force[1] + R[2, i] * force[2]
-        work.rest[3 + i] += R[0, i] * force[3] + R[1, i] * force[4] + R[2, i] * force[5]
-    accelerate(plant, work.rest, weather.process[k], nu_dot)
-    if plant.turning:
-        nu_dot[0] -= nu[4] * below - nu[5] * aside
-        nu_dot[1] -= nu[5] * ahead - nu[3] * below
-        nu_dot[2] -= nu[3] * aside - nu[4] * ahead
+        ahead, aside = nu[0], nu[1]
+        if weather.wind_ned.shape[0] > 0:
+            north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
+            ahead = ahead - R[0, 0] * north - R[1, 0] * east
+            aside = aside - R[0, 1] * north - R[1, 1] * east
+        if weather.wind_body.shape[0] > 0:
+            ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
+        fill_air_kernel(work.z, ahead, aside)
+    _unmet_force(plant, tau, work)
+    if weather.force_ned.shape[0] > 0:
+        force = weather.force_ned[k]
+        for i in range(3):
+            work.rest[i] += R[0, i] * force[0] + R[1, i] * force[1] + R[2, i] * force[2]
+            work.rest[3 + i] += R[0, i] * force[3] + R[1, i] * force[4] + R[2, i] * force[5]
+    _accelerate(plant, weather, k, work.rest, nu_dot)
+    if plant.turning and weather.current_ned.shape[0] > 0:
+        nu_dot[0] -= nu[4] * stream[2] - nu[5] * stream[1]
+        nu_dot[1] -= nu[5] * stream[0] - nu[3] * stream[2]
+        nu_dot[2] -= nu[3] * stream[1] - nu[4] * stream[0]
 
 
 @lean_kernel
@@ -235,45 +313,61 @@ RATES[Euler] = _euler_rates
 
 
 @lean_kernel
-def _step(
-    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
-    nu: Array, weather: Weather, k: int, h: float, euler: bool, work: Scratch,
-) -> None:  # fmt: skip
-    """One step of eta, nu and (exactly) of the thrust (n_dof, 2), in place.
+def _held(rate: float, limit: float) -> float:
+    """The rate within +-limit, which a NaN becomes too."""
+    below = where(rate < limit, rate, limit)
+    return where(below > -limit, below, -limit)  # type: ignore[no-any-return]
 
-    Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; `lag`
-    is the thruster's step of h/2.
+
+@lean_kernel
+def _weigh(
+    stage: int, h: float, euler: bool, limit: float, x: Array, x_dot: Array, change: Array,
+    ahead: Array,
+) -> float:  # fmt: skip
+    """Add the rate of a stage to the change over the step, and go ahead to the next stage.
+
+    After the last stage `x` itself is changed. Returns how many rates had to be limited.
     """
-    stages = 1 if euler else 4
-    for i in range(eta.shape[0]):
-        work.eta[i], work.eta_sum[i] = eta[i], 0.0
-    for i in range(nu.shape[0]):
-        work.nu[i], work.nu_sum[i] = nu[i], 0.0
-    for stage in range(stages):
-        if stage == 1 or stage == 3:
-            step_lag_kernel(lag, thrust, command)
-        for i in range(nu.shape[0]):
-            work.tau[i] = thrust[i, 0]
-        rates(
-            kinematics, plant, work.eta, work.nu, work.tau, weather, k, work, work.eta_dot,
-            work.nu_dot,
-        )  # fmt: skip
-        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+    reach = h if stage == 2 else 0.5 * h
+    count = 0.0
+    for i in range(x.shape[0]):
+        rate = x_dot[i]
+        if limit < np.inf:
+            held = _held(rate, limit)
+            count += where(held != rate, 1.0, 0.0)
+            rate = held
         if euler:
-            weight = h
-            step_lag_kernel(lag, thrust, command)
-            step_lag_kernel(lag, thrust, command)
-        reach = h if stage == 2 else 0.5 * h
-        for i in range(eta.shape[0]):
-            work.eta_sum[i] += weight * work.eta_dot[i]
-            work.eta[i] = eta[i] + reach * work.eta_dot[i]
-        for i in range(nu.shape[0]):
-            work.nu_sum[i] += weight * work.nu_dot[i]
-            work.nu[i] = nu[i] + reach * work.nu_dot[i]
-    for i in range(eta.shape[0]):
-        eta[i] += work.eta_sum[i]
-    for i in range(nu.shape[0]):
-        nu[i] += work.nu_sum[i]
+            x[i] += h * rate
+        elif stage == 3:
+            x[i] += change[i] + weight * rate
+        else:
+            change[i] = weight * rate + (change[i] if stage > 0 else 0.0)
+            ahead[i] = x[i] + reach * rate
+    return count
+
+
+@lean_kernel
+def step(
+    kinematics: Any, plant: PlantTable, force: Array, eta: Array, nu: Array, weather: Weather,
+    k: int, h: float, euler: bool, limit: float, work: Scratch,
+) -> None:  # fmt: skip
+    """One step of pose and velocity, in place, under row k of the weather.
+
+    Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; the
+    force (3, n_dof) acts at the start, in the middle and at the end. Rates are held within
+    +-limit [m/s, rad/s and per second again] unless it is infinite; `work.limited` counts.
+    """
+    for stage in range(1 if euler else 4):
+        at_eta, at_nu = (work.eta, work.nu) if stage > 0 else (eta, nu)
+        rates(
+            kinematics, plant, at_eta, at_nu, force[(stage + 1) // 2], weather, k, work,
+            work.eta_dot, work.nu_dot,
+        )  # fmt: skip
+        count = _weigh(stage, h, euler, limit, eta, work.eta_dot, work.eta_sum, work.eta)
+        count += _weigh(stage, h, euler, limit, nu, work.nu_dot, work.nu_sum, work.nu)
+        if limit < np.inf:
+            work.limited[0] += count
     normalise(kinematics, eta)
 
 
@@ -283,10 +377,16 @@ def advance(
     nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
     euler: bool = False,
 ) -> None:  # fmt: skip
-    """Advance pose, velocity and thrust (n_dof, 2) over one control period; command held."""
+    """Advance pose, velocity and (exactly) thrust (n_dof, 2) over one control period.
+
+    The command is held; `lag` is the thruster's step of h/2.
+    """
     if lag.direct:
         step_lag_kernel(lag, thrust, command)
     for _ in range(substeps):
-        _step(
-            kinematics, plant, lag, thrust, command, eta, nu, weather, k, h, euler, work,
-        )  # fmt: skip
+        for instant in range(3):
+            if instant > 0:
+                step_lag_kernel(lag, thrust, command)
+            for i in range(nu.shape[0]):
+                work.force[instant, i] = thrust[i, 0]
+        step(kinematics, plant, work.force, eta, nu, weather, k, h, euler, np.inf, work)

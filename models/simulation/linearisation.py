@@ -17,7 +17,7 @@ from seatrial.models.notation import DOFS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes
-from seatrial.models.vessel.kinematics import frame_of_angles
+from seatrial.models.vessel.kinematics import cross_matrix, frame_of_angles, pose_jacobian
 from seatrial.models.vessel.table import PLANAR, Vessel, poses_of
 
 
@@ -65,7 +65,8 @@ def linearise(
     plant = vessel.plant_table()
     air = _air(vessel.dofs, attitude, wind)
     x = vessel.variables(np.zeros((1, n)), nu[None, :], attitude[None, :], air)[0]
-    by_variable = plant.theta.T @ gradient(plant.codes, x)
+    table = vessel.force_table()
+    by_variable = table.theta.T @ gradient(table.codes, x)
     by_state = _variables_by_state(vessel.dofs, x, attitude, wind)
     return StateSpace(
         A=np.vstack(
@@ -146,13 +147,8 @@ def _frame_slopes(dofs: tuple[str, ...], attitude: Array) -> tuple[Array, Array,
         return np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     frame, roll = _frame(dofs, attitude), np.eye(3)
     frame_of_angles(attitude * [float(dofs == DOFS), 0.0, 0.0], roll)
-    x, y, z = (_cross(axis) for axis in np.eye(3))
+    x, y, z = (cross_matrix(axis) for axis in np.eye(3))
     return frame @ x, frame @ roll.T @ y @ roll, z @ frame
-
-
-def _cross(a: Array) -> Array:
-    """The matrix of a x b, shape (3, 3)."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _kinematics(dofs: tuple[str, ...], nu: Array, attitude: Array) -> Array:
@@ -163,18 +159,17 @@ def _kinematics(dofs: tuple[str, ...], nu: Array, attitude: Array) -> Array:
         jacobian = _frame(dofs, attitude)
         turning[:2, 2] = (_frame_slopes(dofs, attitude)[2] @ nu)[:2]
     elif dofs == DOFS:
-        jacobian[:3, :3] = _frame(dofs, attitude)
-        jacobian[3:, 3:], by_roll, by_pitch = _angle_rates(attitude)
+        jacobian = pose_jacobian(attitude[None])[0]
+        by_roll, by_pitch = _angle_rate_slopes(attitude)
         turning[:3, 3:] = np.column_stack([s @ nu[:3] for s in _frame_slopes(dofs, attitude)])
         turning[3:, 3], turning[3:, 4] = by_roll @ nu[3:], by_pitch @ nu[3:]
     return np.hstack([turning, jacobian])
 
 
-def _angle_rates(attitude: Array) -> tuple[Array, Array, Array]:
-    """T of (phi, theta, psi)_dot = T omega, and its derivatives by phi and theta; (3, 3) each."""
+def _angle_rate_slopes(attitude: Array) -> tuple[Array, Array]:
+    """Derivatives by phi and theta of T, (phi, theta, psi)_dot = T omega, shape (3, 3) each."""
     (c, cy, _), (s, sy, _) = np.cos(attitude), np.sin(attitude)
     t, k = sy / cy, 1.0 / cy
-    T = np.array([[1.0, s * t, c * t], [0.0, c, -s], [0.0, s * k, c * k]])
     by_roll = np.array([[0.0, c * t, -s * t], [0.0, -s, -c], [0.0, c * k, -s * k]])
     by_pitch = np.array([[0.0, s * k * k, c * k * k], [0.0] * 3, [0.0, s * t * k, c * t * k]])
-    return T, by_roll, by_pitch
+    return by_roll, by_pitch

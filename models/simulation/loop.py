@@ -27,12 +27,12 @@ from seatrial.models.simulation.registry import (
     reference_step,
 )
 from seatrial.models.simulation.voyage import Log, Voyage
-from seatrial.models.vessel.allocation_step import ALLOCATIONS, Direct, allocate_step
+from seatrial.models.vessel.allocation import ALLOCATIONS, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import kinematics_of, pose_of, state_of
-from seatrial.models.vessel.table import PlantTable
 from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
 
@@ -144,23 +144,19 @@ def sail(
     and `step_s` the longest integration step [s]. Raises Diverged with the time when a velocity
     leaves its limit.
     """
-    if not 0.0 < step_s <= period_s:
-        raise ConfigurationError(
-            f"integration step must be positive and at most {period_s} s, got {step_s}"
-        )
+    substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
-    substeps = int(np.ceil(period_s / step_s - 1e-9))
     h = period_s / substeps
     log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     parameters, state = controller
-    kinematics = kinematics_of(plant.vessel.dofs, plant.attitude)
+    kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
     log.eta[:1] = start  # angles are unrolled from here
     sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
     before = (
-        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather.sailed(),
+        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather,
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
     craft = (
@@ -177,7 +173,7 @@ def sail(
         table = plant.at(first * period_s).plant_table()
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
-        work = scratch(len(table.codes), n_dof, len(pose))
+        work = scratch(n_dof, len(pose))
         begun = perf_counter()
         rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
         if rows < last:
@@ -185,6 +181,15 @@ def sail(
         times.append((perf_counter() - begun) / max(last - first, 1))
     t = period_s * np.arange(n, dtype=np.float64)
     return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+
+
+def _substeps(period_s: float, step_s: float) -> int:
+    """Integration steps in a control period, each at most `step_s` [s] long."""
+    if not 0.0 < step_s <= period_s:
+        raise ConfigurationError(
+            f"integration step must be positive and at most {period_s} s, got {step_s}"
+        )
+    return int(np.ceil(period_s / step_s - 1e-9))
 
 
 def _loop(

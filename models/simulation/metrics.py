@@ -3,6 +3,7 @@
 import numpy as np
 
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap
 
 
 def mean_square(error: Array) -> Array:
@@ -23,8 +24,7 @@ def position_error(eta_d: Array, eta: Array) -> Array:
 
 def heading_error(eta_d: Array, eta: Array) -> Array:
     """e_psi [rad], shape (N,), wrapped to (-pi, pi]; poses (N, 3). (4.7)"""
-    difference = (eta_d - eta)[:, 2]
-    return np.asarray(np.pi - (np.pi - difference) % (2.0 * np.pi))
+    return wrap((eta_d - eta)[:, 2])
 
 
 def position_power(tau: Array, nu: Array) -> Array:

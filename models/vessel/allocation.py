@@ -8,24 +8,59 @@ exceed their limit stay there and the others share the rest, compiled; and a qua
 solver's. What cannot be reached is scaled, its direction kept.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numba.extending import overload
 from numpy.typing import NDArray
 
+from seatrial.models.compiled import LEAN, lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.vessel.allocation_step import Direct
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all
+from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all, by_pseudo_inverse
 from seatrial.models.vessel.thrust_program import QuadraticProgram, by_program, circles_of
 
 REACHED = 1e-9  # of the scale: closer to one is reached
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
 T200 = ((14.0, 44.1, 34.5), (16.0, 51.4, 39.2))
+
+
+class Direct(NamedTuple):
+    """No allocation: every force can be given."""
+
+    share: float = 1.0
+
+
+@lean_kernel
+def _pass_on(table: Direct, tau: Array, applied: Array) -> None:
+    for i in range(tau.shape[0]):
+        applied[i] = table.share * tau[i]
+
+
+ALLOCATIONS: dict[type, Callable[..., None]] = {
+    Direct: _pass_on,
+    PseudoInverse: by_pseudo_inverse,
+    QuadraticProgram: by_program,
+}  # by the type of the thrusters' geometry, so that a simulation compiles the one it needs
+
+
+def allocate_step(table: Any, tau: Array, applied: Array) -> None:
+    """The force [N, Nm] that is given for the force tau that is asked for, both (n_dof,)."""
+    ALLOCATIONS[type(table)](table, tau, applied)
+
+
+@overload(allocate_step, jit_options=LEAN)
+def _allocate_step(table: Any, tau: Any, applied: Any) -> Any:
+    step = ALLOCATIONS[table.instance_class]
+
+    def chosen(table: Any, tau: Any, applied: Any) -> None:
+        step(table, tau, applied)
+
+    return chosen
 
 
 def voltage_factors(voltage_v: float) -> tuple[float, float]:

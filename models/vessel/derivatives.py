@@ -10,6 +10,7 @@ from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.table import Vessel
 
 
@@ -102,12 +103,6 @@ def parse_derivative(key: str) -> tuple[str, Term]:
 # R(q)' e_3, the direction of gravity in body axes, is made of these
 DOWN = ("sin(theta)", "sin(phi)cos(theta)", "cos(phi)cos(theta)")
 Vector3 = tuple[float, float, float]
-
-
-def cross_matrix(a: Sequence[float] | Array) -> Array:
-    """S(a) with S(a) b = a x b, shape (3, 3)."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,24 @@
-"""Frames, rotations and angle wrapping.
+"""Frames, rotations, Jacobians, cross products and angle wrapping.
 
 NED is the local north-east-down frame; body axes point forward, to starboard and down. In six
 degrees of freedom the attitude is (phi, theta, psi), applied in the order zyx, or the unit
 quaternion (eta, eps_1, eps_2, eps_3) of the rotation from body to NED; Fossen (2011), chapter 2.
 """
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
+from seatrial.models.elementary import where
 from seatrial.models.vessel.basis import ATTITUDE, INDEX, N_VARIABLES, Array
 
 FIRST_ANGLE = INDEX[ATTITUDE[0]]
 SMALL = 1e-12
+TURN = 2.0 * np.pi
 SPATIAL = 6  # degrees of freedom with an attitude
+Angle = TypeVar("Angle", float, Array)
 
 
 def rotation(psi: float) -> Array:
@@ -21,9 +27,12 @@ def rotation(psi: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def wrap(angle: float) -> float:
-    """The same angle in (-pi, pi]; [rad]."""
-    return float(np.pi - (np.pi - angle) % (2.0 * np.pi))
+def wrap(angle: Angle) -> Angle:
+    """The same angle, a number or an array, in (-pi, pi]; [rad]."""
+    return np.pi - (np.pi - angle) % (2.0 * np.pi)
+
+
+wrap_kernel = lean_kernel(wrap)
 
 
 def unroll(headings: Array) -> Array:
@@ -31,35 +40,22 @@ def unroll(headings: Array) -> Array:
     return np.asarray(np.unwrap(headings, axis=0), dtype=np.float64)
 
 
-def in_body(ned: Array, psi: Array) -> Array:
-    """Horizontal vectors (north, east), shape (N, 2), seen from body axes at headings (N,)."""
+def cross_matrix(a: Sequence[float] | Array) -> Array:
+    """S(a) with S(a) b = a x b, shape (3, 3)."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def in_ned(body: Array, psi: float | Array) -> Array:
+    """Horizontal vectors of body axes at headings `psi` [rad], seen in NED, shape (..., 2)."""
     c, s = np.cos(psi), np.sin(psi)
-    return np.stack([c * ned[:, 0] + s * ned[:, 1], c * ned[:, 1] - s * ned[:, 0]], axis=1)
+    ahead, aside = body[..., 0], body[..., 1]
+    return np.stack([c * ahead - s * aside, s * ahead + c * aside], axis=-1)
 
 
-def through_water(nu_dot: Array, nu: Array, psi: Array, current_ned: Array) -> tuple[Array, Array]:
-    """Acceleration and velocity through a stream that is constant in NED, planar, shape (N, 3).
-
-    nu_r = nu - nu_c and nu_r_dot = nu_dot + S(omega) nu_c; current_ned [m/s], shape (N, 2).
-    """
-    stream = in_body(current_ned, psi)
-    nu_r, nu_r_dot = nu.copy(), nu_dot.copy()
-    nu_r[:, :2] -= stream
-    nu_r_dot[:, 0] -= nu[:, 2] * stream[:, 1]
-    nu_r_dot[:, 1] += nu[:, 2] * stream[:, 0]
-    return nu_r_dot, nu_r
-
-
-def body_velocity(eta_dot: Array, psi: float) -> Array:
-    """nu = R(psi)' eta_dot for planar motion; eta_dot NED [m/s, m/s, rad/s], shape (3,)."""
-    return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)
-
-
-def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
-    """nu_dot = R' eta_ddot - r S R' eta_dot, the time derivative of `body_velocity`; shape (3,)."""
-    nu = body_velocity(eta_dot, psi)
-    turning = np.array([-nu[1], nu[0], 0.0]) * nu[2]
-    return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
+def in_body(ned: Array, psi: float | Array) -> Array:
+    """Horizontal vectors (north, east) seen from body axes at headings `psi` [rad], (..., 2)."""
+    return in_ned(ned, -psi)
 
 
 def half_turns(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
@@ -79,12 +75,15 @@ half_turns_kernel = lean_kernel(half_turns)
 
 
 def quaternion_of(angles: Array) -> Array:
-    """Unit quaternion of (phi, theta, psi) [rad], shape (4,)."""
+    """Unit quaternion of (phi, theta, psi) [rad], shape (3, ...) to (4, ...)."""
     return np.array(half_turns(*angles))
 
 
 def frame_of_quaternion(q: Array, frame: Array) -> None:
-    """Rotation from body to NED of a quaternion (4,), written to frame (3, 3). Hoyer, eq. (2.3)."""
+    """Rotation from body to NED of a quaternion (4,), written to frame (3, 3). Hoyer, eq. (2.3).
+
+    Of N quaternions (4, N) as well, written to frame (3, 3, N).
+    """
     n, x, y, z = q[0], q[1], q[2], q[3]
     frame[0, 0], frame[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
     frame[2, 2] = 1.0 - 2.0 * (x * x + y * y)
@@ -94,7 +93,10 @@ def frame_of_quaternion(q: Array, frame: Array) -> None:
 
 
 def frame_of_angles(angles: Array, frame: Array) -> None:
-    """Rotation from body to NED of (phi, theta, psi) [rad], written to frame (3, 3)."""
+    """Rotation from body to NED of (phi, theta, psi) [rad], written to frame (3, 3).
+
+    Of N attitudes (3, N) as well, written to frame (3, 3, N).
+    """
     cx, sx = np.cos(angles[0]), np.sin(angles[0])
     cy, sy = np.cos(angles[1]), np.sin(angles[1])
     cz, sz = np.cos(angles[2]), np.sin(angles[2])
@@ -117,8 +119,8 @@ def angles_of_frame(frame: Array, angles: Array) -> None:
     else:
         c, s = np.cos(roll), np.sin(roll)
         yaw = np.arctan2(s * frame[0, 2] - c * frame[0, 1], c * frame[1, 1] - s * frame[1, 2])
-    angles[0] += np.pi - (np.pi - (roll - angles[0])) % (2.0 * np.pi)
-    angles[2] += np.pi - (np.pi - (yaw - angles[2])) % (2.0 * np.pi)
+    angles[0] += wrap_kernel(roll - angles[0])
+    angles[2] += wrap_kernel(yaw - angles[2])
     angles[1] = np.arctan2(-frame[2, 0], level)
 
 
@@ -129,14 +131,14 @@ def fill_attitude(z: Array, frame: Array) -> None:
     every attitude.
     """
     level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
-    share = 1.0 / max(level, SMALL)
+    upright = level <= SMALL
+    share = 1.0 / where(upright, SMALL, level)
     at = FIRST_ANGLE
-    z[at], z[at + 1] = frame[2, 2] * share, frame[2, 1] * share
+    z[at] = where(upright, 1.0, frame[2, 2] * share)
+    z[at + 1] = where(upright, 0.0, frame[2, 1] * share)
     z[at + 2], z[at + 3] = level, -frame[2, 0]
-    z[at + 4], z[at + 5] = frame[0, 0] * share, frame[1, 0] * share
-    if level <= SMALL:
-        z[at], z[at + 1] = 1.0, 0.0
-        z[at + 4], z[at + 5] = frame[1, 1], -frame[0, 1]
+    z[at + 4] = where(upright, frame[1, 1], frame[0, 0] * share)
+    z[at + 5] = where(upright, -frame[0, 1], frame[1, 0] * share)
     for i in range(at, at + 6):
         z[N_VARIABLES + i] = abs(z[i])
 
@@ -157,6 +159,35 @@ def angle_rate(angles: Array, p: float, q: float, r: float, rate: Array) -> None
     rate[0] = p + np.sin(angles[1]) * turn
     rate[1] = c * q - s * r
     rate[2] = turn
+
+
+def pose_jacobian(angles: Array) -> Array:
+    """J of eta_dot = J(eta) nu, shape (N, 6, 6), from (phi, theta, psi) [rad], shape (N, 3).
+
+    J = diag(R, T), Fossen (2011), eqs. (2.18) and (2.28); T is singular at theta = +-90 deg.
+    """
+    jacobian = np.zeros((6, 6, len(angles)))
+    frame_of_angles(angles.T, jacobian[:3, :3])
+    (c, cy, _), (s, sy, _) = np.cos(angles).T, np.sin(angles).T
+    cy = np.where(np.abs(cy) < 1e-6, 1e-6, cy)
+    t, k = sy / cy, 1.0 / cy
+    jacobian[3, 3] = 1.0
+    jacobian[3, 4], jacobian[3, 5] = s * t, c * t
+    jacobian[4, 4], jacobian[4, 5] = c, -s
+    jacobian[5, 4], jacobian[5, 5] = s * k, c * k
+    return np.moveaxis(jacobian, -1, 0)
+
+
+def euler_zyx(quaternions: Array) -> Array:
+    """(phi, theta, psi) [rad], shape (N, 3), from quaternions (w, x, y, z) of any length, (N, 4).
+
+    R = R_z(psi) R_y(theta) R_x(phi), Fossen (2011), section 2.2; psi in (-pi, pi].
+    """
+    frame = np.empty((3, 3, len(quaternions)))
+    frame_of_quaternion((quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T, frame)
+    phi = np.arctan2(frame[2, 1], frame[2, 2])
+    theta = np.arcsin(np.clip(-frame[2, 0], -1.0, 1.0))
+    return np.column_stack([phi, theta, np.arctan2(frame[1, 0], frame[0, 0])])
 
 
 frame_of_quaternion_kernel = lean_kernel(frame_of_quaternion)
@@ -223,12 +254,43 @@ def spatial_error(eta_d: Array, eta: Array, e: Array) -> None:
 spatial_error_kernel = lean_kernel(spatial_error)
 
 
+@lean_kernel
+def turn_between(first: float, second: float) -> float:
+    """The turn in [-pi, pi) that leads from one angle to another; [rad]."""
+    angle = second - first
+    return angle - TURN * np.floor((angle + np.pi) / TURN)  # type: ignore[no-any-return]
+
+
 def fill_angles(z: Array, angles: Array) -> None:
     """Write cosines and sines of (phi, theta, psi), and their magnitudes, into z = [x, |x|]."""
     for i in range(3):
         at = FIRST_ANGLE + 2 * i
         z[at], z[at + 1] = np.cos(angles[i]), np.sin(angles[i])
         z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(z[at]), abs(z[at + 1])
+
+
+@lean_kernel
+def rotation_between(
+    first: tuple[float, float, float, float], second: tuple[float, float, float, float],
+    vector: Array,
+) -> None:  # fmt: skip
+    """Rotation vector of R_1' R_2 [rad], written to (3,), of two unit quaternions.
+
+    Its direction, in body axes, is that of the turn from the first attitude to the second, and
+    its length, at most pi, the angle.
+    """
+    n, x, y, z = first
+    n_2, x_2, y_2, z_2 = second
+    cosine = n * n_2 + x * x_2 + y * y_2 + z * z_2  # of half the angle
+    vector[0] = n * x_2 - x * n_2 - y * z_2 + z * y_2
+    vector[1] = n * y_2 - y * n_2 - z * x_2 + x * z_2
+    vector[2] = n * z_2 - z * n_2 - x * y_2 + y * x_2
+    sine = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    angle = 2.0 * np.arctan2(sine, abs(cosine))
+    scale = where(sine > 0.0, angle / where(sine > 0.0, sine, 1.0), 2.0)
+    scale = where(cosine < 0.0, -scale, scale)
+    for i in range(3):
+        vector[i] *= scale
 
 
 fill_angles_kernel = lean_kernel(fill_angles)

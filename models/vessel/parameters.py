@@ -1,6 +1,6 @@
 """What a vessel's YAML says: derivatives, thrusters, limits and what suits its size."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -9,7 +9,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
-from seatrial.models.vessel.table import PLANAR, Vessel
+from seatrial.models.vessel.table import PLANAR, Attitude, Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 
@@ -21,7 +21,6 @@ class Plant:
     thruster: SecondOrderLag | None
     velocity_limits: tuple[float, ...]  # [m/s, rad/s]
     change: tuple[float, Vessel] | None = None  # from a time [s] on it is another vessel
-    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"
     allocation: Allocation | None = None  # of the command to thrusters
 
@@ -58,7 +57,7 @@ class VesselParameters:
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
     thrusters: Allocation | None = None  # how they share a force
-    attitude: Literal["quaternion", "euler"] = "quaternion"  # of six degrees of freedom
+    attitude: Attitude = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
     parameters: str | None = None  # which of the sets completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -99,7 +98,8 @@ class VesselParameters:
             inertia = np.array(self.inertia, dtype=np.float64)
         derivatives = self.derivatives | self.parameter_sets.get(self.parameters or "", {})
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
-        return table if self.body is None else table + self.body.restoring(self.dofs)
+        table = table if self.body is None else table + self.body.restoring(self.dofs)
+        return replace(table, attitude=self.attitude)
 
     def plant(self, table: Vessel) -> Plant:
         """What is sailed: a table with this vessel's thrusters, limits and integration."""
@@ -107,7 +107,6 @@ class VesselParameters:
             table,
             self.thruster,
             self.velocity_limits,
-            attitude=self.attitude,
             integrator=self.integrator,
             allocation=self.thrusters,
         )

@@ -16,16 +16,27 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
     angles_of_frame_kernel,
     frame_of_quaternion_kernel,
+    half_turns_kernel,
     quaternion_of,
+    rotation_between,
+    turn_between,
 )
 from seatrial.models.vessel.table import PLANAR
 
+OF_AXES = ("surge", "sway", "roll", "pitch", "yaw")
+
 
 class Axes(NamedTuple):
-    """Every velocity is integrated along its own axis, the vessel level and heading north."""
+    """Every velocity is integrated along its own axis, the vessel else level and heading north.
 
-    north: int  # the degree of freedom along north and the one along east; -1 is none
+    Each field is the place among the degrees of freedom, -1 where the vessel does not have it.
+    """
+
+    north: int
     east: int
+    roll: int
+    pitch: int
+    yaw: int
 
 
 class Planar(NamedTuple):
@@ -49,19 +60,21 @@ class Euler(NamedTuple):
 Kinematics = Axes | Planar | Quaternion | Euler
 
 
-def kinematics_of(dofs: tuple[str, ...], attitude: str | None = None) -> Kinematics:
+def kinematics_of(dofs: tuple[str, ...], attitude: str = "quaternion") -> Kinematics:
     """The kinematics of a vessel; `attitude` (quaternion, euler) is of six degrees of freedom."""
     if dofs == PLANAR:
         return Planar()
-    if dofs == DOFS and attitude is not None:
+    if dofs == DOFS:
         return Quaternion() if attitude == "quaternion" else Euler()
-    return Axes(*(dofs.index(dof) if dof in dofs else -1 for dof in ("surge", "sway")))
+    places = (dofs.index(dof) if dof in dofs else -1 for dof in OF_AXES)
+    return Axes(*places)
 
 
 def state_of(kinematics: Kinematics, pose: Array) -> Array:
-    """The state that is integrated, of a pose over the degrees of freedom."""
+    """The state that is integrated, of poses over the degrees of freedom, shape (..., n_dof)."""
     if isinstance(kinematics, Quaternion):
-        return np.concatenate([pose[:3], quaternion_of(pose[3:])])
+        quaternion = np.moveaxis(quaternion_of(np.moveaxis(pose[..., 3:], -1, 0)), 0, -1)
+        return np.concatenate([pose[..., :3], quaternion], axis=-1)
     return np.array(pose, dtype=np.float64)
 
 
@@ -132,3 +145,77 @@ def _normalise(kinematics: Any, eta: Any) -> Any:
         step(kinematics, eta)
 
     return chosen
+
+
+@lean_kernel
+def _along_axes(axes: Axes, first: Array, second: Array, e: Array) -> None:
+    for i in range(e.shape[0]):
+        e[i] = second[i] - first[i]
+    for i in (axes.roll, axes.pitch, axes.yaw):
+        if i >= 0:
+            e[i] = turn_between(first[i], second[i])
+
+
+@lean_kernel
+def _in_plane(planar: Planar, first: Array, second: Array, e: Array) -> None:
+    e[0], e[1] = second[0] - first[0], second[1] - first[1]
+    e[2] = turn_between(first[2], second[2])
+
+
+@lean_kernel
+def _of_quaternions(kinematics: Quaternion, first: Array, second: Array, e: Array) -> None:
+    for i in range(3):
+        e[i] = second[i] - first[i]
+    rotation_between(
+        (first[3], first[4], first[5], first[6]), (second[3], second[4], second[5], second[6]),
+        e[3:],
+    )  # fmt: skip
+
+
+@lean_kernel
+def _of_angles(kinematics: Euler, first: Array, second: Array, e: Array) -> None:
+    for i in range(3):
+        e[i] = second[i] - first[i]
+    rotation_between(
+        half_turns_kernel(first[3], first[4], first[5]),
+        half_turns_kernel(second[3], second[4], second[5]), e[3:],
+    )  # fmt: skip
+
+
+DEVIATIONS: dict[type, Callable[..., None]] = {
+    Axes: _along_axes, Planar: _in_plane, Euler: _of_angles, Quaternion: _of_quaternions,
+}  # fmt: skip
+
+
+def deviation(kinematics: Any, first: Array, second: Array, e: Array) -> None:
+    """Write what leads from one state of the pose to another, shape (n_dof,).
+
+    Of positions the difference in NED, of an attitude in three angles the rotation vector of
+    R_1' R_2, of a single angle the turn, which is within half a turn.
+    """
+    DEVIATIONS[type(kinematics)](kinematics, first, second, e)
+
+
+@overload(deviation, jit_options=LEAN)
+def _deviation(kinematics: Any, first: Any, second: Any, e: Any) -> Any:
+    step = DEVIATIONS[kinematics.instance_class]
+
+    def chosen(kinematics: Any, first: Any, second: Any, e: Any) -> None:
+        step(kinematics, first, second, e)
+
+    return chosen
+
+
+def displaced(kinematics: Kinematics, states: Array, offsets: Array) -> Array:
+    """Poses (n, n_pose) moved by offsets (n, n_dof), of quaternions by rotation vectors."""
+    if not isinstance(kinematics, Quaternion):
+        return np.asarray(states + offsets)
+    n, x, y, z = states[:, 3:].T
+    angle = np.linalg.norm(offsets[:, 3:], axis=1)
+    a, b, c = (0.5 * np.sinc(angle / (2.0 * np.pi))[:, None] * offsets[:, 3:]).T
+    m = np.cos(0.5 * angle)
+    turned = [
+        n * m - x * a - y * b - z * c, n * a + x * m + y * c - z * b,
+        n * b - x * c + y * m + z * a, n * c + x * b - y * a + z * m,
+    ]  # fmt: skip
+    return np.column_stack([states[:, :3] + offsets[:, :3], *turned])

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.compiled import kernel, lean_kernel
-from seatrial.models.vessel.allocation_step import ALLOCATIONS
 from seatrial.models.vessel.basis import Array, Codes
 
 HALVINGS = 40  # of the interval in which the scale of an unreachable force lies
@@ -171,7 +170,7 @@ def _distribute(table: PseudoInverse, tau: Array, scale: float) -> bool:
 
 
 @lean_kernel
-def _by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None:
+def by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None:
     """T u of the largest share of tau, up to all of it, that is found."""
     low, high = 0.0, 1.0
     if not _distribute(table, tau, 1.0):
@@ -188,12 +187,9 @@ def _by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None
             applied[i] += table.T[i, c] * table.u[c]
 
 
-ALLOCATIONS[PseudoInverse] = _by_pseudo_inverse
-
-
 @kernel
 def allocate_all(table: PseudoInverse, tau: Array, u: Array, applied: Array) -> None:
     """Write u (N, n_u) and T u (N, n_dof) for forces tau (N, n_dof)."""
     for k in range(tau.shape[0]):
-        _by_pseudo_inverse(table, tau[k], applied[k])
+        by_pseudo_inverse(table, tau[k], applied[k])
         u[k] = table.u

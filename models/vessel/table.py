@@ -15,7 +15,7 @@ evaluates the table, forward dynamics solves its inertia columns for nu_dot.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
+from seatrial.models.vessel.plant_table import PlantTable, has_coriolis, layout
 
+Attitude = Literal["quaternion", "euler"]  # euler is singular at 90 degrees of pitch
 PLANAR = ("surge", "sway", "yaw")
 FORCE_UNIT = {dof: "N" if dof in DOFS[:3] else "Nm" for dof in DOFS}
 SQUARE_UNIT = {dof: "N^2" if dof in DOFS[:3] else "(Nm)^2" for dof in DOFS}
@@ -56,17 +58,6 @@ class ForceTable(NamedTuple):
     aerodynamic: bool  # it has terms in the velocity through the air
 
 
-class PlantTable(NamedTuple):
-    """Forward dynamics for the kernels: the terms without acceleration and inv(M)."""
-
-    codes: Codes
-    theta: Array
-    inverse_inertia: Array
-    velocity_index: Codes
-    aerodynamic: bool  # it has terms in the velocity through the air
-    turning: bool  # it has Coriolis forces, so that a stream turns in its axes when it turns
-
-
 @dataclass(frozen=True, eq=False)
 class Vessel:
     """A coefficient table: rows are `terms`, columns `dofs`, entries `theta` in SI units."""
@@ -75,6 +66,7 @@ class Vessel:
     dofs: tuple[str, ...]
     terms: tuple[Term, ...]
     theta: Array  # shape (n_terms, n_dof), force per basis function
+    attitude: Attitude = "quaternion"  # how six degrees of freedom are integrated
 
     def __post_init__(self) -> None:
         unknown = [dof for dof in self.dofs if dof not in DOFS]
@@ -207,30 +199,17 @@ class Vessel:
                 f"got an eigenvalue of {np.min(eigenvalues.real):.3g}"
             )
         accelerated = set(range(1, 1 + len(ACCELERATIONS)))
-        kept = []
-        for i, one in enumerate(self.terms):
+        for one, row in zip(self.terms, self.theta, strict=True):
             factors = {code % N_VARIABLES for code in one.codes}
-            if not factors & accelerated:
-                kept.append(i)
-            elif one.name not in ACCELERATIONS and np.any(self.theta[i] != 0.0):
+            if factors & accelerated and one.name not in ACCELERATIONS and np.any(row != 0.0):
                 raise ConfigurationError(f"{self.name}: term {one} cannot be solved for nu_dot")
-        kept = [i for i in kept if np.any(self.theta[i] != 0.0)]
-        return PlantTable(
-            basis.codes([self.terms[i] for i in kept]),
-            np.ascontiguousarray(self.theta[kept]),
-            np.ascontiguousarray(np.linalg.inv(self.inertia)),
-            np.array([INDEX[name] for name in self.velocities]),
-            self._has(kept, AIR),
-            self.turning,
-        )
+        plan = layout(self.terms, self.dofs, self.theta != 0.0)
+        return plan.plant(self.theta, np.asarray(np.linalg.inv(self.inertia), dtype=np.float64))
 
     @property
     def turning(self) -> bool:
-        """Whether the table has Coriolis forces: a force from velocity times rate of turn."""
-        linear = [i for i, dof in enumerate(self.dofs) if dof in DOFS[:3]]
-        products = [basis.term(a + b) for a in VELOCITIES[:3] for b in VELOCITIES[3:]]
-        rows = [self.theta[self.terms.index(one)] for one in products if one in self.terms]
-        return any(bool(np.any(row[linear] != 0.0)) for row in rows)
+        """Whether the table has Coriolis forces."""
+        return has_coriolis(self.terms, self.dofs, self.theta != 0.0)
 
     def _has(self, kept: Sequence[int], names: Sequence[str]) -> bool:
         """Whether one of some terms has one of some variables."""

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.vessel.allocation_step import ALLOCATIONS
 from seatrial.models.vessel.basis import Array, Codes
 
 SIDES = 16  # of the polygon about an azimuth thruster's circle, for the quadratic program
@@ -84,9 +83,6 @@ def by_program(table: QuadraticProgram, tau: Array, applied: Array) -> None:
     x[free] += np.linalg.lstsq(T[:, free] / size[:, None], left, rcond=None)[0]
     table.u[:] = x * table.high
     applied[:] = table.T @ table.u
-
-
-ALLOCATIONS[QuadraticProgram] = by_program
 
 
 def circles_of(counts: Sequence[int]) -> Array:

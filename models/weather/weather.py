@@ -18,17 +18,5 @@ class Weather(NamedTuple):
     wind_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the air
     wind_noise: Array = np.zeros((0, 2))  # (N, 2), added to the measured wind, body axes
     process: Array = np.zeros((0, 0))  # (N, n_dof) accelerations [m/s^2, rad/s^2]
+    wind_body: Array = np.zeros((0, 2))  # (N, 2) velocity of the air in body axes, as recorded
     wave_motion: Array = np.zeros((0, 0))  # (N, n_dof), the part of pose_noise that waves make
-
-    def sailed(self) -> "Weather":
-        """The same with zeros for what the equations of motion need and is absent."""
-        n, n_dof = self.force_ned.shape
-        return self._replace(
-            current_ned=_rows(self.current_ned, n, 2),
-            wind_ned=_rows(self.wind_ned, n, 2),
-            process=_rows(self.process, n, n_dof),
-        )
-
-
-def _rows(values: Array, n: int, columns: int) -> Array:
-    return values if len(values) else np.zeros((n, columns))

@@ -32,7 +32,7 @@ TABLES = {
     "reuse": "Trials of a sweep that another run had done already.",
 }
 COLUMNS = {
-    "fingerprint": "SHA-256 of the resolved configuration and the models' sources",
+    "fingerprint": "SHA-256 of the resolved configuration and of the code that computes results",
     "attempt": "counts the runs of one fingerprint",
     "superseded": "1 where another attempt at the same trial counts instead",
     "status": "running, finished, diverged, failed or interrupted",

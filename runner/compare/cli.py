@@ -1,6 +1,6 @@
 """What the commands share: the program, its common options, and how tables are printed.
 
-The commands are in `asking` and `keeping`. Nothing slow is imported by either: every command
+The commands are in `commands` and `logbook_commands`. Neither imports anything slow: every command
 imports what it needs, so that --help is at once.
 """
 

@@ -1,7 +1,6 @@
 """Commands that ask: runs, show, table, plot, sql."""
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -9,8 +8,6 @@ from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
     Form,
-    ResultsDir,
-    Several,
     Where,
     app,
     axes_of,
@@ -19,8 +16,8 @@ from seatrial.runner.compare.cli import (
     shown_path,
     split,
 )
+from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
 from seatrial.runner.compare.formats import Format
-from seatrial.runner.compare.kinds import PlotKind
 
 
 @app.command()
@@ -63,49 +60,8 @@ def show(
 
 
 @app.command()
-def table(
-    rows: Annotated[
-        str | None,
-        typer.Option(
-            "--rows", "-r", help="Factors of the rows, parted by commas.  [default: identifier]"
-        ),
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            "--columns", "-c", help="Factors of the columns; none.  [default: disturbance]"
-        ),
-    ] = None,
-    metric: Annotated[
-        Several, typer.Option("--metric", "-m", help="Metric; several by commas or repetition.")
-    ] = None,
-    coefficient: Annotated[
-        Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
-    ] = None,
-    coefficients: Annotated[
-        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
-    ] = False,
-    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ...; all.")] = None,
-    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None,
-    model: Annotated[
-        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
-    ] = None,
-    statistic: Annotated[
-        Several,
-        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
-    ] = None,
-    interval: Annotated[
-        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
-    ] = "t",
-    baseline: Annotated[
-        str | None,
-        typer.Option(help="As identifier=none: adds ratio, paired test and wins against it."),
-    ] = None,
-    where: Where = None,
-    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4,
-    database: Database = DEFAULT_DATABASE,
-    form: Form = Format.RICH,
-) -> None:
+@taking(TableOptions)
+def table(options: TableOptions) -> None:
     """Compare a metric or coefficients over seeds.
 
     Rows and columns go by any choice (vessel, disturbance, excitation, identifier, controller,
@@ -116,60 +72,14 @@ def table(
     from seatrial.runner.compare.selection import request_of
     from seatrial.runner.compare.table import comparison
 
-    rows, columns = axes_of(rows, columns)
-    request = request_of(
-        rows=rows,
-        columns=columns,
-        metrics=metric,
-        terms=coefficient,
-        all_terms=coefficients,
-        dofs=dof,
-        stages=stage,
-        models=model,
-        statistics=statistic,
-        interval=interval,
-        baseline=baseline,
-        where=where,
-        digits=digits,
-    )
-    with open_results(database) as results:
-        show_grid(comparison(results, request), form)
+    request = request_of(options)
+    with open_results(options.database) as results:
+        show_grid(comparison(results, request), options.form)
 
 
 @app.command()
-def plot(
-    kind: Annotated[PlotKind, typer.Argument(help="Kind of figure.")],
-    run: Annotated[
-        int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
-    ] = None,
-    metric: Annotated[
-        str, typer.Option("--metric", "-m", help="Metric of the bars.")
-    ] = "force_mse",
-    rows: Annotated[
-        str | None,
-        typer.Option("--rows", "-r", help="Factor of the colours.  [default: identifier]"),
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
-    ] = None,
-    dof: Annotated[Several, typer.Option(help="Only these degrees of freedom.")] = None,
-    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified",
-    facet: Annotated[
-        str | None, typer.Option("--facet", help="One figure for each level of this factor.")
-    ] = None,
-    log: Annotated[
-        bool | None,
-        typer.Option("--log/--linear", help="Scale of the bars; else by the range of the figures."),
-    ] = None,
-    where: Where = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder of the files; else figures beside the series."),
-    ] = None,
-    database: Database = DEFAULT_DATABASE,
-    results_dir: ResultsDir = None,
-) -> None:
+@taking(PlotOptions)
+def plot(options: PlotOptions) -> None:
     """Draw figures as PNG and SVG and print their paths.
 
     bars: a metric by rows and columns; orders: error over model order; residual, track, errors:
@@ -185,22 +95,22 @@ def plot(
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.results import open_results
 
-    rows = rows or ("controller" if kind == "controllers" else None)
-    rows, columns = axes_of(rows, columns)
+    rows = options.rows or ("controller" if options.kind == "controllers" else None)
+    rows, columns = axes_of(rows, options.columns)
     request = PlotRequest(
-        run=run,
-        metric=metric,
+        run=options.run,
+        metric=options.metric,
         rows=rows,
         columns=columns,
-        dofs=split(dof),
-        model=model,
-        facet=facet,
-        log=log,
-        where=where,
+        dofs=split(options.dof),
+        model=options.model,
+        facet=options.facet,
+        log=options.log,
+        where=options.where,
     )
-    with open_results(database, results_dir) as results:
-        folder = output or shown_path(results.reader.results_dir / "figures")
-        for path in draw(kind, results, request, folder):
+    with open_results(options.database, options.results_dir) as results:
+        folder = options.output or shown_path(results.reader.results_dir / "figures")
+        for path in draw(options.kind, results, request, folder):
             typer.echo(path)
 
 

@@ -16,6 +16,7 @@ from seatrial.runner.compare.runs import repeat_command, runs_of
 from seatrial.runner.database.engine import Address
 from seatrial.runner.database.logbook import Logbook
 from seatrial.runner.database.records import RunSummary
+from seatrial.runner.invocation import trial_program
 
 MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
 RETRIED = ("failed", "diverged", "interrupted")
@@ -27,12 +28,8 @@ def retry_commands(results: Results, where: str | None, statuses: Sequence[str])
     _only(statuses, RETRIED)
     found = [run for run in runs_of(results, where, statuses) if not run.superseded]
     return [
-        shlex.join(
-            repeat_command(
-                results.reader.run(run.run_id).overrides,
-                results.reader.address.path,
-                rerun=False,
-            )
+        repeat_command(
+            results.reader.run(run.run_id).overrides, results.reader.address.path, rerun=False
         )
         for run in reversed(found)
     ]
@@ -43,8 +40,9 @@ def execute_all(commands: Sequence[str]) -> int:
     failed = 0
     for number, line in enumerate(commands, 1):
         print(f"{number} of {len(commands)}: {line}", file=sys.stderr, flush=True)
-        arguments = shlex.split(line)
-        failed += subprocess.run([sys.executable, *arguments[1:]], check=False).returncode != 0
+        arguments = shlex.split(line.removeprefix(trial_program()))
+        program = [sys.executable, "-m", "seatrial.runner"]
+        failed += subprocess.run([*program, *arguments], check=False).returncode != 0
     print(f"{len(commands) - failed} of {len(commands)} finished", file=sys.stderr)
     return 1 if failed else 0
 

@@ -20,6 +20,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import FINISHED, Observation, Results, Run
 from seatrial.runner.compare.statistics import SAME, confidence_interval
+from seatrial.runner.invocation import trial_program
 
 FOLDER = Path(__file__).with_name("printed")
 COLUMNS = (
@@ -169,7 +170,7 @@ def _judged(results: Results, one: Printed, ids: Sequence[int]) -> Judged:
         return Judged(one, math.nan, math.nan, math.nan, 0, 0, "not reproducible", one.note)
     runs = _chosen(results, one, ids)
     if not runs:
-        command = f"python -m runner experiment={one.experiment}"
+        command = f"{trial_program()} experiment={one.experiment}"
         reason = f"{command}; {one.note}" if one.note else command
         return Judged(one, math.nan, math.nan, math.nan, 0, 0, "no runs", reason)
     values, truths = _values(results, one, runs)

@@ -18,6 +18,7 @@ from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
 from seatrial.runner.compare.published import TOLERANCE, Judged, by_table, runs_of
 from seatrial.runner.compare.results import Results
+from seatrial.runner.invocation import trial_program
 
 # Tables of printed figures beside ours, and the summary of their verdicts.
 
@@ -167,6 +168,7 @@ def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: 
         database=str(results.reader.address),
         summary=html_table(summary_grid(tables)),
         chapters=chapters,
+        program=trial_program(),
     )
     write_page(page, file)
 

@@ -16,6 +16,7 @@ from seatrial.runner.compare.where import Comparison
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.tables import STATUSES
 from seatrial.runner.database.views import run_overview
+from seatrial.runner.invocation import trial_program
 
 # Lists of runs, and all that is known of one run.
 
@@ -41,7 +42,6 @@ COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
-PROGRAM = ("python", "-m", "runner")
 PLACES = ("results_dir=", "database.url=", "database=")
 
 
@@ -196,7 +196,7 @@ def traceback_of(results: Results, run_id: int) -> str:
 def command_of(results: Results, run_id: int) -> str:
     """One line for a shell that repeats a run into the same logbook."""
     overrides = results.reader.run(run_id).overrides
-    return shlex.join(repeat_command(overrides, results.reader.address.path, rerun=True))
+    return repeat_command(overrides, results.reader.address.path, rerun=True)
 
 
 def answer(results: Results, query: str) -> Grid:
@@ -206,10 +206,8 @@ def answer(results: Results, query: str) -> Grid:
     return grid_of("", found.columns, rows, labels=0, digits=6)
 
 
-def repeat_command(
-    overrides: Sequence[str], database: Path | None, rerun: bool, program: Sequence[str] = PROGRAM
-) -> list[str]:
-    """The command that does a trial again, its results going to the same logbook.
+def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
+    """One line for a shell that repeats a trial, its results going to the same logbook.
 
     `database` is the SQLite file; None (PostgreSQL) keeps the overrides' own choice, because a
     URL with its password does not belong on a command line.
@@ -221,7 +219,9 @@ def repeat_command(
     kept = [one for one in kept if not one.startswith("rerun=")]
     if any(one.startswith("experiment=") for one in kept):
         kept.append("hydra.mode=RUN")  # an experiment may hold a sweep
-    return [*program, *kept, *(["rerun=true"] if rerun else [])]
+    if rerun:
+        kept.append("rerun=true")
+    return f"{trial_program()} {shlex.join(kept)}".rstrip()
 
 
 def _location(database: Path) -> list[str]:

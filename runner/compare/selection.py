@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.cli import axes_of
+from seatrial.runner.compare.command_options import TableOptions
 from seatrial.runner.compare.factors import CHOICES
 from seatrial.runner.compare.pivot import Key, Pivot
 from seatrial.runner.compare.results import (
@@ -67,27 +69,15 @@ class Found:
     infeasible: frozenset[tuple[int, str]] = frozenset()
 
 
-def request_of(
-    rows: str,
-    columns: str,
-    metrics: Sequence[str] | None,
-    terms: Sequence[str] | None,
-    all_terms: bool,
-    dofs: Sequence[str] | None,
-    stages: Sequence[str] | None,
-    models: Sequence[str] | None,
-    statistics: Sequence[str] | None,
-    interval: IntervalKind,
-    baseline: str | None,
-    where: str | None,
-    digits: int,
-) -> TableRequest:
+def request_of(options: TableOptions) -> TableRequest:
     """The request that command line options make; raises ConfigurationError where they clash."""
-    of_coefficients = bool(terms) or all_terms
-    if of_coefficients and metrics:
+    of_coefficients = bool(options.coefficient) or options.coefficients
+    if of_coefficients and options.metric:
         raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
-    row_factors, column_factors = _factors(rows), _factors(columns)
-    if all_terms and not terms:
+    row_factors, column_factors = (
+        _factors(axis) for axis in axes_of(options.rows, options.columns)
+    )
+    if options.coefficients and not options.coefficient:
         row_factors = tuple(f for f in ("dof", "metric") if f not in column_factors) + tuple(
             f for f in row_factors if f not in ("dof", "metric") and f not in column_factors
         )
@@ -96,20 +86,22 @@ def request_of(
         raise ConfigurationError(
             f"--rows and --columns: both name {twice[0]}, expected one of them"
         )
-    shown = _listed(models) or (() if "model" in row_factors + column_factors else ("identified",))
+    shown = _listed(options.model) or (
+        () if "model" in row_factors + column_factors else ("identified",)
+    )
     return TableRequest(
-        names=_listed(terms if of_coefficients else metrics or ["force_mse"]),
+        names=_listed(options.coefficient if of_coefficients else options.metric or ["force_mse"]),
         rows=row_factors,
         columns=column_factors,
         of_coefficients=of_coefficients,
-        dofs=_all_or(_listed(dofs)),
-        stages=_all_or(_listed(stages)),
+        dofs=_all_or(_listed(options.dof)),
+        stages=_all_or(_listed(options.stage)),
         models=_all_or(shown),
-        statistics=checked(_listed(statistics) or DEFAULT),
-        interval=interval,
-        baseline=_factor_and_level(baseline),
-        where=where,
-        digits=digits,
+        statistics=checked(_listed(options.statistic) or DEFAULT),
+        interval=options.interval,
+        baseline=_factor_and_level(options.baseline),
+        where=options.where,
+        digits=options.digits,
     )
 
 

@@ -21,9 +21,8 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, clean, give_up
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.liveness import Heartbeat, claim, clean, give_up
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,
@@ -178,14 +177,6 @@ class Logbook(Reader):
             gone, paths = maintenance.delete_runs(connection, run_ids)
         left = maintenance.remove(self.results_dir, paths)
         return Pruned(gone, len(paths) - len(left), left)
-
-    def remove_orphans(self) -> list[Path]:
-        """Delete the series files that no row points to; the answer names them."""
-        with self._reading() as connection:
-            found = maintenance.orphans(connection, self.results_dir)
-        for path in found:
-            path.unlink(missing_ok=True)
-        return found
 
     def _duration(self, run_id: int) -> float | None:
         began = self._began.get(run_id)

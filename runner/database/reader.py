@@ -1,5 +1,11 @@
-"""Everything that can be asked of a logbook, on a connection that cannot write."""
+"""Everything that can be asked of a logbook, on a connection that cannot write.
 
+SQL from people is one query, which cannot write, whatever it says. The connection is read-only
+already. What that alone would leave open is closed here: on SQLite ATTACH and VACUUM INTO (they
+write other files), on PostgreSQL COPY ... TO and several statements in one.
+"""
+
+import sqlite3
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,9 +27,9 @@ from sqlalchemy import (
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, sql_query, tables
+from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.engine import Address, parse
+from seatrial.runner.database.engine import Address, one_line, parse
 from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.records import (
@@ -41,7 +47,73 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.database.views import run_overview
 
+_READING = {
+    sqlite3.SQLITE_SELECT,
+    sqlite3.SQLITE_READ,
+    sqlite3.SQLITE_RECURSIVE,
+}
+_PRAGMAS = {"table_info", "table_xinfo", "table_list", "index_list", "index_info"}
+_REFUSED = "only one query that reads is answered (SELECT, WITH, VALUES)"
 _FAILED = ("failed", "diverged", "interrupted")
+
+
+def ask(connection: Connection, query: str) -> Answer:
+    """The answer to `query` over a read-only `connection`."""
+    if not query.strip():
+        raise LogbookError(f"sql: got an empty query; {_REFUSED}")
+    raw = connection.connection.dbapi_connection
+    if isinstance(raw, sqlite3.Connection):
+        return _ask_sqlite(raw, query)
+    return _ask_postgresql(raw, query)
+
+
+def _permit(action: int, first: str | None, second: str | None, *_: str | None) -> int:
+    allowed = (
+        action in _READING
+        or (action == sqlite3.SQLITE_FUNCTION and second != "load_extension")
+        or (action == sqlite3.SQLITE_PRAGMA and first in _PRAGMAS)
+        # how SQLite itself declares pragma_table_info(...); it lets no UPDATE near this table
+        or (action == sqlite3.SQLITE_UPDATE and first == "sqlite_master")
+    )
+    return sqlite3.SQLITE_OK if allowed else sqlite3.SQLITE_DENY
+
+
+def _ask_sqlite(raw: sqlite3.Connection, query: str) -> Answer:
+    raw.set_authorizer(_permit)
+    cursor = raw.cursor()
+    try:
+        rows = cursor.execute(query).fetchall()
+        described = cursor.description
+    except (sqlite3.Error, sqlite3.Warning) as error:
+        said = one_line(error)
+        if "not authorized" in said or "prohibited" in said or "readonly" in said:
+            raise LogbookError(
+                f"sql: refused: the logbook is open to be read; {_REFUSED}"
+            ) from None
+        raise LogbookError(f"sql: {said}") from None
+    finally:
+        cursor.close()
+        raw.set_authorizer(None)
+    if described is None:
+        raise LogbookError(f"sql: no rows come of this; {_REFUSED}")
+    return Answer(tuple(column[0] for column in described), rows)
+
+
+def _ask_postgresql(raw: Any, query: str) -> Answer:
+    import psycopg
+
+    # DECLARE ... CURSOR FOR takes nothing but a query, and a named cursor sends just one.
+    cursor = raw.cursor(name="question")
+    try:
+        rows = cursor.execute(query.strip().rstrip(";")).fetchall()
+        return Answer(tuple(column.name for column in cursor.description or ()), rows)
+    except psycopg.Error as error:
+        said = one_line(error)
+        if isinstance(error, psycopg.errors.ReadOnlySqlTransaction | psycopg.errors.SyntaxError):
+            said = f"{said}; {_REFUSED}"
+        raise LogbookError(f"sql: {said}") from None
+    finally:
+        cursor.close()
 
 
 class Reader:
@@ -86,7 +158,7 @@ class Reader:
     def sql(self, query: str) -> Answer:
         """The answer to one query in SQL; LogbookError where it fails, or would write."""
         with engines.explained(self.address), self._engine.connect() as connection:
-            return sql_query.ask(connection, query)
+            return ask(connection, query)
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""

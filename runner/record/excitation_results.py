@@ -4,24 +4,17 @@ Whether its recording tells the terms apart, the statistics and quality of a mea
 counts and the plan of a mix of manoeuvres."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seatrial.models.errors import IdentificationError
+from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
-from seatrial.models.excitation.persistence import Persistence
-from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.planning.planner import Plan
-from seatrial.models.recording.consistency import quality_checks, quality_series
+from seatrial.models.recording.preprocessing import quality_checks, quality_series
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.models.vessel.table import (
-    Vessel,
-)
 from seatrial.runner.database.records import Diagnostic, Metric, Results, Series
 
 if TYPE_CHECKING:
@@ -64,44 +57,17 @@ PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`
 ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
-def mix_results(
-    mix: object, excited: "Excited", problem: Problem, identified: Identified
-) -> Results:
+def mix_results(mix: object, excited: "Excited") -> Results:
     """Rows of a mix; none of another excitation."""
     if not isinstance(mix, Mix):
         return Results()
-    models = {"nominal": problem.nominal, "identified": identified.model}
-    if excited.truth is not None:
-        models["plant"] = excited.truth
-    metrics = [
-        Metric("validation", name, "all", "simulation_rmse", error, "")
-        for name, model in models.items()
-        if (error := simulation_error(problem.validation, model)) is not None
-    ]
     found, plan = _mixed(mix), mix.plan
     if plan is None:
-        return Results(metrics=metrics, diagnostics=found)
+        return Results(diagnostics=found)
     return Results(
-        metrics=metrics,
         diagnostics=[*found, *_planned(mix, plan, excited.recording)],
         series=[_plan_series(mix, plan), _waters_series(mix)],
     )
-
-
-def simulation_error(held_out: Recording, model: Vessel) -> float | None:
-    """sqrt((1/N) sum e_u^2 + e_v^2 + e_r^2) [m/s, rad/s]; Ljungberg (slides), "Results".
-
-    Of a simulation of every manoeuvre from rest, as it begins, under the commanded force, against
-    the measured velocities; None where the model cannot be simulated. (From the measured velocity
-    its noise is simulated too, which a hull that does not keep its course never forgets.)
-    """
-    begins = np.diff(held_out.t, prepend=-np.inf) > 1.5 * held_out.period_s
-    resting = replace(held_out, nu=np.where(begins[:, None], 0.0, held_out.nu))
-    try:
-        motion, _ = simulated_motion(resting, model, None, None)
-    except IdentificationError:
-        return None
-    return float(np.sqrt(np.mean(np.sum((motion.nu - held_out.nu) ** 2, axis=1))))
 
 
 def _finding(name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None

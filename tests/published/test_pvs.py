@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
-from seatrial.models.excitation.open_loop import open_loop
+from seatrial.models.excitation.manoeuvres import open_loop
 from seatrial.models.simulation.loop import sail
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.parameters import Plant

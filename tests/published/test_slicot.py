@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.models.identification.state_space_findings import variance_accounted_for
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 
 
@@ -46,6 +45,11 @@ def daisy(name: str, inputs: slice, outputs: slice) -> tuple[np.ndarray, np.ndar
     values = loadmat(outside(f"{name}_dat.mat"))[f"{name}_dat"]
     values = values - values.mean(axis=0)
     return values[:, outputs], values[:, inputs]
+
+
+def variance_accounted_for(y: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """100 (1 - var(y - y_hat) / var(y)) [%] per column, the measure of the SLICOT collection."""
+    return np.asarray(100.0 * (1.0 - np.var(y - predicted, axis=0) / np.var(y, axis=0)))
 
 
 def free_run_vaf(found: Realisation, y: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -252,4 +252,4 @@ def test_help_says_what_it_is(tmp_path: Path) -> None:
     assert said.startswith("seatrial: sea trials for models and controllers of marine vessels.")
     for group in ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation"):
         assert re.search(rf"^{group}: \w", said, re.MULTILINE)
-    assert "python -m runner -m" in said
+    assert "seatrial -m identifier=" in said

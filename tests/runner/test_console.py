@@ -15,7 +15,7 @@ from rich.progress import Progress, TextColumn
 from seatrial.runner import console as progress
 from seatrial.runner.console import LiveLine, Pace, PlainLines, Standing, duration
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results, RunStart
+from seatrial.runner.database.records import Results, RunStart, SweepStatus
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,6 +42,17 @@ def test_the_pace_counts_from_the_first_that_ends() -> None:
     assert pace.left_s(3, 10, 60.0) is None  # the first: nothing to compare with
     assert pace.left_s(5, 10, 64.0) == pytest.approx(10.0)  # two more in 4 s, five to go
     assert pace.left_s(10, 10, 74.0) == 0.0
+
+
+def test_compiling_is_not_counted_into_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three trials of 2 s, the second of which compiles for 30 s: seven take 14 s, not 119."""
+    pace, lefts = Pace(), []
+    for done, now, compiled in ((0, 0.0, 0.0), (1, 9.0, 7.0), (2, 41.0, 37.0), (3, 43.0, 37.0)):
+        monkeypatch.setattr(progress.time, "monotonic", lambda now=now: now)
+        monkeypatch.setattr(progress, "seconds_compiled", lambda compiled=compiled: compiled)
+        status = SweepStatus(1, "sweep", 10, {"finished": done}, 0, [], None)
+        lefts.append(progress._standing(status, pace).left_s)
+    assert lefts == [None, None, pytest.approx(16.0), pytest.approx(14.0)]
 
 
 def test_a_standing_in_words() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.notation import DOFS
+from seatrial.runner.compare.command_options import TableOptions
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.selection import request_of
 from seatrial.runner.compare.table import comparison
@@ -26,13 +27,12 @@ SHORT = (
 
 def table(metric: str, dof: str) -> dict[str, list[float]]:
     """A metric by vessel and controller over the disturbances, as `runner.compare table`."""
-    request = request_of(
-        rows="vessel,controller", columns="disturbance", metrics=[metric], terms=None,
-        all_terms=False, dofs=[dof], stages=None, models=["nominal"], statistics=None,
-        interval="t", baseline=None, where=None, digits=4,
+    options = TableOptions(
+        rows="vessel,controller", columns="disturbance", metric=[metric], dof=[dof],
+        model=["nominal"],
     )  # fmt: skip
     with open_results(DATABASE) as results:
-        grid = comparison(results, request)
+        grid = comparison(results, request_of(options))
     return {
         f"{row[0].text} {row[1].text}": [
             math.nan if cell.sort is None else cell.sort for cell in row[2:]

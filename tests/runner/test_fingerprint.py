@@ -1,5 +1,8 @@
 """Two trials are the same if, and only if, what they compute is."""
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +10,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from seatrial.runner.fingerprint import NOT_COMPARED, canonical, fingerprint, source_digest
+from seatrial.models.source_digest import MODELS
+from seatrial.runner import trial
+from seatrial.runner.fingerprint import NOT_COMPARED, RUNNER, canonical, fingerprint, source_digest
 
 keys = st.text("abcdef_", min_size=1, max_size=6).filter(lambda key: key not in NOT_COMPARED)
 leaves = (
@@ -87,22 +92,112 @@ def test_it_is_sha_256_in_hexadecimal() -> None:
     assert set(of({})) <= set("0123456789abcdef")
 
 
-def test_sources_are_names_and_bytes(tmp_path: Path) -> None:
-    (tmp_path / "control").mkdir()
-    (tmp_path / "a.py").write_bytes(b"x = 1\n")
-    (tmp_path / "control" / "b.py").write_bytes(b"")
-    first = source_digest(tmp_path)
-    (tmp_path / "__pycache__").mkdir()
-    (tmp_path / "__pycache__" / "a.pyc").write_bytes(b"0")
-    assert source_digest(tmp_path) == first
-    (tmp_path / "a.py").write_bytes(b"x = 2\n")
-    second = source_digest(tmp_path)
-    (tmp_path / "a.py").rename(tmp_path / "c.py")
-    third = source_digest(tmp_path)
-    # What one file loses another gains: the boundary between them counts.
-    (tmp_path / "c.py").write_bytes(b"x = ")
-    (tmp_path / "control" / "b.py").write_bytes(b"2\n")
-    assert len({first, second, third, source_digest(tmp_path)}) == 4
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """The sources, to be changed."""
+    for folder in (MODELS, RUNNER):
+        shutil.copytree(folder, tmp_path / folder.name, ignore=shutil.ignore_patterns("*.pyc"))
+    return tmp_path
+
+
+def digest(checkout: Path) -> str:
+    return source_digest(checkout / MODELS.name, checkout / RUNNER.name)
+
+
+def append(path: Path, text: str) -> None:
+    path.write_text(path.read_text() + text)
+
+
+def test_where_the_sources_are_does_not_matter(checkout: Path) -> None:
+    assert digest(checkout) == source_digest()
+
+
+def test_a_comment_or_a_docstring_in_the_sources_does_not_matter(checkout: Path) -> None:
+    for folder in (MODELS, RUNNER):
+        for path in (checkout / folder.name).rglob("*.py"):
+            first, rest = path.read_text().split('"""', 1)
+            path.write_text(f'{first}"""Another word. {rest}\n\n# and a comment\n')
+    assert digest(checkout) == source_digest()
+
+
+def test_every_file_that_computes_matters(checkout: Path) -> None:
+    """A line of code in any file of models, or that `trial` loads, but for the storage."""
+    package = trial.__name__.rpartition(".")[0]
+    program = (
+        f"import sys, {trial.__name__}\n"
+        "for name, module in sys.modules.items():\n"
+        f"    if name.startswith('{package}.') and not name.startswith('{package}.database'):\n"
+        "        print(module.__file__)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    loaded = {Path(line) for line in done.stdout.splitlines()}
+    assert loaded >= {RUNNER / "closed_loop.py", RUNNER / "record" / "validation_metrics.py"}
+    copies = [checkout / RUNNER.name / path.relative_to(RUNNER) for path in loaded]
+    seen = {digest(checkout)}
+    for path in [*copies, *(checkout / MODELS.name).rglob("*.py")]:
+        append(path, "\nADDED = 1\n")
+        seen.add(digest(checkout))
+    assert len(seen) == 1 + len(copies) + len(list(MODELS.rglob("*.py")))
+
+
+@pytest.mark.parametrize("name", ["console.py", "launching.py", "database/views.py"])
+def test_what_shows_launches_and_stores_does_not_matter(checkout: Path, name: str) -> None:
+    append(checkout / RUNNER.name / name, "\nADDED = 1\n")
+    assert digest(checkout) == source_digest()
+
+
+def test_a_new_file_of_the_runner_matters_once_it_is_imported(checkout: Path) -> None:
+    runner = checkout / RUNNER.name
+    (runner / "squared.py").write_text("def square(x):\n    return x * x\n")
+    before = digest(checkout)
+    assert before == source_digest()
+    package = trial.__name__.rpartition(".")[0]
+    append(runner / "record" / "time_series.py", f"\nfrom {package}.squared import square\n")
+    imported = digest(checkout)
+    (runner / "squared.py").write_text("def square(x):\n    return x**2\n")
+    assert len({before, imported, digest(checkout)}) == 3
+
+
+def test_a_part_from_elsewhere_counts_by_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file of the class, and what it imports of its package, in a list of parts as well."""
+    package = tmp_path / "fleet"
+    package.mkdir()
+    files = {
+        "__init__.py": "from fleet.gusts import Gusts\n",
+        "gusts.py": "from fleet.spectra import A\nclass Gusts:\n    pass\n",
+        "spectra.py": "A = 1\n",
+        "unused.py": "B = 1\n",
+    }
+    for name, text in files.items():
+        (package / name).write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    config = {"disturbance": {"parts": [{"_target_": "fleet.Gusts", "speed": 3.0}]}}
+    first = of(config)
+    for name, text, counts in (
+        ("unused.py", "B = 2\n", False),
+        ("gusts.py", f'"""Wind."""\n{files["gusts.py"]}', False),
+        ("spectra.py", "A = 2\n", True),
+        ("gusts.py", files["gusts.py"].replace("pass", "gain = 2"), True),
+    ):
+        before = of(config)
+        (package / name).write_text(text)
+        assert (of(config) != before) == counts, name
+    assert of(config) != first
+
+
+def test_a_part_in_a_single_file_counts_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lone_tug.py").write_text("import numpy\nclass Tug:\n    pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    config = {"vessel": {"_target_": "lone_tug.Tug"}}
+    first = of(config)
+    (tmp_path / "lone_tug.py").write_text("import numpy\nclass Tug:\n    mass = 1.0\n")
+    assert of(config) != first
 
 
 def test_a_wind_file_stands_for_what_is_in_it(tmp_path: Path) -> None:

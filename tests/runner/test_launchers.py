@@ -163,7 +163,7 @@ def test_a_launcher_that_cannot_start_is_one_line(
 def test_an_absent_launcher_names_its_extra(launcher: str, extra: str) -> None:
     error = MissingConfigException(f"Could not find 'hydra/launcher/{launcher}'", "hydra/launcher")
     assert one_line(error) == (
-        f"hydra/launcher={launcher} is not installed: pip install -e '.[{extra}]'"
+        f"hydra/launcher={launcher} is not installed: pip install 'seatrial[{extra}]'"
     )
 
 

@@ -24,6 +24,7 @@ def test_the_commit_and_whether_it_was_changed(
 ) -> None:
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
     git(tmp_path, "init", "-q")
+    (tmp_path / "pyproject.toml").touch()
     (tmp_path / "a.txt").write_text("a")
     git(tmp_path, "add", "a.txt")
     git(tmp_path, "commit", "-q", "-m", "Begin")
@@ -37,8 +38,22 @@ def test_the_commit_and_whether_it_was_changed(
     assert provenance.collect().git_dirty is True
 
 
+def test_the_repository_around_an_installed_package_is_not_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / ".venv" / "lib" / "seatrial"
+    package.mkdir(parents=True)
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "commit", "-q", "--allow-empty", "-m", "Begin another project")
+    assert provenance.ROOT.joinpath("pyproject.toml").is_file()
+    monkeypatch.setattr(provenance, "ROOT", package)
+    assert provenance.collect().git_commit is None
+    assert provenance.collect().git_dirty is None
+
+
 def test_without_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    (tmp_path / "pyproject.toml").touch()
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
     assert provenance.collect().git_commit is None
     assert provenance.collect().git_dirty is None

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("submitit", reason="no submitit: pip install -e '.[slurm]'")
-from seatrial.runner.launching import QueueWatcher
+from seatrial.runner.slurm_queue import QueueWatcher
 from tests.runner.slurm import Slurm
 
 Answer = Callable[[str], None]

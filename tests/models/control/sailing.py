@@ -7,8 +7,7 @@ import numpy as np
 from seatrial.models.control.estimator import Kalman
 from seatrial.models.control.lqi import Lqi
 from seatrial.models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
-from seatrial.models.excitation.guidance import Timetable
-from seatrial.models.excitation.setpoints import Step
+from seatrial.models.excitation.guidance import Step, Timetable
 from seatrial.models.simulation.loop import Watch, sail
 from seatrial.models.simulation.voyage import Voyage, outlook
 from seatrial.models.vessel.basis import Array

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.open_loop import open_loop, zigzag
+from seatrial.models.excitation.manoeuvres import open_loop, zigzag
 from seatrial.models.excitation.schedule import (
     FOLLOW,
     OPEN,

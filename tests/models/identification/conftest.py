@@ -10,7 +10,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from seatrial.models.excitation.signals import many_sine, triple_ramp
-from seatrial.models.identification.prediction import course_of, free_run
+from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.derivatives import from_derivatives
@@ -35,7 +35,7 @@ def driven(
 ) -> Recording:
     """What a vessel does under a force, from rest, with white noise on pose and velocity."""
     empty = forced(tau, vessel.dofs)
-    states = free_run(vessel, course_of(empty, None, None, None, FAR), integrator)
+    states = free_run(vessel, course_of(empty, None, None, None, FAR, vessel.attitude), integrator)
     states += noise * np.random.default_rng(seed).standard_normal(states.shape)
     eta, nu = np.split(states, 2, axis=1)
     return Recording(

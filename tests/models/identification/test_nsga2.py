@@ -2,6 +2,7 @@
 
 import os
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,15 @@ import pytest
 from scipy.optimize import fsolve
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.free_run import course_of, free_run
+from seatrial.models.identification.nsga2 import (
+    choose,
+    knees,
+    nearest_to_ideal,
+    normalised,
+    pseudo_weights,
+)
 from seatrial.models.identification.objectives import Objectives
-from seatrial.models.identification.pareto_selection import choose
-from seatrial.models.identification.prediction import course_of, free_run
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, VELOCITIES
 from seatrial.models.recording.recording import Recording
@@ -321,3 +328,60 @@ def test_ferry(identifier, lap, disturbance, capsys):
 def test_wrong_options_are_refused(identifier, make, change, message):
     with pytest.raises(ConfigurationError, match=message):
         identifier("nsga2", **change).check(make.surge(60.0, 20.0), None, False)
+
+
+def front_with_knee(n=61, at=0.2):
+    """Two straight lines that meet at (at, at)."""
+    first = np.linspace(0.0, at, n // 2, endpoint=False)
+    steep = np.column_stack([first, 1.0 - first * (1.0 - at) / at])
+    second = np.linspace(at, 1.0, n - n // 2)
+    return np.vstack([steep, np.column_stack([second, at * (1.0 - second) / (1.0 - at)])])
+
+
+def test_knee_of_two_lines_is_where_they_meet():
+    front = front_with_knee() * [3.0, 0.02] + [7.0, 1.0]
+    chosen, rule = choose(front, "knee", None)
+    assert rule == "knee"
+    np.testing.assert_allclose(normalised(front)[chosen], 0.2, atol=0.02)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_knees_are_those_of_pymoo(seed):
+    rng = np.random.default_rng(seed)
+    x = np.sort(rng.random(60))
+    front = np.column_stack([x, (1.0 - x ** rng.uniform(0.2, 0.8)) ** 2])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # scipy.spatial.ckdtree, and pymoo's own filter
+        from pymoo.mcdm.high_tradeoff import HighTradeoffPoints
+
+        expected = HighTradeoffPoints().do(normalised(front))
+    assert knees(front).tolist() == ([] if expected is None else np.sort(expected).tolist())
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_collapsed_front_has_no_knee_but_a_choice(n):
+    front = np.array([[1.0, 2.0], [1.0 + 1e-9, 2.0 - 1e-9]])[:n]
+    assert len(knees(front)) == 0
+    assert choose(front, "knee", None)[1] == "ideal"
+
+
+def test_equal_points_have_no_knee():
+    assert len(knees(np.ones((9, 2)))) == 0
+    assert choose(np.ones((9, 2)), "knee", None) == (0, "ideal")
+
+
+def test_nearest_to_ideal_does_not_depend_on_units():
+    front = front_with_knee()
+    assert nearest_to_ideal(front) == nearest_to_ideal(front * [1e6, 1e-6])
+    np.testing.assert_allclose(normalised(front)[nearest_to_ideal(front)], 0.2, atol=0.02)
+
+
+def test_pseudo_weights_sum_to_one_and_choose_ends():
+    front = front_with_knee()
+    weights = pseudo_weights(front)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    assert choose(front, "pseudo_weights", (1.0, 1e-9))[0] == np.argmin(front[:, 0])
+    assert choose(front, "pseudo_weights", (1e-9, 1.0))[0] == np.argmin(front[:, 1])
+    middle, rule = choose(front, "pseudo_weights", None)
+    assert rule == "pseudo_weights"
+    np.testing.assert_allclose(weights[middle], 0.5, atol=0.05)

@@ -6,8 +6,8 @@ from scipy.optimize import approx_fprime
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.output_error import fit_through
-from seatrial.models.identification.prediction import course_of, free_run
 from seatrial.models.identification.prediction_fit import Misfit, Uncertainty
 from seatrial.models.notation import DOFS, VELOCITIES
 from seatrial.models.vessel.basis import terms

@@ -1,29 +1,36 @@
 """Many candidates in one call against one at a time; and unrealistic ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from seatrial.models.identification.free_parameters import free_parameters
-from seatrial.models.identification.lanes import LANES, METRICS
+from seatrial.models.identification.free_run import (
+    METRICS,
+    course_of,
+    deviations,
+    predict,
+    predicted_layout,
+)
 from seatrial.models.identification.objectives import Objectives
-from seatrial.models.identification.prediction import course_of, predict
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.identification.structure import layout
 from seatrial.models.notation import DOFS
+from seatrial.models.packs import WIDTH
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import PLANAR, Vessel
 
 
 def predictor(model, recording, integrator, horizon=None, limit=10.0):
     free = free_parameters(model, None, "tied", model.dofs == PLANAR)
-    plan = layout(free.nominal.terms, model.dofs, free.support, integrator)
-    return Predictor(free, plan, course_of(recording, None, None, horizon, limit))
+    plan = predicted_layout(free.nominal.terms, model.dofs, free.support)
+    course = course_of(recording, None, None, horizon, limit, model.attitude)
+    return Predictor(free, plan, course, integrator)
 
 
-def errors_of(measured, predicted, metric):
-    e = measured - predicted
+def errors_of(measured, e, metric):
     if metric == "smape":
-        size = 0.5 * (np.abs(measured) + np.abs(predicted))
+        size = 0.5 * (np.abs(measured) + np.abs(measured + e))
         share = np.divide(np.abs(e), size, out=np.zeros_like(e), where=size > 0.0)
         return 100.0 * share.mean(axis=0)
     mean = {"mae": np.abs(e), "mse": e**2, "mean_error": e}[metric].mean(axis=0)
@@ -46,6 +53,13 @@ def example(vessel, make):
             model = Vessel("drag", ("surge",), terms(["u_dot", *names.split()]),
                            np.vstack([[[60.0]], drag]))  # fmt: skip
             return model, make.forced(30.0 * np.sin(t), ("surge",))
+        if name == "tumbling beluga":
+            tau = np.array([20.0, 20.0, 20.0, 8.0, 10.0, 6.0]) * np.sin(t * np.arange(1.0, 7.0))
+            return vessel("beluga_diagonal"), make.driven(vessel("beluga_diagonal"), tau, "rk4")
+        if name == "beluga in angles":
+            model = replace(vessel("beluga_diagonal"), attitude="euler")
+            tau = np.array([20.0, 20.0, 20.0, 1.0, 1.0, 1.0]) * np.sin(t * np.arange(1.0, 7.0))
+            return model, make.driven(model, tau, "rk4", noise=0.01)
         if name == "beluga":
             tau = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0]) * np.sin(t * np.arange(1.0, 7.0))
             return vessel("beluga_diagonal"), make.driven(
@@ -75,16 +89,18 @@ def example(vessel, make):
         "ferry",
         "blown ferry",
         "beluga",
+        "beluga in angles",
+        "tumbling beluga",
     ],
 )
 def test_population_equals_one_at_a_time(example, name, integrator, metric):
     one = predictor(*example(name), integrator, horizon=150)
     rng = np.random.default_rng(1)
-    factors = rng.uniform(0.8, 1.25, (LANES + 9, len(one.free)))
+    factors = rng.uniform(0.8, 1.25, (2 * WIDTH + 9, len(one.free)))
     points = one.free.values * factors
     errors, _, realistic = one.errors(points, metric)
     assert np.all(realistic)
-    expected = [errors_of(one.course.measured, one.predict(point), metric) for point in points]
+    expected = [errors_of(one.course.measured, one.deviation(point), metric) for point in points]
     np.testing.assert_allclose(errors, expected, rtol=1e-12, atol=1e-12)
 
 
@@ -101,24 +117,25 @@ def test_limited_rates_are_counted_alike(make, signal):
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize("drag", ["linear", "square"])
 def test_those_that_reach_a_limit_equal_one_at_a_time(make, signal, drag, integrator, metric):
-    """A block first runs without limits: some of its candidates reach them, and run away."""
+    """Some candidates of a pack reach the limits and run away; the others are not touched."""
     truth = make.surge(60.0, 20.0, *(("uu", 2.0) if drag == "square" else ()))
     recording = make.forced(signal("many_sine"), ("surge",))
     one = predictor(truth, recording, integrator, horizon=150, limit=2.0)
     m = len(one.free)
     box = np.array([[10.0, 1.0, 0.0], [120.0, 40.0, 10.0]])[:, :m]
-    points = np.random.default_rng(3).uniform(*box, (2 * LANES + 9, m))
+    points = np.random.default_rng(3).uniform(*box, (2 * WIDTH + 9, m))
     points[5, 0] = 1e-300  # overflows without limits
     errors, limited, _ = one.errors(points, metric)
     assert 0.1 < np.mean(limited > 0.0) < 0.9
-    states, stages = np.empty_like(one.course.measured), 4 if integrator == "rk4" else 1
+    course, stages = one.course, 4 if integrator == "rk4" else 1
+    states = np.empty_like(course.reached)
     for i, point in enumerate(points):
         table = one.free.tables(point[None])
-        entries = one.plan.entries(table)[:, 0].copy()
-        inverse = one.plan.inverse_inertia(table)[0][..., 0].copy()
-        count = predict(one.plan.structure, entries, inverse, one.course, states)
+        plant = one.plan.plant(table[0], one.plan.inverse_inertia(table)[0][..., 0])
+        count = predict(plant, course, integrator == "euler", states)
         assert limited[i] == count / (stages * states.size)
-        expected = errors_of(one.course.measured, states, metric)
+        e = deviations(course.kinematics, course.reached, states)
+        expected = errors_of(course.measured, e, metric)
         np.testing.assert_allclose(errors[i], expected, rtol=1e-12, atol=1e-12)
 
 
@@ -167,6 +184,6 @@ def test_grouped_objectives_are_means_over_the_spread(make):
                    diagonal)  # fmt: skip
     one = predictor(model, make.driven(model, tau), "euler")
     points = one.free.values * np.array([[1.1], [0.9]])
-    errors = one.errors(points, "mae")[0] / np.std(one.course.measured, axis=0)
+    errors = one.errors(points, "mae")[0] / one.spread
     expected = np.column_stack([errors[:, :6].mean(axis=1), errors[:, 6:].mean(axis=1)])
     np.testing.assert_allclose(Objectives(one, "mae", grouped=True)(points), expected)

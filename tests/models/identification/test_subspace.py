@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification import blockwise_qr
+from seatrial.models.identification import linear
 from seatrial.models.identification.subspace import identify_innovations, largest_gap, observer_gain
 from seatrial.models.simulation.statespace import StateSpace
 
@@ -265,7 +265,7 @@ def test_a_record_in_pieces_is_the_record_at_once(
     times = np.concatenate([np.arange(300), np.arange(200, 1500), np.arange(700, 900)])
     found = []
     for together in (10**6, 97, 20):
-        monkeypatch.setattr(blockwise_qr, "TOGETHER", together)
+        monkeypatch.setattr(linear, "TOGETHER", together)
         model = identify_innovations(
             y,
             u,

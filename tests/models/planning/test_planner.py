@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.planning.a_star import UNREACHED, heuristic
+from seatrial.models.planning.lattice import HEADINGS, Pace, Primitive
 from seatrial.models.planning.planner import MOST_STATES, Plan, Setting, Task, plan, set_up
-from seatrial.models.planning.primitives import HEADINGS, Pace, Primitive
 from seatrial.models.planning.waters import Waters
 from tests.models.planning.test_waters import AREA, QUAY, WALL, triangles
 

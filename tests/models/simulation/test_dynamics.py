@@ -11,7 +11,7 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
-from seatrial.models.vessel.kinematics import in_body, through_water
+from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import PLANAR, Vessel
 from seatrial.models.weather.disturbance import Disturbance
@@ -44,6 +44,19 @@ def still(seconds: float, n_dof: int = 3) -> Weather:
 def stream(seconds: float, velocity: Array = STREAM) -> Weather:
     weather = still(seconds)
     return weather._replace(current_ned=np.tile(velocity, (len(weather.force_ned), 1)))
+
+
+def through_water(nu_dot: Array, nu: Array, psi: Array, current_ned: Array) -> tuple[Array, Array]:
+    """Acceleration and velocity through a stream that is constant in NED, planar, shape (N, 3).
+
+    nu_r = nu - nu_c and nu_r_dot = nu_dot + S(omega) nu_c; current_ned [m/s], shape (N, 2).
+    """
+    stream = in_body(current_ned, psi)
+    nu_r, nu_r_dot = nu.copy(), nu_dot.copy()
+    nu_r[:, :2] -= stream
+    nu_r_dot[:, 0] -= nu[:, 2] * stream[:, 1]
+    nu_r_dot[:, 1] += nu[:, 2] * stream[:, 0]
+    return nu_r_dot, nu_r
 
 
 def test_in_a_uniform_current_a_vessel_moves_as_in_still_water_seen_from_the_water(

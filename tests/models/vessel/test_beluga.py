@@ -1,5 +1,6 @@
 """Six degrees of freedom against the equations of Hoyer (2021), chapter 2, and laws."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -17,10 +18,11 @@ from seatrial.models.notation import DOFS
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import RigidBody, coriolis, cross_matrix, from_derivatives
+from seatrial.models.vessel.derivatives import RigidBody, coriolis, from_derivatives
 from seatrial.models.vessel.kinematics import (
     angle_rate,
     angles_of_frame,
+    cross_matrix,
     fill_attitude,
     frame_of_angles,
     frame_of_quaternion,
@@ -56,7 +58,7 @@ def drift(
     weather = weather._replace(current_ned=np.tile(current, (n, 1)))
     same = (0.0,) * 6
     pid = PidFeedforward(same, same, same, feedback=True, feedforward=False)
-    plant = Plant(vessel, None, LIMITS, attitude=attitude, integrator=integrator)
+    plant = Plant(replace(vessel, attitude=attitude), None, LIMITS, integrator=integrator)
     return sail(
         plant, weather, (Timetable(np.zeros((n, 6))), np.zeros(1)),
         ReferenceFilter(0.5, 0.7).table(0.1), pid.build(vessel, 0.1), pose, 0.1, step_s,

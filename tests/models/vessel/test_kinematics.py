@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
-    body_acceleration,
-    body_velocity,
     reference_in_body,
     reference_in_body_kernel,
     rotation,
@@ -16,6 +15,18 @@ from seatrial.models.vessel.kinematics import (
 )
 
 angles = st.floats(-20.0, 20.0)
+
+
+def body_velocity(eta_dot: Array, psi: float) -> Array:
+    """nu = R(psi)' eta_dot for planar motion; eta_dot NED [m/s, m/s, rad/s], shape (3,)."""
+    return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)
+
+
+def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
+    """nu_dot = R' eta_ddot - r S R' eta_dot, the time derivative of `body_velocity`; shape (3,)."""
+    nu = body_velocity(eta_dot, psi)
+    turning = np.array([-nu[1], nu[0], 0.0]) * nu[2]
+    return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
 
 
 @given(angles)

@@ -76,7 +76,7 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
     monkeypatch.setattr(housekeeping.subprocess, "run", start)
     code, _, err = program("retry", *database(plain), "--status", "failed,diverged", "--execute")
     assert code == 1
-    assert [command[:3] for command in started] == [[sys.executable, "-m", "runner"]] * 2
+    assert [command[:3] for command in started] == [[sys.executable, "-m", "seatrial.runner"]] * 2
     assert "1 of 2 finished" in err
 
 

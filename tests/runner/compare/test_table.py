@@ -5,11 +5,13 @@ import io
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.command_options import TableOptions
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 from seatrial.runner.compare.results import Results, open_results
@@ -17,25 +19,10 @@ from seatrial.runner.compare.selection import request_of
 from seatrial.runner.compare.table import comparison
 from tests.runner.compare import stored
 
-DEFAULTS = {
-    "rows": "identifier",
-    "columns": "disturbance",
-    "metrics": None,
-    "terms": None,
-    "all_terms": False,
-    "dofs": ["surge"],
-    "stages": None,
-    "models": None,
-    "statistics": None,
-    "interval": "t",
-    "baseline": None,
-    "where": None,
-    "digits": 4,
-}
-
 
 def table(results: Results, **options: object) -> Grid:
-    return comparison(results, request_of(**(DEFAULTS | options)))  # type: ignore[arg-type]
+    asked: Any = {"dof": ["surge"], **options}
+    return comparison(results, request_of(TableOptions(**asked)))
 
 
 def cells(grid: Grid) -> dict[tuple[str, ...], str]:
@@ -101,9 +88,9 @@ def test_baseline_gives_ratio_wins_and_the_paired_test(results: Results) -> None
 def test_a_model_of_the_same_runs_can_be_the_baseline(results: Results) -> None:
     grid = table(
         results,
-        metrics=["e_pos_mae"],
-        dofs=None,
-        models=["identified"],
+        metric=["e_pos_mae"],
+        dof=None,
+        model=["identified"],
         columns="model",
         baseline="model=nominal",
         where="disturbance=calm",
@@ -117,13 +104,13 @@ def test_a_model_of_the_same_runs_can_be_the_baseline(results: Results) -> None:
 
 
 def test_statistics_and_intervals(results: Results) -> None:
-    grid = table(results, statistics=["median,q25,max", "ci"])
+    grid = table(results, statistic=["median,q25,max", "ci"])
     record = grid.as_records()[0]
     assert (record["identifier"], record["median"], record["q25"]) == ("none", 102.0, 101.0)
     half = 4.302653 * 2.0 / math.sqrt(3.0)  # t(0.975, 2 degrees of freedom)
     assert record["ci_low"] == pytest.approx(102.0 - half, rel=1e-6)
     assert "median 102.0 q25 101.0 max 104.0 [97.03, 107.0]" in cells(grid)["none", "calm"]
-    bootstrap = table(results, statistics=["ci"], interval="bootstrap").as_records()[0]
+    bootstrap = table(results, statistic=["ci"], interval="bootstrap").as_records()[0]
     low = bootstrap["ci_low"]
     assert isinstance(low, float)
     assert 100.0 <= low < 102.0
@@ -139,7 +126,7 @@ def test_rows_and_columns_by_any_name(results: Results) -> None:
 
 
 def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Results) -> None:
-    grid = table(results, metrics=["e_pos_mae,force_mse"], dofs=["all"], where="disturbance=calm")
+    grid = table(results, metric=["e_pos_mae,force_mse"], dof=["all"], where="disturbance=calm")
     shown = cells(grid)
     assert grid.headers[:5] == ["metric", "stage", "dof", "identifier", "unit"]
     assert shown["force_mse", "validation", "yaw", "ls", "(Nm)²", "calm"].startswith("104.0")
@@ -148,7 +135,7 @@ def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Results)
 
 
 def test_coefficients_with_standard_errors_and_true_values(results: Results) -> None:
-    grid = table(results, terms=["u_dot", "u"], where="disturbance=calm")
+    grid = table(results, coefficient=["u_dot", "u"], where="disturbance=calm")
     shown = cells(grid)
     # none is nearest to 1050 with 1102; ls with 1052 nearer still
     assert shown["u_dot", "ls", "kg", "calm"] == "1052 ± 2.6 (n=3)\nse 3.0, true 1050*"
@@ -156,7 +143,7 @@ def test_coefficients_with_standard_errors_and_true_values(results: Results) -> 
     assert grid.headers[0] == "term"
     record = grid.as_records()[0]
     assert (record["term"], record["std_error"], record["true_value"]) == ("u_dot", 3.0, 1050.0)
-    everything = table(results, all_terms=True, terms=None, dofs=None, where="disturbance=calm")
+    everything = table(results, coefficients=True, dof=None, where="disturbance=calm")
     assert list(everything.headers[:3]) == ["dof", "term", "identifier"]
 
 
@@ -202,16 +189,16 @@ def test_trials_that_share_a_seed_are_said_to_differ(tmp_path: Path) -> None:
         ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
         ({"columns": "config"}, "'config' is not known"),
         ({"rows": "seed; drop table run"}, "is not known"),
-        ({"metrics": ["force_mae"]}, "no metric 'force_mae'; expected one of below_true_model,"),
-        ({"terms": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
-        ({"dofs": ["heave"]}, "dof heave; expected one of surge, yaw"),
-        ({"stages": ["deployment"]}, "stage deployment; expected one of validation"),
-        ({"models": ["plant"]}, "model plant; expected one of identified"),
+        ({"metric": ["force_mae"]}, "no metric 'force_mae'; expected one of below_true_model,"),
+        ({"coefficient": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
+        ({"dof": ["heave"]}, "dof heave; expected one of surge, yaw"),
+        ({"stage": ["deployment"]}, "stage deployment; expected one of validation"),
+        ({"model": ["plant"]}, "model plant; expected one of identified"),
         ({"baseline": "identifier"}, "expected a factor and its level"),
         ({"baseline": "identifier=ridge"}, "no run has identifier=ridge; expected one of none,"),
         ({"where": "seed>50"}, "no runs match; the logbook has 17"),
         ({"rows": "seed", "columns": "seed"}, "both name seed"),
-        ({"metrics": ["force_mse"], "terms": ["u"]}, "got both"),
+        ({"metric": ["force_mse"], "coefficient": ["u"]}, "got both"),
     ],
 )
 def test_what_is_not_known_is_refused_in_one_line(
@@ -224,7 +211,7 @@ def test_what_is_not_known_is_refused_in_one_line(
 
 
 def test_machine_formats_hold_every_fact_at_full_precision(results: Results) -> None:
-    grid = table(results, statistics=["mean", "std", "n"])
+    grid = table(results, statistic=["mean", "std", "n"])
     from_json = json.loads(render(grid, Format.JSON))
     from_csv = list(csv.DictReader(io.StringIO(render(grid, Format.CSV))))
     assert len(from_json) == len(from_csv) == 6
@@ -247,8 +234,8 @@ def test_a_design_that_does_not_settle_marks_its_figures(tmp_path: Path) -> None
             found.append(stored.deployed("infeasible_limits", tight, dof="sway"))
             stored.finish(logbook, stored.start(identifier), found)
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        options = {"metrics": ["e_pos_mae"], "dofs": ["position"], "columns": "model"}
-        grid = table(opened, models=["all"], **options)
+        options = {"metric": ["e_pos_mae"], "dof": ["position"], "columns": "model"}
+        grid = table(opened, model=["all"], **options)
         shown = {row[0].text: [cell.text for cell in row[1:]] for row in grid.rows}
         assert shown["none"] == ["2.000 (n=1)", "1.000 (n=1)"]
         assert shown["ls"] == ["2.000 (n=1)", "1.000 ‡ (n=1)"]

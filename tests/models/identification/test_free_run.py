@@ -1,21 +1,41 @@
 """Predictions against an integration in plain Python, exact solutions and the simulated ferry."""
 
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.identification.free_parameters import free_parameters
-from seatrial.models.identification.prediction import course_of, free_run, held_force
-from seatrial.models.identification.structure import layout
+from seatrial.models.identification.free_run import (
+    course_of,
+    deviations,
+    free_run,
+    held_force,
+    predict,
+    predicted_layout,
+)
+from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
+from seatrial.models.vessel.pose import Euler, Planar, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import PLANAR, Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.runner.closed_loop import streams
+from seatrial.runner.trial import excite
+from tests.trials import composed
 
+DATA = os.environ.get("SEATRIAL_DATA")
 FAR = 1e6
-EXAMPLES = ("surge", "ferry", "blown ferry", "beluga")
+EXAMPLES = ("surge", "ferry", "blown ferry", "beluga in angles")
 
 
 def wandering(dofs, amplitude, wind=None, n=300):
@@ -39,9 +59,10 @@ def example(vessel):
     def chosen(name):
         if name == "surge":
             return vessel("surge_nonlinear"), wandering(("surge",), np.array([20.0]))
-        if name == "beluga":
+        if name == "beluga in angles":
             amplitude = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0])
-            return vessel("beluga_diagonal"), wandering(DOFS, amplitude)
+            model = replace(vessel("beluga_diagonal"), attitude="euler")
+            return model, wandering(DOFS, amplitude)
         amplitude, ferry = np.array([150.0, 150.0, 200.0]), vessel("milliampere")
         if name == "ferry":
             return ferry, wandering(PLANAR, amplitude)
@@ -92,10 +113,163 @@ def integrated(model, recording, integrator):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_prediction_is_the_integrated_equation_of_motion(example, name, integrator):
     model, recording = example(name)
-    predicted = free_run(model, course_of(recording, None, None, None, FAR), integrator)
+    course = course_of(recording, None, None, None, FAR, model.attitude)
+    predicted = free_run(model, course, integrator)
     expected = integrated(model, recording, integrator)
     assert np.max(np.abs(expected[:, len(model.dofs) :])) > 0.1
     np.testing.assert_allclose(predicted, expected, rtol=1e-10, atol=1e-10)
+
+
+def tumbling(vessel, n=300):
+    """The Beluga turned about every axis by strong moments, far through 90 degrees of pitch."""
+    recording = wandering(DOFS, np.array([20.0, 20.0, 20.0, 8.0, 10.0, 6.0]), n=n)
+    return vessel("beluga_diagonal"), recording
+
+
+def rates_by_scipy(model, state, tau):
+    """Rates of position, quaternion (scalar last) and velocity, by SciPy's rotations."""
+    turned, nu = Rotation.from_quat(state[3:7]), state[7:]
+    attitude = turned.as_euler("ZYX")[::-1]
+    nu_dot = model.forward(tau[None], nu[None], attitude[None])[0]
+    spin = np.array([*nu[3:], 0.0])
+    x, y, z, w = state[3:7]
+    product = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]]) @ spin
+    return np.concatenate([turned.apply(nu[:3]), 0.5 * product, nu_dot])
+
+
+def rk4_by_scipy(model, state, force, h):
+    """One step of RK4 with the force (3, 6) at its start, middle and end."""
+    k1 = rates_by_scipy(model, state, force[0])
+    k2 = rates_by_scipy(model, state + 0.5 * h * k1, force[1])
+    k3 = rates_by_scipy(model, state + 0.5 * h * k2, force[1])
+    k4 = rates_by_scipy(model, state + h * k3, force[2])
+    after = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    after[3:7] /= np.linalg.norm(after[3:7])
+    return after
+
+
+def as_state(eta, nu):
+    turned = Rotation.from_euler("ZYX", eta[5:2:-1])
+    return np.concatenate([eta[:3], turned.as_quat(), nu])
+
+
+def predicted_states(model, course):
+    """Position, quaternion (scalar last) and velocity of a free run by RK4."""
+    plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+    plant = plan.plant(model.theta, plan.inverse_inertia(model.theta[None])[0][..., 0])
+    states = np.empty_like(course.reached)
+    predict(plant, course, False, states)
+    return states[:, [0, 1, 2, 4, 5, 6, 3, *range(7, 13)]]
+
+
+def test_a_tumbling_vessel_is_predicted_as_by_quaternions_and_scipy(vessel):
+    """Through straight up and down; Euler angles are far off there, and the step is not."""
+    model, recording = tumbling(vessel)
+    course = course_of(recording, None, None, None, FAR)
+    predicted = predicted_states(model, course)
+    expected = [as_state(recording.eta[0], recording.nu[0])]
+    for force in course.force[:-1]:
+        expected.append(rk4_by_scipy(model, expected[-1], force, course.step_s))
+    expected = np.array(expected)
+    pitch = Rotation.from_quat(expected[:, 3:7]).as_euler("ZYX")[:, 1]
+    assert np.max(np.abs(pitch)) > np.radians(85.0)
+    angle = (
+        Rotation.from_quat(expected[:, 3:7]).inv() * Rotation.from_quat(predicted[:, 3:7])
+    ).magnitude()
+    assert np.max(angle) < 1e-3
+    for columns in (slice(0, 3), slice(7, 13)):
+        size = np.max(np.abs(expected[:, columns]))
+        assert np.max(np.abs(predicted - expected)[:, columns]) < 1e-3 * size
+    by_angles = free_run(
+        replace(model, attitude="euler"), course_of(recording, None, None, None, FAR, "euler"),
+        "rk4",
+    )  # fmt: skip
+    size = np.max(np.abs(expected[:, :3]))
+    assert np.max(np.abs(by_angles[:, :3] - expected[:, :3])) > 0.01 * size
+
+
+def test_attitude_errors_are_the_rotation_vectors_of_scipy():
+    rng = np.random.default_rng(3)
+    first, second = rng.uniform(-np.pi, np.pi, (2, 500, 3)) * [1.0, 0.5, 1.0]
+    expected = (
+        Rotation.from_euler("ZYX", first[:, ::-1]).inv()
+        * Rotation.from_euler("ZYX", second[:, ::-1])
+    ).as_rotvec()
+    for kinematics in (Quaternion(), Euler()):
+        states = [
+            np.hstack([state_of(kinematics, np.hstack([np.zeros((500, 3)), one])),
+                       np.zeros((500, 6))])
+            for one in (first, second)
+        ]  # fmt: skip
+        errors = deviations(kinematics, *states)
+        np.testing.assert_allclose(errors[:, 3:6], expected, atol=1e-12)
+        moved = displaced(kinematics, states[0][:, :-6], errors[:, :6])
+        if isinstance(kinematics, Quaternion):
+            same = np.abs(np.sum(moved[:, 3:] * states[1][:, 3:7], axis=1))
+            np.testing.assert_allclose(same, 1.0, atol=1e-14)
+
+
+def test_the_error_of_a_heading_is_the_wrapped_angle():
+    first = np.column_stack([np.zeros((50, 2)), np.linspace(-20.0, 20.0, 50), np.zeros((50, 3))])
+    second = np.roll(first, 7, axis=0)
+    errors = deviations(Planar(), first, second)[:, 2]
+    exact = np.angle(np.exp(1j * (second - first)[:, 2]))
+    np.testing.assert_allclose(errors, exact, atol=1e-13)
+
+
+@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+def test_one_step_at_high_pitch_is_that_of_quaternions():
+    """Beluga, random-1, up to 70 degrees of pitch: every RK4 step against SciPy's rotations."""
+    trial = composed(
+        "vessel=beluga_diagonal", "excitation=recording",
+        f"excitation.path={DATA}/beluga/random-1.csv",
+    )  # fmt: skip
+    model = trial.vessel.nominal()
+    recording = excite(trial, streams(trial.seed)).recording
+    course = prediction(model, recording, None).course
+    pitch = np.degrees(np.abs(recording.eta[:, 4]))
+    assert np.max(pitch) > 69.0
+    for first in range(2):  # begin at every other sample, and step from there
+        restart = np.arange(len(recording)) % 2 == first
+        after = predicted_states(model, course._replace(restart=restart))
+        steps = np.flatnonzero(restart[:-1])
+        steps = steps[(pitch[steps] > 30.0) | (steps % 20 == first)]
+        for k in steps:
+            begun = as_state(recording.eta[k], recording.nu[k])
+            expected = rk4_by_scipy(model, begun, course.force[k], course.step_s)
+            expected[3:7] *= np.sign(expected[3:7] @ after[k + 1, 3:7])
+            np.testing.assert_allclose(after[k + 1], expected, atol=1e-9)
+
+
+INTERPRETED = """
+import pickle, sys
+import numpy as np
+from seatrial.models.identification.free_run import predict
+for plant, course, euler in pickle.load(sys.stdin.buffer):
+    states = np.empty_like(course.reached)
+    predict(plant, course, euler, states)
+    sys.stdout.buffer.write(states.tobytes())
+"""
+
+
+def test_the_compiled_prediction_is_the_readable_one(example, vessel):
+    """With the compiler disabled the same functions run in Python."""
+    tasks, compiled = [], []
+    for model, recording in (example("surge"), example("blown ferry"), tumbling(vessel)):
+        plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+        plant = plan.plant(model.theta, plan.inverse_inertia(model.theta[None])[0][..., 0])
+        course = course_of(recording.part(slice(0, 60)), None, None, 25, 10.0)
+        for euler in (True, False):
+            states = np.empty_like(course.reached)
+            predict(plant, course, euler, states)
+            tasks.append((plant, course, euler))
+            compiled.append(states.ravel())
+    done = subprocess.run(
+        [sys.executable, "-c", INTERPRETED], input=pickle.dumps(tasks), capture_output=True,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, check=True, cwd=Path(__file__).parents[3],
+    )  # fmt: skip
+    interpreted = np.frombuffer(done.stdout)
+    np.testing.assert_allclose(interpreted, np.concatenate(compiled), rtol=1e-12, atol=1e-12)
 
 
 def test_linear_surge_has_the_exact_solution(make):
@@ -137,6 +311,8 @@ def test_a_thruster_without_lag_acts_as_commanded(make, signal):
     before = np.vstack([np.zeros((1, 1)), recording.tau[:-1]])
     direct = Recording(**{**vars(recording), "tau_actual": before})
     np.testing.assert_array_equal(held_force(direct, None, None)[:, 1], recording.tau)
+    parted = direct.part(np.delete(np.arange(len(direct)), slice(300, 500)))
+    np.testing.assert_array_equal(held_force(parted, None, None)[:, 1], parted.tau)
     measured = Recording(**{**vars(recording), "tau_actual": 0.9 * recording.tau})
     np.testing.assert_array_equal(held_force(measured, None, None)[:, 0], 0.9 * recording.tau)
 
@@ -160,7 +336,7 @@ def test_recorded_velocity_beyond_the_limit_is_refused(make, signal):
 def test_terms_that_no_prediction_knows_are_refused(vessel):
     table = Vessel("odd", ("surge",), terms(["u_dot", "cos(psi)"]), np.array([[1.0], [1.0]]))
     with pytest.raises(ConfigurationError, match=r"cos\(psi\) cannot be predicted in surge"):
-        layout(table.terms, table.dofs, table.theta != 0.0, "rk4")
+        predicted_layout(table.terms, table.dofs, table.theta != 0.0)
 
 
 def test_milliampere_has_its_own_coefficients_and_its_coriolis_force_follows(milliampere):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification import blockwise_qr
+from seatrial.models.identification import linear
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(blockwise_qr, "TOGETHER", 50)
+    monkeypatch.setattr(linear, "TOGETHER", 50)
 
 
 def matrix(n: int) -> np.ndarray:
@@ -21,7 +21,7 @@ def matrix(n: int) -> np.ndarray:
 @pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
 def test_q_and_r_are_those_of_the_whole(n: int) -> None:
     x = matrix(n)
-    Q, R = blockwise_qr.qr(x.copy())
+    Q, R = linear.qr(x.copy())
     np.testing.assert_allclose(Q @ R, x, atol=1e-15 * np.linalg.norm(x))
     np.testing.assert_allclose(Q.T @ Q, np.eye(7), atol=1e-13)
     np.testing.assert_array_equal(R, np.triu(R))
@@ -30,7 +30,7 @@ def test_q_and_r_are_those_of_the_whole(n: int) -> None:
 @pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
 def test_singular_values_are_those_of_the_whole(n: int) -> None:
     x = matrix(n)
-    u, s, vt = blockwise_qr.svd(x.copy())
+    u, s, vt = linear.svd(x.copy())
     np.testing.assert_allclose(u * s @ vt, x, atol=1e-14 * np.linalg.norm(x))
     np.testing.assert_allclose(u.T @ u, np.eye(7), atol=1e-13)
     np.testing.assert_allclose(s, np.linalg.svd(x, compute_uv=False), atol=1e-14 * s[0])
@@ -38,13 +38,13 @@ def test_singular_values_are_those_of_the_whole(n: int) -> None:
 
 def test_the_triangle_of_pieces_is_that_of_the_whole() -> None:
     x = matrix(500)
-    R = blockwise_qr.triangle(np.array_split(x, [3, 8, 300]))
+    R = linear.triangle(np.array_split(x, [3, 8, 300]))
     np.testing.assert_array_equal(R, np.triu(R))
     np.testing.assert_allclose(R.T @ R, x.T @ x, atol=1e-13 * np.linalg.norm(x) ** 2)
     with pytest.raises(ValueError, match="got no rows"):
-        blockwise_qr.triangle([])
+        linear.triangle([])
 
 
 def test_turns_cover_every_row_once() -> None:
-    rows = np.concatenate([np.arange(120)[turn] for turn in blockwise_qr.turns(120)])
+    rows = np.concatenate([np.arange(120)[turn] for turn in linear.turns(120)])
     np.testing.assert_array_equal(rows, np.arange(120))

@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy import update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, claims, engine, liveness
+from seatrial.runner.database import Logbook, Results, engine, liveness
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import Run
 from tests.runner.database.samples import make_start
@@ -96,7 +96,7 @@ def test_a_run_that_ends_while_it_is_taken_for_lost_is_not_done_again(
             pretend(url, run, status="finished")
             return gone
 
-        monkeypatch.setattr(claims, "is_gone", ends_meanwhile)
+        monkeypatch.setattr(liveness, "is_gone", ends_meanwhile)
         begun = logbook.begin_run(make_start(1))
         assert (begun.state, begun.run_id) == ("finished", run)
         assert len(logbook.runs()) == 1

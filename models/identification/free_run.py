@@ -1,0 +1,314 @@
+"""Free runs: what a model, or each of many candidates, does under the force of a recording.
+
+From the measured pose and velocity at the first sample the equation of motion (`dynamics.py`)
+is integrated with the recorded force and the wind measured aboard, by Euler, Hoyer (2021),
+eq. (6.2), or by RK4 at the sample time. All rates are limited at every stage, as in section 6.4, so
+that no candidate overflows; how often, is counted.
+
+`predict` stores the states of one model. `prediction_errors` takes candidates in packs
+(`seatrial.models.packs`), sums their errors as it goes, and stores no trajectory.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.elementary import where
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import ACCELERATIONS
+from seatrial.models.packs import WIDTH, as_packs
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.dynamics import scratch_in, scratch_size, step
+from seatrial.models.vessel.basis import ATTITUDE, N_VARIABLES, VARIABLES, Array, Term
+from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, layout
+from seatrial.models.vessel.pose import (
+    Euler,
+    Quaternion,
+    deviation,
+    displaced,
+    kinematics_of,
+    pose_of,
+    state_of,
+)
+from seatrial.models.vessel.table import Vessel, poses_of
+from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.weather.weather import Weather
+
+METRICS = ("mae", "mse", "smape", "mean_error")
+MAE, MSE, SMAPE, MEAN_ERROR = range(4)
+Integrator = Literal["euler", "rk4"]
+
+
+class Course(NamedTuple):
+    """A recording as the kernels see it, N samples; SI units.
+
+    A state is the pose as it is integrated (with a quaternion where the vessel has one), then the
+    velocity: n_pose + n_dof numbers.
+    """
+
+    kinematics: Any  # see `pose`
+    force: Array  # (N, 3, n_dof) acting at the start, middle and end of each sample
+    weather: Weather  # the wind in body axes, held over each sample, where it was measured
+    measured: Array  # (N, 2 n_dof) pose over the degrees of freedom, and velocity
+    reached: Array  # (N, n_pose + n_dof) measured states
+    start: Array  # the same where a prediction begins: the states it begins with
+    restart: Flags  # (N,) samples at which a prediction begins
+    step_s: float
+    limit: float  # of eta_dot [m/s, rad/s] and nu_dot [m/s^2, rad/s^2]
+
+    def begun(self, offset: Array) -> "Course":
+        """The same with predictions that begin beside the measured states.
+
+        `offset` (n, 2 n_dof) is added to the states of the n predictions, in attitudes as a
+        rotation vector.
+        """
+        n_dof = offset.shape[1] // 2
+        n_pose = self.reached.shape[1] - n_dof
+        states = self.reached[self.restart]
+        pose = displaced(self.kinematics, states[:, :n_pose], offset[:, :n_dof])
+        start = self.reached.copy()
+        start[self.restart] = np.hstack([pose, states[:, n_pose:] + offset[:, n_dof:]])
+        return self._replace(start=start)
+
+
+def course_of(
+    recording: Recording,
+    thruster: SecondOrderLag | None,
+    force: str | None,
+    horizon: int | None,
+    limit: float,
+    attitude: str = "quaternion",
+) -> Course:
+    """The recording for the kernels, predictions beginning anew every `horizon` samples.
+
+    They also begin anew where samples are missing. `attitude` is how six degrees of freedom are
+    integrated. Raises RecordingError where the recorded velocity is itself beyond the limit.
+    """
+    fastest = float(np.max(np.abs(recording.nu)))
+    if not fastest < limit:
+        raise RecordingError(
+            f"recorded velocity: got {fastest:.3g}, expected below "
+            f"identifier.derivative_limit = {limit:g}"
+        )
+    restart = recording.piece_starts
+    if horizon is not None:
+        index = np.arange(len(recording))
+        restart |= (index - np.maximum.accumulate(np.where(restart, index, 0))) % horizon == 0
+    kinematics = kinematics_of(recording.dofs, attitude)
+    measured = np.ascontiguousarray(np.hstack([recording.eta, recording.nu]))
+    reached = np.ascontiguousarray(np.hstack([state_of(kinematics, recording.eta), recording.nu]))
+    acting = np.ascontiguousarray(held_force(recording, thruster, force))
+    none = np.zeros((0, len(recording.dofs)))
+    weather = Weather(none, none, none, none)
+    if recording.wind is not None:
+        weather = weather._replace(wind_body=np.ascontiguousarray(recording.wind))
+    return Course(
+        kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit
+    )
+
+
+def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:
+    """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
+
+    By default the command, passed through the lag where that is known; else the recorded acting
+    force; else the command as it is. A thruster without lag acts as commanded, so a recorded
+    force that is last sample's command says nothing new. After the last sample nothing acts.
+    """
+    actual = recording.tau_actual
+    follows = ~recording.piece_starts[1:]
+    if thruster is None and actual is not None and kind is None:
+        same = np.array_equal(actual[1:][follows], recording.tau[:-1][follows])
+        kind = "commanded" if same else None
+    held = recording.held_force(kind)
+    if thruster is not None and recording.force(kind) is recording.tau_filtered:
+        start, end = held[:, 0], held[:, 2]
+        held[:, 1] = _middle_of_lag(thruster, recording.period_s, start, end, recording.tau)
+    return held
+
+
+def _middle_of_lag(
+    thruster: SecondOrderLag, step_s: float, start: Array, end: Array, command: Array
+) -> Array:
+    """Force in the middle of each sample: the rate that leads to its end, half a step on."""
+    whole, half = thruster.table(step_s), thruster.table(0.5 * step_s)
+    by_rate = whole.a[0, 1] or 1.0  # a first-order lag has no rate: what is left of `end` is zero
+    rate = (end - whole.a[0, 0] * start - whole.b[0] * command) / by_rate
+    return np.asarray(half.a[0, 0] * start + half.a[0, 1] * rate + half.b[0] * command)
+
+
+def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flags) -> Layout:
+    """Layout of tables over `terms`; support (n_dof) is what can be other than zero.
+
+    Raises ConfigurationError for a term that a free run does not know: a product with an
+    acceleration, or the attitude that the vessel's pose does not have.
+    """
+    angles = {name for name in ATTITUDE if name[4:-1] in poses_of(dofs)}
+    unknown = {*ACCELERATIONS, *ATTITUDE} - angles
+    for one, row in zip(terms, support, strict=True):
+        names = {VARIABLES[code % N_VARIABLES] for code in one.codes}
+        if one.name not in ACCELERATIONS and np.any(row) and names & unknown:
+            raise ConfigurationError(f"term {one} cannot be predicted in {', '.join(dofs)}")
+    return layout(terms, dofs, support)
+
+
+@lean_kernel
+def _follow(
+    plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Any
+) -> None:
+    """From the state at sample k - 1 to that at sample k, or to where a prediction begins."""
+    if course.restart[k]:
+        for i in range(eta.shape[0]):
+            eta[i] = course.start[k, i]
+        for i in range(nu.shape[0]):
+            nu[i] = course.start[k, eta.shape[0] + i]
+        return
+    step(
+        course.kinematics, plant, course.force[k - 1], eta, nu, course.weather, k - 1,
+        course.step_s, euler, course.limit, work,
+    )  # fmt: skip
+
+
+@kernel
+def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
+    """Predict one model: states (N, n_pose + n_dof) is written; the number of limited rates."""
+    n_dof = plant.inverse_inertia.shape[0]
+    n_pose = states.shape[1] - n_dof
+    size = scratch_size(n_dof, n_pose)
+    work = scratch_in(np.zeros(size), np.zeros((2, 3, 6)), n_dof, n_pose)
+    eta, nu = np.empty(n_pose), np.empty(n_dof)
+    for k in range(states.shape[0]):
+        _follow(plant, course, k, euler, eta, nu, work)
+        states[k, :n_pose] = eta
+        states[k, n_pose:] = nu
+    limited: float = work.limited[0]
+    return limited
+
+
+@kernel
+def _deviations(kinematics: Any, first: Array, second: Array, errors: Array) -> None:
+    n_dof = errors.shape[1] // 2
+    n_pose = first.shape[1] - n_dof
+    for k in range(first.shape[0]):
+        deviation(kinematics, first[k, :n_pose], second[k, :n_pose], errors[k, :n_dof])
+        for i in range(n_dof):
+            errors[k, n_dof + i] = second[k, n_pose + i] - first[k, n_pose + i]
+
+
+def deviations(kinematics: Any, first: Array, second: Array) -> Array:
+    """What leads from some states to others, of pose and velocity, shape (N, 2 n_dof).
+
+    Of attitudes it is a rotation vector, see `pose.deviation`; a single angle is wrapped.
+    """
+    n_dof = first.shape[1] - (7 if isinstance(kinematics, Quaternion) else first.shape[1] // 2)
+    errors = np.empty((len(first), 2 * n_dof))
+    _deviations(kinematics, first, second, errors)
+    return errors
+
+
+def spread(course: Course) -> Array:
+    """Standard deviation of each measured state, shape (2 n_dof,).
+
+    Of an attitude in three angles that of the rotation vector from the mean attitude.
+    """
+    deviation = np.std(course.measured, axis=0)
+    if isinstance(course.kinematics, Quaternion | Euler):
+        states = state_of(Quaternion(), course.measured[:, :6])
+        _, vectors = np.linalg.eigh(states[:, 3:].T @ states[:, 3:])
+        mean = np.hstack([states[:, :3], np.tile(vectors[:, -1], (len(states), 1))])
+        still = np.zeros((len(states), 6))
+        turned = deviations(Quaternion(), np.hstack([mean, still]), np.hstack([states, still]))
+        deviation[3:6] = np.std(turned[:, 3:6], axis=0)
+    return np.asarray(deviation)
+
+
+@kernel
+def _poses(kinematics: Any, states: Array, poses: Array) -> None:
+    frame = np.zeros((3, 3))
+    for k in range(states.shape[0]):
+        if k > 0:
+            poses[k] = poses[k - 1]
+        pose_of(kinematics, states[k], frame, poses[k])
+
+
+def free_run(model: Vessel, course: Course, integrator: Integrator) -> Array:
+    """Pose over the degrees of freedom and velocity that a model predicts, shape (N, 2 n_dof)."""
+    plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+    inverse, _ = plan.inverse_inertia(model.theta[None])
+    states = np.empty_like(course.reached)
+    predict(plan.plant(model.theta, inverse[..., 0]), course, integrator == "euler", states)
+    n = len(model.dofs)
+    poses = course.measured[:, :n].copy()  # the first says which turns the angles begin with
+    _poses(course.kinematics, states[:, :-n].copy(), poses)
+    return np.hstack([poses, states[:, -n:]])
+
+
+@lean_kernel
+def _error(measured: float, e: float, metric: int) -> float:
+    """What an error e = y_hat - y adds to the sum. Hoyer (2021), eqs. (3.5)-(3.7)."""
+    if metric == MAE:
+        return abs(e)
+    if metric == MSE:
+        return e * e
+    if metric == MEAN_ERROR:
+        return e
+    scale = 0.5 * (abs(measured) + abs(measured + e))
+    share = 100.0 * abs(e) / where(scale > 0.0, scale, 1.0)
+    return where(scale > 0.0, share, 0.0)  # type: ignore[no-any-return]
+
+
+@register_jitable
+def _aligned(rows: int) -> Array:
+    """Zeros (rows, WIDTH), every row of which begins on a cache line of 64 bytes."""
+    buffer = np.zeros(rows * WIDTH + 8)
+    first = (-buffer.ctypes.data // 8) % 8
+    return buffer[first : first + rows * WIDTH].reshape((rows, WIDTH))
+
+
+@kernel
+def prediction_errors(
+    structure: PlantTable, entries: Array, inverse: Array, course: Course, euler: bool,
+    metric: int, errors: Array, limited: Array,
+) -> None:  # fmt: skip
+    """Errors of n candidates: errors (n, 2 n_dof) and limited (n,), the number of limited rates.
+
+    entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables. The mean
+    error is the magnitude of the mean.
+    """
+    n_entries, n_dof, n = entries.shape[0], inverse.shape[0], inverse.shape[2]
+    n_pose = course.reached.shape[1] - n_dof
+    own_entries, own_inverse = (
+        _aligned(n_entries),
+        _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH)),
+    )
+    plant = PlantTable(
+        structure.codes, structure.first, as_packs(own_entries),
+        as_packs(own_inverse), structure.coupled, structure.velocity_index,
+        structure.magnitudes, structure.aerodynamic, structure.turning,
+    )  # fmt: skip
+    size = scratch_size(n_dof, n_pose)
+    vectors, matrices = _aligned(size), _aligned(36).reshape((2, 3, 6, WIDTH))
+    work = scratch_in(as_packs(vectors), as_packs(matrices), n_dof, n_pose)
+    sums = _aligned(2 * n_dof + 1)
+    total, state = as_packs(sums), as_packs(_aligned(n_pose + 2 * n_dof))
+    eta, nu, e = state[:n_pose], state[n_pose : n_pose + n_dof], state[n_pose + n_dof :]
+    for begin in range(0, n, WIDTH):
+        size = min(WIDTH, n - begin)
+        own_entries[:, :size] = entries[:, begin : begin + size]
+        own_inverse[:, :, :size] = inverse[:, :, begin : begin + size]
+        sums[:] = 0.0
+        work.limited[0] = 0.0
+        for k in range(course.measured.shape[0]):
+            _follow(plant, course, k, euler, eta, nu, work)
+            deviation(course.kinematics, course.reached[k], eta, e)
+            for i in range(n_dof):
+                total[i] += _error(course.measured[k, i], e[i], metric)
+                y = course.measured[k, n_dof + i]
+                total[n_dof + i] += _error(y, nu[i] - y, metric)
+        total[2 * n_dof] = work.limited[0]
+        for m in range(size):
+            limited[begin + m] = sums[2 * n_dof, m]
+            for i in range(2 * n_dof):
+                errors[begin + m, i] = abs(sums[i, m]) / course.measured.shape[0]

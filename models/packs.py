@@ -1,0 +1,171 @@
+"""A number type for numba: a pack of WIDTH numbers that are computed side by side.
+
+A kernel compiled for arrays of packs computes WIDTH candidates at once, with the vector
+instructions of the processor, by the same readable equation that computes one from arrays of
+numbers. A pack adds, subtracts, multiplies, divides and compares; a number beside it stands for
+WIDTH equal ones. A comparison gives a mask: in place of a branch, `where(mask, a, b)` chooses.
+`abs`, `np.sqrt`, `np.floor`, `np.cos`, `np.sin` and `np.arctan2` take packs.
+
+Packs exist in compiled code alone: there `as_packs` views an array of numbers, shape
+(..., WIDTH), as an array of packs, shape (...).
+"""
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+# (numba's extension interface is not typed)
+import operator
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, lower_cast, overload, register_model
+from numba.np.arrayobj import make_array, populate_array
+
+from seatrial.models.compiled import LEAN
+from seatrial.models.elementary import angle_of, cosine_and_sine, where
+
+WIDTH = 32
+VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
+FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
+
+
+class Pack(types.Type):
+    """WIDTH numbers; a single number converts to a pack of equal ones."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Pack{WIDTH}")
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
+        """A number can be used where a pack is expected."""
+        return Conversion.safe if isinstance(other, types.Number) else None
+
+    def unify(self, typingctx: Any, other: Any) -> "Pack | None":
+        """A variable that is a number here and a pack there is a pack."""
+        return self if isinstance(other, types.Number) else None
+
+
+class Mask(types.Type):
+    """WIDTH truth values: what the comparison of packs gives."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask{WIDTH}")
+
+
+PACK, MASK = Pack(), Mask()
+
+
+@register_model(Pack)
+class _PackModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, pack: Any) -> None:
+        super().__init__(manager, pack, VECTOR)
+
+
+@register_model(Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, mask: Any) -> None:
+        super().__init__(manager, mask, FLAGS)
+
+
+@lower_cast(types.Number, Pack)
+def _broadcast(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
+    """A number in every lane."""
+    number = context.cast(builder, value, source, types.float64)
+    place = ir.IntType(32)
+    nothing = ir.Constant(VECTOR, ir.Undefined)
+    first = builder.insert_element(nothing, number, place(0))
+    lanes = ir.Constant(ir.VectorType(place, WIDTH), [place(0)] * WIDTH)
+    return builder.shuffle_vector(first, nothing, lanes)
+
+
+def _define(function: Any, result: Any, count: int, emit: Callable[..., Any]) -> None:
+    """Let a function take `count` packs (or numbers beside them), by instructions of LLVM."""
+
+    class Template(AbstractTemplate):
+        key = function
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            packs = all(one == PACK or isinstance(one, types.Number) for one in args)
+            if len(args) == count and packs and PACK in args:
+                return signature(result, *([PACK] * count))
+            return None
+
+    infer_global(function)(Template)
+    lower_builtin(function, *([PACK] * count))(
+        lambda context, builder, sig, args: emit(builder, *args)
+    )
+
+
+def _of_llvm(name: str) -> Callable[..., Any]:
+    """A function of one pack that LLVM has itself."""
+
+    def emit(builder: Any, value: Any) -> Any:
+        kind = ir.FunctionType(VECTOR, [VECTOR])
+        full = f"llvm.{name}.v{WIDTH}f64"
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), [value])
+
+    return emit
+
+
+def _comparison(sign: str) -> Callable[..., Any]:
+    """As of numbers, a NaN is neither less nor greater nor equal, and unequal to all."""
+    ordered = sign != "!="
+    return lambda builder, a, b: (
+        builder.fcmp_ordered(sign, a, b) if ordered else builder.fcmp_unordered(sign, a, b)
+    )
+
+
+for _name, _instruction in {"add": "fadd", "sub": "fsub", "mul": "fmul", "truediv": "fdiv"}.items():
+    for _operator in (getattr(operator, _name), getattr(operator, f"i{_name}")):
+        _define(_operator, PACK, 2, lambda b, x, y, _i=_instruction: getattr(b, _i)(x, y))
+for _name, _sign in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}.items():
+    _define(getattr(operator, _name), MASK, 2, _comparison(_sign))
+_define(operator.neg, PACK, 1, lambda builder, value: builder.fneg(value))
+for _function, _name in ((abs, "fabs"), (np.sqrt, "sqrt"), (np.floor, "floor")):
+    _define(_function, PACK, 1, _of_llvm(_name))
+
+
+def _typed_select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
+    return PACK(MASK, PACK, PACK), lambda context, builder, sig, args: builder.select(*args)
+
+
+_select: Any = intrinsic(_typed_select)
+_overload = partial(overload, jit_options=LEAN)
+_overload(where)(
+    lambda mask, a, b: (lambda mask, a, b: _select(mask, a, b)) if mask == MASK else None
+)
+_overload(np.cos)(lambda x: (lambda x: cosine_and_sine(x)[0]) if x == PACK else None)
+_overload(np.sin)(lambda x: (lambda x: cosine_and_sine(x)[1]) if x == PACK else None)
+_overload(np.arctan2)(lambda y, x: (lambda y, x: angle_of(y, x)) if PACK in (y, x) else None)
+
+
+def _viewed(typingctx: Any, numbers: Any) -> Any:
+    packs = types.Array(PACK, numbers.ndim - 1, "C", aligned=False)
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        source = make_array(numbers)(context, builder, args[0])
+        view = make_array(packs)(context, builder)
+        populate_array(
+            view,
+            data=builder.bitcast(source.data, view.data.type),
+            shape=cgutils.unpack_tuple(builder, source.shape)[:-1],
+            strides=cgutils.unpack_tuple(builder, source.strides)[:-1],
+            itemsize=context.get_constant(types.intp, context.get_abi_sizeof(VECTOR)),
+            meminfo=source.meminfo,
+            parent=source.parent,
+        )
+        return impl_ret_borrowed(context, builder, packs, view._getvalue())
+
+    return packs(numbers), emit
+
+
+as_packs: Any = intrinsic(_viewed)
+"""View a contiguous array of numbers, shape (..., WIDTH), as an array of packs, shape (...).
+
+The view holds a reference to the buffer, which else could be freed while it is in use.
+"""

@@ -1,0 +1,111 @@
+"""A coefficient table as the equation of motion walks it: its terms without acceleration, and M^-1.
+
+Only the entries that are not zero are walked, axis by axis. Candidates of one fit share a `Layout`,
+which says where these entries stand in their tables.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
+
+Flags = NDArray[np.bool_]
+
+
+class PlantTable(NamedTuple):
+    """Forward dynamics for the kernels; of one vessel, or in packs of many candidates."""
+
+    codes: Codes  # (n_entries, 3) the term of each entry, see `basis`; axis after axis
+    first: Codes  # (n_dof + 1,) first entry of each axis
+    entries: Array  # (n_entries,) coefficients
+    inverse_inertia: Array  # (n_dof, n_dof)
+    coupled: Flags  # (n_dof, n_dof) entries of M^-1 that can be other than zero
+    velocity_index: Codes  # (n_dof,) variables that are the velocities
+    magnitudes: Codes  # places of the velocities whose magnitude is used
+    aerodynamic: bool  # it has terms in the velocity through the air
+    turning: bool  # it has Coriolis forces, so that a stream turns in its axes when it turns
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Which entries of tables (n_terms, n_dof) are walked, and where they stand."""
+
+    structure: PlantTable  # with entries and M^-1 of zero
+    rows: Codes  # (n_entries,) term of each entry in the table
+    columns: Codes  # (n_entries,) degree of freedom of each entry
+    inertia: Codes  # (n_dof,) terms that are the accelerations
+
+    def entries(self, tables: Array) -> Array:
+        """Coefficients that are walked, (n_entries, n), of tables (n, n_terms, n_dof)."""
+        return np.ascontiguousarray(tables[:, self.rows, self.columns].T)
+
+    def inverse_inertia(self, tables: Array) -> tuple[Array, Flags]:
+        """M^-1 of many tables, shape (n_dof, n_dof, n), and which of them are realistic.
+
+        A table is realistic when its inertia is positive definite (kinetic energy); the others
+        get a zero inverse, which stands still.
+        """
+        inertia = tables[:, self.inertia, :].transpose(0, 2, 1)
+        if len(self.inertia) == 1:
+            positive = inertia[:, 0, 0] > 0.0
+        else:
+            lowest = np.linalg.eigvalsh(0.5 * (inertia + inertia.transpose(0, 2, 1)))
+            positive = lowest[:, 0] > 0.0
+        inverse = np.zeros_like(inertia)
+        inverse[positive] = np.linalg.inv(inertia[positive])
+        return np.ascontiguousarray(inverse.transpose(1, 2, 0)), positive
+
+    def plant(self, theta: Array, inverse_inertia: Array) -> PlantTable:
+        """Forward dynamics of one table (n_terms, n_dof) and its M^-1 (n_dof, n_dof)."""
+        return self.structure._replace(
+            entries=np.ascontiguousarray(theta[self.rows, self.columns]),
+            inverse_inertia=np.ascontiguousarray(inverse_inertia),
+        )
+
+
+def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout:
+    """Layout of tables over `terms`; support (n_terms, n_dof) is what can be other than zero."""
+    columns = [DOFS.index(dof) for dof in dofs]
+    names = [one.name for one in terms]
+    inertia = np.array([names.index(ACCELERATIONS[column]) for column in columns])
+    walked = np.any(support, axis=1)
+    walked[inertia] = False
+    axes, rows = np.nonzero((support & walked[:, None]).T)  # axis after axis, terms in their order
+    codes = basis.codes(terms)[rows]
+    index = [INDEX[VELOCITIES[column]] for column in columns]
+    structure = PlantTable(
+        codes=codes.astype(np.uint64),  # numba asks of signed indices whether they are negative
+        first=np.searchsorted(axes, np.arange(len(dofs) + 1)).astype(np.int64),
+        entries=np.zeros(len(rows)),
+        inverse_inertia=np.zeros((len(dofs), len(dofs))),
+        coupled=_coupling(support[inertia].T),
+        velocity_index=np.array(index, dtype=np.uint64),
+        magnitudes=np.array(
+            [i for i in range(len(dofs)) if N_VARIABLES + index[i] in codes], np.uint64
+        ),
+        aerodynamic=bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in AIR]))),
+        turning=has_coriolis(terms, dofs, support),
+    )
+    return Layout(structure, rows, axes, inertia)
+
+
+def has_coriolis(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> bool:
+    """Whether a table has Coriolis forces: a force from velocity times rate of turn."""
+    linear = [i for i, dof in enumerate(dofs) if dof in DOFS[:3]]
+    products = {basis.term(a + b) for a in VELOCITIES[:3] for b in VELOCITIES[3:]}
+    rows = [i for i, one in enumerate(terms) if one in products]
+    return bool(np.any(support[np.ix_(rows, linear)]))
+
+
+def _coupling(support: Flags) -> Flags:
+    """Entries of M^-1 that can be other than zero: axes that a chain of inertia connects."""
+    linked = np.eye(len(support), dtype=bool) | support | support.T
+    for _ in range(len(support)):
+        linked = linked @ linked
+    return linked

@@ -1,0 +1,42 @@
+"""How the two programs are started: from a checkout, or by the names of the installed ones.
+
+Every command that a message or a page prints for the user begins with one of these.
+"""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent  # the checkout, or the installed package
+SCRIPTS = ("seatrial", "seatrial-results")
+
+
+def in_checkout(root: Path = ROOT) -> bool:
+    """Whether the sources are those of a checkout, and not installed ones."""
+    return (root / "pyproject.toml").is_file()
+
+
+def by_script(typed: Sequence[str]) -> bool:
+    """Whether a command line (as in `sys.orig_argv`) starts an installed script."""
+    return len(typed) > 1 and Path(typed[1]).stem in SCRIPTS
+
+
+def trial_program() -> str:
+    """What starts trials: `python -m runner` or `seatrial`."""
+    return "python -m runner" if _modules() else "seatrial"
+
+
+def results_program() -> str:
+    """What compares their results: `python -m runner.compare` or `seatrial-results`."""
+    return "python -m runner.compare" if _modules() else "seatrial-results"
+
+
+def typed_command() -> str:
+    """The command line of this process, as a shell takes it again."""
+    typed = sys.orig_argv
+    return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
+
+
+def _modules() -> bool:
+    return in_checkout() and not by_script(sys.orig_argv)

@@ -1,0 +1,158 @@
+"""A digest of sources changes with what they compute, and with nothing else."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from seatrial.models import source_digest
+from seatrial.models.source_digest import KEPT_FILE, folder_digest, imported_files, parse
+
+MODELS = Path(source_digest.__file__).parent
+
+PLAIN = """
+import numpy as np
+def speed(u, v):
+    return np.hypot(u, v)
+class Limits:
+    surge = 2.0
+"""
+DESCRIBED = '''"""Speeds."""
+
+
+import numpy as np  # arrays
+
+
+def speed(
+    u, v,
+):
+    """Speed [m/s]."""
+    # Pythagoras
+    return np.hypot(u,
+                    v)
+
+class Limits:
+    """Of the ferry."""
+    surge = 2.0
+    """m/s"""
+'''
+
+
+@pytest.fixture(autouse=True)
+def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SEATRIAL_CACHE", str(tmp_path / "cache"))
+    forget()
+
+
+def forget() -> None:
+    source_digest._known.cache_clear()
+    source_digest._source.cache_clear()
+
+
+def test_comments_docstrings_and_layout_do_not_count() -> None:
+    assert parse(PLAIN.encode()) == parse(DESCRIBED.encode())
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("hypot(u, v)", "hypot(v, u)"),
+        ("surge = 2.0", "surge = 2.5"),
+        ("surge = 2.0", "sway = 2.0"),
+        ("def speed(u, v)", "def speed(u, v=None)"),
+        ("def speed(u, v)", "def speed(u, v: float)"),
+        ("surge = 2.0", "surge = '2.0'"),
+        ("surge = 2.0", "surge = None"),
+    ],
+)
+def test_code_counts(before: str, after: str) -> None:
+    assert before in PLAIN
+    changed = PLAIN.replace(before, after)
+    assert parse(changed.encode()).digest != parse(PLAIN.encode()).digest
+
+
+def test_of_a_copied_package(tmp_path: Path) -> None:
+    """The whole of models/: its place does not count, a comment does not, a number does."""
+    copy = tmp_path / "models"
+    shutil.copytree(MODELS, copy)
+    first = folder_digest(copy)
+    assert first == folder_digest(MODELS)
+    path = copy / "vessel" / "basis.py"
+    text = path.read_text()
+    opening, closed, rest = text.partition('"""\n')
+    assert opening.startswith('"""')
+    path.write_text('"""Another docstring."""\n# a comment\n' + rest)
+    assert closed
+    assert folder_digest(copy) == first
+    path.write_text(text + "\nANOTHER = 1\n")
+    assert folder_digest(copy) != first
+    path.write_text(text)
+    assert folder_digest(copy) == first
+    path.rename(copy / "vessel" / "bases.py")
+    assert folder_digest(copy) != first
+
+
+def test_what_was_parsed_is_kept_by_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "package"
+    folder.mkdir()
+    (folder / "speeds.py").write_text(PLAIN)
+    first = folder_digest(folder)
+    forget()
+    monkeypatch.setattr(source_digest, "parse", lambda content: pytest.fail("parsed again"))
+    assert folder_digest(folder) == first
+
+
+@pytest.mark.parametrize("content", ["", "[1]", '{"a": 1}', "\0"])
+def test_a_damaged_file_of_the_cache_is_made_again(tmp_path: Path, content: str) -> None:
+    (tmp_path / "speeds.py").write_text(PLAIN)
+    first = folder_digest(tmp_path)
+    kept = tmp_path / "cache" / KEPT_FILE
+    kept.write_text(content)
+    forget()
+    assert folder_digest(tmp_path) == first
+    assert parse(PLAIN.encode()).digest in kept.read_text()
+
+
+def test_a_read_only_cache_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.py").write_text(PLAIN)
+    first = folder_digest(tmp_path)
+    forget()
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(source_digest, "cache_home", lambda: tmp_path / "file")
+    assert folder_digest(tmp_path) == first
+
+
+def test_kept_sources_do_not_grow_without_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(source_digest, "MOST_KEPT", 3)
+    for number in range(5):
+        (tmp_path / f"a{number}.py").write_text(f"x = {number}")
+    folder_digest(tmp_path)
+    assert len(json.loads((tmp_path / "cache" / KEPT_FILE).read_text())) == 3
+
+
+def test_imports_are_followed_within_the_package(tmp_path: Path) -> None:
+    files = {
+        "__init__.py": "",
+        "trial.py": "import numpy\nfrom lab import rows\nfrom lab.record import metrics",
+        "rows.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import lab.typed",
+        "record/__init__.py": "",
+        "record/metrics.py": "def f():\n    from . import series\n    from lab.store import save",
+        "record/series.py": "import lab.deep.units",
+        "deep/units.py": "",
+        "store/__init__.py": "import lab.unused",
+        "typed.py": "",
+        "unused.py": "",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    reached = imported_files(tmp_path / "trial.py", tmp_path, "lab", left_out=("store",))
+    assert {path.relative_to(tmp_path).as_posix() for path in reached} == {
+        "trial.py", "rows.py", "record/__init__.py", "record/metrics.py", "record/series.py",
+        "deep/units.py",
+    }  # fmt: skip

@@ -1,0 +1,49 @@
+"""Printed commands begin with what the user has: a checkout, or the installed programs."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner import invocation
+from seatrial.runner.compare.runs import repeat_command
+from seatrial.runner.console import DEFAULT_DATABASE, compare
+
+SCRIPT = "/home/somebody/.venv/bin/seatrial"
+
+
+@pytest.mark.parametrize(
+    ("typed", "checkout", "trials", "results"),
+    [
+        (["python", "-m", "runner"], True, "python -m runner", "python -m runner.compare"),
+        (["python", SCRIPT], True, "seatrial", "seatrial-results"),
+        (["python", f"{SCRIPT}-results", "retry"], True, "seatrial", "seatrial-results"),
+        (["python", "-m", "seatrial.runner"], False, "seatrial", "seatrial-results"),
+        (["python", SCRIPT, "-m"], False, "seatrial", "seatrial-results"),
+    ],
+)
+def test_the_programs_are_named_as_they_were_started(
+    typed: list[str], checkout: bool, trials: str, results: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    if not checkout:
+        monkeypatch.setattr(invocation, "in_checkout", lambda: False)
+    monkeypatch.setattr(sys, "orig_argv", typed)
+    monkeypatch.chdir(tmp_path)
+    again = repeat_command(["seed=1"], tmp_path / "results" / "results.db", rerun=True)
+    assert again == f"{trials} seed=1 rerun=true"
+    assert compare("show", DEFAULT_DATABASE, "1") == f"{results} show 1"
+
+
+def test_a_typed_command_is_kept_without_the_place_of_the_script(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "orig_argv", ["/usr/bin/python", SCRIPT, "-m", "seed=range(0,2)"])
+    assert invocation.typed_command() == "seatrial -m 'seed=range(0,2)'"
+    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "runner", "-m", "seed=1,2"])
+    assert invocation.typed_command() == "python -m runner -m seed=1,2"
+
+
+def test_a_checkout_is_known_by_its_project_file(tmp_path: Path) -> None:
+    assert invocation.in_checkout()
+    assert not invocation.in_checkout(tmp_path)

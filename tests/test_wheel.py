@@ -1,0 +1,177 @@
+"""The wheel: one import name with everything in it, which runs in any folder."""
+
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tomllib
+import venv
+from importlib.metadata import Distribution, distribution, packages_distributions
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
+
+
+def test_the_packages_listed_are_those_of_the_tree() -> None:
+    sources = [*ROOT.glob("models/**/*.py"), *ROOT.glob("runner/**/*.py")]
+    folders = {path.parent.relative_to(ROOT).parts for path in sources}
+    packages = {"seatrial", "seatrial.conf"} | {f"seatrial.{'.'.join(f)}" for f in folders}
+    assert sorted(PROJECT["tool"]["setuptools"]["packages"]) == sorted(packages)
+
+
+def requirements(name: str, seen: dict[str, Distribution]) -> dict[str, Distribution]:
+    """The distributions that a distribution needs to run, by name, without extras."""
+    for line in distribution(name).requires or ():
+        requirement = Requirement(line)
+        extras = ("", *requirement.extras)
+        marker = requirement.marker
+        if requirement.name not in seen and (
+            marker is None or any(marker.evaluate({"extra": extra}) for extra in extras)
+        ):
+            seen[requirement.name] = distribution(requirement.name)
+            requirements(requirement.name, seen)
+    return seen
+
+
+def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A command in a folder, without the variables that would show it the checkout."""
+    hidden = ("PYTHONPATH", "SEATRIAL_DATA", "VIRTUAL_ENV", "HYDRA_FULL_ERROR")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    return subprocess.run(
+        [str(word) for word in command],
+        cwd=folder,
+        env={**environment, "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the source distribution of a copy of the checkout."""
+    folder = tmp_path_factory.mktemp("wheel")
+    copy = folder / "checkout"
+    ignore = shutil.ignore_patterns("__pycache__")
+    for name in (*FOLDERS, "seatrial"):
+        shutil.copytree(ROOT / name, copy / name, ignore=ignore)
+    for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
+        shutil.copy(ROOT / name, copy)
+    build = "import setuptools.build_meta as build; build.build_sdist('..')"
+    answer = run(sys.executable, "-c", build, folder=copy)
+    assert answer.returncode == 0, answer.stderr
+    (sources,) = folder.glob("*.tar.gz")
+    answer = run(
+        *(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-index"),
+        *("--no-build-isolation", sources),
+        folder=folder,
+    )
+    assert answer.returncode == 0, answer.stderr
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def binaries(wheel: Path) -> Path:
+    """The programs of a new environment that holds the wheel and what it requires, no more."""
+    folder = wheel.with_name("environment")
+    venv.create(folder, symlinks=True)
+    (packages,) = folder.glob("lib/python3*/site-packages")
+    needed = requirements("seatrial", {})
+    names = {required.name for required in needed.values()}
+    shared = {
+        folder
+        for folder, owners in packages_distributions().items()
+        if not names.issuperset(owners)
+    }
+    for required in needed.values():
+        for file in required.files or ():
+            # A folder that other distributions use as well (hydra_plugins) is linked by file.
+            part = file if file.parts[0] in shared else Path(file.parts[0])
+            link = packages / part
+            if ".." not in file.parts and not link.exists():
+                link.parent.mkdir(parents=True, exist_ok=True)
+                link.symlink_to(Path(str(required.locate_file(part))).resolve())
+    answer = run(
+        *(sys.executable, "-m", "pip", "--python", folder / "bin" / "python"),
+        *("install", "--no-deps", "--no-index", wheel),
+        folder=wheel.parent,
+    )
+    assert answer.returncode == 0, answer.stderr
+    return folder / "bin"
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_file_under_one_name(wheel: Path) -> None:
+    files = [name for name in ZipFile(wheel).namelist() if ".dist-info/" not in name]
+    tree = {
+        f"{inside}/{path.relative_to(ROOT / name).as_posix()}"
+        for name, inside in FOLDERS.items()
+        for path in (ROOT / name).rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
+    }
+    assert sorted(files) == sorted(tree | {"seatrial/__init__.py"})
+
+
+@pytest.mark.slow
+def test_nothing_of_the_checkout_is_imported(binaries: Path, tmp_path: Path) -> None:
+    code = (
+        "import importlib.util, runpy, sys\n"
+        "for name in ('models', 'runner', 'conf', 'docs', 'tests'):\n"
+        "    assert importlib.util.find_spec(name) is None, name\n"
+        "sys.argv = ['seatrial', 'identifier=none', 'evaluation=none']\n"
+        "try:\n    runpy.run_module('seatrial.runner', run_name='__main__')\n"
+        "except SystemExit as end:\n    assert not end.code, end.code\n"
+        "files = {getattr(m, '__file__', None) or '' for m in list(sys.modules.values())}\n"
+        "assert any('seatrial/models/simulation' in file for file in files)\n"
+        f"inside = [f for f in files if f.startswith({str(ROOT)!r})]\n"
+        "assert not inside, inside\n"
+    )
+    answer = run(binaries / "python", "-c", code, folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+
+
+@pytest.mark.slow
+def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
+    def said(program: str, *arguments: str) -> str:
+        answer = run(binaries / program, *arguments, folder=tmp_path)
+        assert answer.returncode == 0, answer.stderr
+        return answer.stdout
+
+    assert "identifier: " in said("seatrial", "--help")
+    assert list(tmp_path.iterdir()) == []
+    sweep = ("-m", "identifier=none,ls", "evaluation=none", "hydra/launcher=joblib")
+    assert "compare: seatrial-results table --rows identifier" in said("seatrial", *sweep)
+    assert "run 3 finished; see seatrial-results show 3" in said(
+        "seatrial", "identifier=ls", "evaluation=none", "seed=1"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+    table = said("seatrial-results", "table", "--metric", "force_mse", "--stage", "validation")
+    assert "none" in table
+    assert "ls" in table
+    said("seatrial-results", "plot", "residual")
+    assert list((tmp_path / "results" / "figures").iterdir())
+    said("seatrial-results", "report")
+    assert list((tmp_path / "results").rglob("*.html"))
+    page = tmp_path / "published.html"
+    assert "jervan_table_4_10" in said(
+        "seatrial-results", "published", "--summary", "--page", str(page)
+    )
+    assert "<code>seatrial experiment=jervan_table_4_10</code>" in page.read_text()
+    experiment = said("seatrial-results", "published", "--experiment", "jervan_table_4_10")
+    assert "seatrial experiment=jervan_table_4_10" in experiment
+    with sqlite3.connect(tmp_path / "results" / "results.db") as database:
+        (command, commit, versions) = database.execute(
+            "SELECT command, git_commit, json_extract(versions, '$.seatrial') FROM run WHERE id = 3"
+        ).fetchone()
+    assert command == "seatrial identifier=ls evaluation=none seed=1"
+    assert commit is None
+    assert versions == PROJECT["project"]["version"]
