@@ -61,12 +61,12 @@ class Refused(ValueError):  # noqa: N818
 
     def at(self, key: str) -> str:
         """The message about the object that is the option `key`."""
-        message = str(self)
-        if not self.place and message.startswith((f": {key}.", f": {key}:")):
-            return message[2:]  # the class names the option itself
         for part in self.place:
             key += f"[{part}]" if isinstance(part, int) else f".{part}"
-        return (key + message).removeprefix(".").removeprefix(": ")
+        key, message = key.removeprefix("."), str(self)
+        if message.startswith((f": {key}.", f": {key}:")):
+            return message[2:]  # the class names the option itself
+        return (key + message).removeprefix(": ")
 
 
 def part(cls: type, node: Any) -> Any:
