@@ -3,6 +3,11 @@
 Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
 option, an unreadable file, an unusable database); 130 interrupted. What is wrong is said in one
 line; HYDRA_FULL_ERROR=1 shows the traceback as well.
+
+Two parts of Hydra 1.3.8 that are not public are used, here alone. Its parser of the command line:
+Hydra itself would print a usage message and end the process, where one line is wanted. And its
+table of plugins: the public `Plugins.register` names a plugin after its module, which Hydra takes
+from the name space `hydra_plugins` only, and seatrial installs no name beside its own.
 """
 
 import os
@@ -13,11 +18,13 @@ from typing import NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
+from hydra.core.plugins import Plugins
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
-from seatrial.runner.sweep import Session, register
+from seatrial.runner.sweep import SeatrialSweeper, Session
 
+SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 
@@ -30,7 +37,7 @@ def main() -> int:
     try:
         overrides = _checked_arguments()
         with _raising():
-            register()
+            Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except KeyboardInterrupt:
         return _complain(INTERRUPTED, 130)

@@ -16,6 +16,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Problem, lack_of_fit
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import Watch
 from seatrial.models.simulation.voyage import Log, Voyage, recording_of
@@ -38,16 +39,14 @@ class Update:
     noise out of what is looked at (the identifier has its own).
     """
 
-    window_s: float
-    every_s: float
+    window_s: Positive
+    every_s: Positive
     trigger: Literal["feedback", "residual"]
-    threshold: float
+    threshold: Positive
     lowpass_hz: float | None
 
     def __post_init__(self) -> None:
-        for name in ("window_s", "every_s", "threshold"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
 
 
 @dataclass(eq=False)

@@ -12,12 +12,10 @@ from copy import deepcopy
 from typing import Any
 from uuid import uuid4
 
-from hydra._internal.config_loader_impl import ConfigLoaderImpl, get_overrides_dirname
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
@@ -45,17 +43,18 @@ def _name(group: str, choices: Any, overrides: list[str]) -> str:
     return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
 
 
-class SharingLoader(ConfigLoaderImpl):
-    """Hydra's loader, but jobs of one sweep that choose the same options share what is composed.
+class SharingLoader:
+    """Composes the jobs of one sweep; those that choose the same options share what is composed.
 
-    A copy of it in a worker shares with the copies that came with the worker's other jobs.
+    Launchers take it for Hydra's own loader, of which they call `load_sweep_config` alone. A copy
+    of it in a worker shares with the copies that came with the worker's other jobs.
     """
 
     KEPT = 64  # composed configurations; a sweep that chooses more goes through them in order
     _shared: dict[str, dict[tuple[str, ...], DictConfig]] = {}  # noqa: RUF012 - of the last sweep
 
     def __init__(self, loader: ConfigLoader) -> None:
-        super().__init__(loader.get_search_path())
+        self.hydra = loader
         self._sweep = uuid4().hex
         self._is_group: dict[str, bool] = {}
 
@@ -63,22 +62,20 @@ class SharingLoader(ConfigLoaderImpl):
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:
         """The whole configuration of a job, as Hydra composes it."""
-        parsed = OverridesParser.create(config_loader=self).parse_overrides(sweep_overrides)
+        parsed = OverridesParser.create(config_loader=self.hydra).parse_overrides(sweep_overrides)
         split = self.split(parsed)
         if split is None:
-            return super().load_sweep_config(master_config, sweep_overrides)
+            return self.hydra.load_sweep_config(master_config, sweep_overrides)
         choices, values = split
         config = deepcopy(self.base(master_config, choices))
         try:
-            self._apply_overrides_to_config(values, config)
-        except HydraException:  # Hydra says it in its own words
-            return super().load_sweep_config(master_config, sweep_overrides)
+            set_values(config, values)
+        except OmegaConfBaseException:  # Hydra says it in its own words
+            return self.hydra.load_sweep_config(master_config, sweep_overrides)
         hydra, own = config.hydra, [one for one in parsed if not one.is_hydra_override()]
         with open_dict(hydra), read_write(hydra):
             hydra.overrides.task = [one.input_line for one in own]
-            hydra.job.override_dirname = get_overrides_dirname(
-                own, **{name: hydra.job.config.override_dirname[name] for name in _DIRNAME}
-            )
+            hydra.job.override_dirname = _dirname(own, hydra.job.config.override_dirname)
         OmegaConf.copy_cache(from_config=master_config, to_config=config)
         return config
 
@@ -104,16 +101,26 @@ class SharingLoader(ConfigLoaderImpl):
         if key not in composed:
             if len(composed) >= self.KEPT:
                 del composed[next(iter(composed))]
-            composed[key] = super().load_sweep_config(master, choices)
+            composed[key] = self.hydra.load_sweep_config(master, choices)
         return composed[key]
 
     def _chooses(self, key: str) -> bool:
         if key not in self._is_group:
-            self._is_group[key] = bool(self.get_group_options(key))
+            self._is_group[key] = bool(self.hydra.get_group_options(key))
         return self._is_group[key]
 
 
-_DIRNAME = ("kv_sep", "item_sep", "exclude_keys")
+def set_values(config: DictConfig, values: Sequence[Override]) -> None:
+    """Set values in a composed configuration; OmegaConfBaseException where that is not possible."""
+    for override in values:
+        OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
+
+
+def _dirname(overrides: Sequence[Override], form: Any) -> str:
+    """`hydra.job.override_dirname`."""
+    given = [one for one in overrides if one.key_or_group not in form.exclude_keys]
+    texts = sorted(str(one.input_line) for one in given)
+    return str(form.item_sep).join(texts).replace("=", form.kv_sep)
 
 
 def _plain(override: Override) -> bool:
@@ -127,7 +134,7 @@ class Composer:
     def __init__(self, loader: SharingLoader, master: DictConfig) -> None:
         self._loader = loader
         self._master = master
-        self._parser = OverridesParser.create(config_loader=loader)
+        self._parser = OverridesParser.create(config_loader=loader.hydra)
         self._choices: list[str] | None = None
         self._config = self._task = master
 
@@ -143,8 +150,7 @@ class Composer:
             HydraConfig.instance().set_config(self._config.copy())
         task = deepcopy(self._task)
         try:
-            for override in values:
-                OmegaConf.update(task, override.key_or_group, override.value(), merge=True)
+            set_values(task, values)
         except OmegaConfBaseException:
             return self._whole(job)  # Hydra says it in its own words
         return order_of(task, self._config.hydra, job)

@@ -1,41 +1,23 @@
 """From the resolved configuration of one trial to checked, frozen objects.
 
 A node of the configuration names its class with `_target_`: a frozen dataclass inside `models` or
-`runner`. Its keys are the dataclass's fields, its values are checked against their annotations
-here and against their ranges in the class's own `__post_init__`. Every error names the key, what
-was got and what was expected.
+`runner`. Its keys are the dataclass's fields, its values are checked against their annotations by
+pydantic (seatrial.runner.options) and against their ranges in the class's own `__post_init__`.
+Every error names the key, what was got and what was expected.
 """
 
-import re
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from difflib import get_close_matches
-from functools import cache
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.coercion import coerce
+from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:
     from seatrial.runner.record.own_metrics import OwnMetric
 
-SETTINGS = (
-    "seed",
-    "sample_time_s",
-    "integration_step_s",
-    "plant",
-    "update",
-    "metrics",
-    "results_dir",
-    "database",
-    "rerun",
-    "dry_run",
-)
-ROOTS = ("seatrial.models", "seatrial.runner")  # the only packages a `_target_` may name
-TARGET = re.compile(rf"({'|'.join(ROOTS)})(\.[A-Za-z]\w*)+")
 Node = Mapping[str, Any]
 
 
@@ -63,170 +45,106 @@ class Trial:
     database_url: str
     rerun: bool = False
     dry_run: bool = False
+    metrics: "tuple[OwnMetric, ...]" = ()  # from elsewhere, stored beside ours
     plant_change: "PlantChange | None" = None
     update: Any = (
         None  # seatrial.runner.adaptive.Update, where the model is identified again while sailing
     )
-    metrics: "tuple[OwnMetric, ...]" = ()  # from elsewhere, stored beside ours
 
 
 @dataclass(frozen=True)
 class PlantChange:
     """In the deployment the true plant is another from `at_s` [s] on: `scale` x the nominal."""
 
-    at_s: float
-    scale: float
+    at_s: Positive
+    scale: Positive
 
     def __post_init__(self) -> None:
-        for name in ("at_s", "scale"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The true plant: `scale` x the nominal coefficient table."""
+
+    scale: Positive
+    change: PlantChange | None = None
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class Database:
+    """Where the logbook is."""
+
+    url: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The options of a trial, as the configuration arranges them; an empty group is None."""
+
+    vessel: object
+    disturbance: object
+    excitation: object
+    identifier: object
+    controller: object
+    evaluation: object
+    seed: NotNegativeInt
+    sample_time_s: Positive
+    integration_step_s: Positive
+    plant: Plant
+    results_dir: Path
+    database: Database
+    update: object = None
+    metrics: tuple[object, ...] = ()
+    rerun: bool = False
+    dry_run: bool = False
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.integration_step_s > self.sample_time_s:
+            raise ConfigurationError(
+                f"integration_step_s must not be above sample_time_s = {self.sample_time_s:g}, "
+                f"got {self.integration_step_s:g}"
+            )
 
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """The trial that a resolved configuration describes; ConfigurationError where it is wrong."""
-    _only_known(config, (*GROUPS, *SETTINGS), "")
-    sample_time = _positive(config, "sample_time_s")
-    step = _positive(config, "integration_step_s")
-    if step > sample_time:
-        raise ConfigurationError(
-            f"integration_step_s must not be above sample_time_s = {sample_time:g}, got {step:g}"
-        )
-    plant = _section(config, "plant", ("scale", "change"))
-    seed: int = coerce(_given(config, "seed"), int, "seed")
-    if seed < 0:
-        raise ConfigurationError(f"seed must not be negative, got {seed}")
-    settings = {
-        "sample_time_s": sample_time,
-        "integration_step_s": step,
-        "plant_scale": _positive(plant, "scale", "plant."),
-        "plant_change": _optional(plant.get("change"), PlantChange, "plant.change"),
-        "update": _optional(config.get("update"), "seatrial.runner.adaptive.Update", "update"),
-        "metrics": _listed_parts(config.get("metrics"), "metrics"),
-        "seed": seed,
-        "results_dir": coerce(_given(config, "results_dir"), Path, "results_dir"),
-        "database_url": database_url(config),
-        "rerun": coerce(config.get("rerun", False), bool, "rerun"),
-        "dry_run": coerce(config.get("dry_run", False), bool, "dry_run"),
-    }
-    objects = {group: build(config.get(group), group) for group in GROUPS}
-    return Trial(**objects, **settings, names=dict(names), config=config)
-
-
-def _optional(node: Any, cls: type | str, key: str) -> Any:
-    """An object of a class, or None for null."""
-    if node is None:
-        return None
-    if not isinstance(node, Mapping):
-        raise ConfigurationError(f"{key}: got {node!r}, expected null or a group of options")
-    return build_as(_target(cls, key) if isinstance(cls, str) else cls, node, key)
-
-
-def _listed_parts(nodes: Any, key: str) -> tuple[Any, ...]:
-    """The objects that a list of nodes describes; none for null."""
-    if not isinstance(nodes, list | None):
-        raise ConfigurationError(f"{key}: got {nodes!r}, expected a list of groups of options")
-    return tuple(build(node, f"{key}[{i}]") for i, node in enumerate(nodes or ()))
-
-
-def database_url(config: Node) -> str:
-    """Where the logbook is; the one option of the group `database`."""
-    database = _section(config, "database", ("url",))
-    url: str = coerce(_given(database, "url", "database."), str, "database.url")
-    return url
+    update, whole = config.get("update"), dict(config)
+    if isinstance(update, Mapping):
+        whole["update"] = {**update, "_target_": "seatrial.runner.adaptive.Update"}
+    settings = build_as(Settings, whole, "")
+    return Trial(
+        **{group: getattr(settings, group) for group in GROUPS},
+        sample_time_s=settings.sample_time_s,
+        integration_step_s=settings.integration_step_s,
+        plant_scale=settings.plant.scale,
+        plant_change=settings.plant.change,
+        update=settings.update,
+        metrics=settings.metrics,
+        seed=settings.seed,
+        results_dir=settings.results_dir,
+        database_url=settings.database.url,
+        rerun=settings.rerun,
+        dry_run=settings.dry_run,
+        names=dict(names),
+        config=config,
+    )
 
 
 def build(node: Any, key: str) -> Any:
     """The object that a node with a `_target_` describes; None for an empty node."""
-    if node is None or node == {}:
-        return None
-    if not isinstance(node, Mapping):
-        raise ConfigurationError(f"{key}: got {node!r}, expected a group of options")
-    if "_target_" not in node:
-        raise ConfigurationError(f"{key}._target_ is missing, expected the name of a class")
-    return build_as(_target(node["_target_"], key), node, key)
+    return build_as(object, node, key)
 
 
-def build_as(cls: type, node: Node, key: str) -> Any:
-    """An object of the dataclass `cls` from the values of `node`, each checked and coerced."""
-    options = {field.name: field for field in fields(cls) if field.init}
-    given = {name: value for name, value in node.items() if name != "_target_"}
-    _only_known(given, tuple(options), f"{key}.")
-    for name, field in options.items():
-        if name not in given and field.default is MISSING and field.default_factory is MISSING:
-            raise ConfigurationError(f"{key}.{name} is missing")
-    hints = _annotations(cls)
-    values = {
-        name: coerce(value, hints[name], f"{key}.{name}", build=_nested)
-        for name, value in given.items()
-    }
+def build_as(cls: type, node: Any, key: str) -> Any:
+    """A `cls` from a node, whose options and errors are those of the option `key`."""
+    from seatrial.runner.options import Refused, part
+
     try:
-        return cls(**values)
-    except ConfigurationError as error:
-        message = str(error)
-        if message.startswith((f"{key}.", f"{key}:")):
-            raise
-        raise ConfigurationError(f"{key}: {message}") from error
-
-
-def _nested(node: Node, key: str, cls: type | None) -> Any:
-    """A node inside a node: of the class it names, else of the class its field is annotated as."""
-    if cls is None or "_target_" in node:
-        return build(node, key)
-    return build_as(cls, node, key)
-
-
-@cache
-def _annotations(cls: type) -> dict[str, Any]:
-    return get_type_hints(cls)
-
-
-def _target(name: Any, key: str) -> type:
-    """The dataclass that a `_target_` names."""
-    where = f"{key}._target_"
-    if not isinstance(name, str) or not TARGET.fullmatch(name):
-        raise ConfigurationError(f"{where}: got {name!r}, expected a class inside seatrial")
-    module_name, _, class_name = name.rpartition(".")
-    try:
-        found = getattr(import_module(module_name), class_name, None)
-    except ModuleNotFoundError as error:
-        if error.name is None or not module_name.startswith(error.name):
-            raise  # the module is there, something it imports is not: a bug, not an option
-        found = None
-    inside = isinstance(found, type) and found.__module__.startswith(tuple(f"{r}." for r in ROOTS))
-    if not (inside and isinstance(found, type) and is_dataclass(found)):
-        raise ConfigurationError(f"{where}: got {name!r}, which is not a dataclass to build")
-    return found
-
-
-def _only_known(node: Node, known: tuple[str, ...], prefix: str) -> None:
-    for name in node:
-        if name not in known:
-            close = get_close_matches(str(name), known)
-            hint = f"did you mean {' or '.join(close)}?" if close else f"expected {_listed(known)}"
-            raise ConfigurationError(f"{prefix}{name}: unknown option, {hint}")
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return f"one of {', '.join(names)}" if names else "no options here"
-
-
-def _section(config: Node, name: str, known: tuple[str, ...]) -> Node:
-    section = config.get(name)
-    if not isinstance(section, Mapping):
-        raise ConfigurationError(f"{name}: got {section!r}, expected the option {', '.join(known)}")
-    _only_known(section, known, f"{name}.")
-    return section
-
-
-def _given(config: Node, name: str, prefix: str = "") -> Any:
-    if name not in config:
-        raise ConfigurationError(f"{prefix}{name} is missing")
-    return config[name]
-
-
-def _positive(config: Node, name: str, prefix: str = "") -> float:
-    value: float = coerce(_given(config, name, prefix), float, prefix + name)
-    if value <= 0.0:
-        raise ConfigurationError(f"{prefix}{name} must be positive, got {value:g}")
-    return value
+        return part(cls, node)
+    except Refused as error:
+        raise ConfigurationError(error.at(key)) from error

@@ -7,11 +7,13 @@ whatever launcher is configured, and ends with a summary from the logbook.
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
+from typing import Any, cast
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
@@ -59,11 +61,21 @@ def jobs_of(
     for variant in variants or [{}]:
         options = {str(key): value for key, value in {**params, **variant}.items()}
         texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in given]
-        (part,) = BasicSweeper.split_arguments(
-            parser.parse_overrides([*texts, *arguments]), max_batch_size=None
-        )
-        jobs += part
+        overrides = parser.parse_overrides([*texts, *arguments])
+        # The last of several for one option is meant, in the place of the first.
+        values = {override.get_key_element(): _values(override) for override in overrides}
+        jobs += map(list, product(*values.values()))
     return jobs
+
+
+def _values(override: Override) -> list[str]:
+    """An override of one job for each of its values."""
+    key = override.get_key_element()
+    if not override.is_sweep_override():
+        return [f"{key}={override.get_value_element_as_str()}"]
+    if not override.is_discrete_sweep():
+        raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
+    return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
 def _text(value: Any) -> str:
@@ -80,8 +92,6 @@ def _text(value: Any) -> str:
 
 
 log = logging.getLogger(__name__)
-# Hydra takes plugins from its own name space only: the sweeper is made known under this name.
-PLUGIN = "hydra_plugins.seatrial.Sweeper"
 
 
 class Session:
@@ -160,14 +170,14 @@ class SeatrialSweeper(Sweeper):
     ) -> None:
         """Take what Hydra hands over; the launcher is made when there is something to launch."""
         self._loader = SharingLoader(hydra_context.config_loader)
-        self._context = HydraContext(self._loader, hydra_context.callbacks)
+        self._context = HydraContext(cast(ConfigLoader, self._loader), hydra_context.callbacks)
         self._config = config
         self.session: Any = task_function
 
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
         self.session.started = True
-        parser = OverridesParser.create(config_loader=self._loader)
+        parser = OverridesParser.create(config_loader=self._loader.hydra)
         jobs = jobs_of(parser, self.params, self.variants, arguments)
         composer = Composer(self._loader, self._config)
         plans = [_planned(composer, job) for job in jobs]
@@ -211,11 +221,6 @@ class SeatrialSweeper(Sweeper):
             )
 
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
-
-
-def register() -> None:
-    """Make the sweeper known to Hydra, under the name that conf/hydra/sweeper uses."""
-    Plugins.instance().class_name_to_class[PLUGIN] = SeatrialSweeper
 
 
 def _plan(order: Order) -> Plan:

@@ -40,7 +40,7 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import PositiveInt, check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
@@ -226,7 +226,7 @@ class Mpc:
     `horizon` the number of samples looked ahead; `period_s` None commands at every instant.
     """
 
-    horizon: int
+    horizon: PositiveInt
     preview: Preview
     error_weight: tuple[float, ...]
     input_weight: tuple[float, ...]
@@ -240,9 +240,8 @@ class Mpc:
     incremental: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         n = len(self.limits)
-        if self.horizon < 1:
-            raise ConfigurationError(f"horizon must be at least 1, got {self.horizon}")
         check_weights("limits", self.limits, n, positive=True)
         check_weights("error_weight", self.error_weight, n, positive=False)
         check_weights("input_weight", self.input_weight, n, positive=True)

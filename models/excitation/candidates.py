@@ -20,6 +20,7 @@ from seatrial.models.excitation.information import (
     scaled,
 )
 from seatrial.models.excitation.schedule import Gains, Manoeuvre, Part, Role, Schedule
+from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel import basis
@@ -36,13 +37,12 @@ class Believed:
     """The model that a mix is designed with; `error` draws every coefficient 1 +- error of it."""
 
     error: float
-    seed: int
+    seed: NotNegativeInt
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not 0.0 <= self.error < 1.0:
             raise ConfigurationError(f"error must lie between 0 and 1, got {self.error}")
-        if self.seed < 0:
-            raise ConfigurationError(f"seed must not be negative, got {self.seed}")
 
     def model(self, nominal: Vessel) -> Vessel:
         """The nominal model, its coefficients times uniform numbers about one."""

@@ -11,6 +11,7 @@ from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.manoeuvres import open_loop
 from seatrial.models.excitation.missions import Mission, check_fraction, check_offset, steady_force
 from seatrial.models.excitation.signals import Signal
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.vessel.basis import Array
 
@@ -32,16 +33,14 @@ class Forcing:
     offset: dict[str, float] | None
     order: Literal["together", "in_turn"]
     loop: Literal["open", "closed"]
-    length_s: float
-    time_scale: float
+    length_s: Positive
+    time_scale: Positive
     hold: ReferenceFilter  # of the starting pose
     train_fraction: float
     base: Mission | None = None
 
     def __post_init__(self) -> None:
-        for name in ("length_s", "time_scale"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         missing = [axis for axis in self.axes if axis not in self.amplitude]
         if not self.axes or missing:
             raise ConfigurationError(

@@ -15,6 +15,7 @@ from scipy.linalg import expm
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
@@ -28,13 +29,11 @@ class ReferenceFilter:
     damping D.
     """
 
-    bandwidth_rad_s: float
-    damping: float
+    bandwidth_rad_s: Positive
+    damping: Positive
 
     def __post_init__(self) -> None:
-        for name in ("bandwidth_rad_s", "damping"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
 
     def table(self, period_s: float) -> FilterTable:
         """Exact zero-order-hold discretisation for a control period [s]."""
@@ -106,16 +105,15 @@ class LineOfSight:
     """Line-of-sight guidance through way-points (north, east) [m]; acceptance radius [m]."""
 
     waypoints: tuple[tuple[float, ...], ...]
-    radius_m: float
+    radius_m: Positive
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         points = np.array(self.waypoints, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ConfigurationError("waypoints: expected at least two of (north, east)")
         if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
             raise ConfigurationError("waypoints: two that follow each other are equal")
-        if not self.radius_m > 0.0:
-            raise ConfigurationError(f"radius_m must be positive, got {self.radius_m}")
 
     def build(self, start: Array) -> tuple[SightTable, Array]:
         """Parameters and initial state of the compiled step, from a starting pose (3,)."""
@@ -241,11 +239,12 @@ class Setpoints:
 
     schedule: str
     schedules: dict[str, tuple[tuple[float, ...], ...]]
-    scale: float
-    duration_s: float
+    scale: Positive
+    duration_s: Positive
     reference_filter: Reference
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if self.schedule not in self.schedules:
             raise ConfigurationError(
                 f"schedule: got {self.schedule!r}, expected one of {', '.join(self.schedules)}"
@@ -255,9 +254,6 @@ class Setpoints:
             raise ConfigurationError(
                 f"schedules.{self.schedule}: expected a list of (north, east, heading)"
             )
-        for name in ("duration_s", "scale"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
 
     def poses(self, n_dof: int) -> Array:
         """The poses of the schedule, shape (n, n_dof) [m, rad]: in the plane, or north alone."""

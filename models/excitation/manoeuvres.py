@@ -13,6 +13,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
 from seatrial.models.excitation.missions import check_fraction, check_offset, steady_force, within
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import CONTROLLERS, control_step
 from seatrial.models.vessel.basis import Array
@@ -134,7 +135,7 @@ class Steered:
 
     surge_force_n: float
     yaw_moment_nm: float
-    turn_deg: float | None
+    turn_deg: Positive | None
     approach_s: float
     duration_s: float
     reference_filter: ReferenceFilter
@@ -143,8 +144,7 @@ class Steered:
     offset: dict[str, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.turn_deg is not None and not self.turn_deg > 0.0:
-            raise ConfigurationError(f"turn_deg must be positive, got {self.turn_deg}")
+        check_ranges(self)
         if not 0.0 <= self.approach_s < self.duration_s:
             raise ConfigurationError(
                 f"approach_s must lie between 0 and duration_s = {self.duration_s:g}, "
@@ -217,18 +217,16 @@ class ConstantVelocity:
     """
 
     velocities: dict[str, tuple[float | tuple[float, ...], ...]]
-    velocity_scale: float
-    run_s: float
-    rest_s: float
+    velocity_scale: Positive
+    run_s: Positive
+    rest_s: Positive
     axes: tuple[str, ...]  # what the vessel has
     reference_filter: ReferenceFilter
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
-        for name in ("velocity_scale", "run_s", "rest_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         for names, values in self.velocities.items():
             for value in values:
                 if isinstance(value, tuple) and len(value) != len(names.split("+")):

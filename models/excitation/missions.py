@@ -15,6 +15,7 @@ from seatrial.models.excitation.guidance import (
     straight_line_setpoints,
 )
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.vessel.basis import Array
 
@@ -153,20 +154,18 @@ class Waypoints:
     """
 
     waypoints: tuple[tuple[float, ...], ...]
-    interval_s: float
+    interval_s: Positive
     reference: Literal["line", "step"]
-    speed_m_s: float
-    turn_rate_rad_s: float
+    speed_m_s: Positive
+    turn_rate_rad_s: Positive
     reference_filter: ReferenceFilter
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not self.waypoints or any(len(point) != 3 for point in self.waypoints):
             raise ConfigurationError("waypoints: expected a list of (north, east, heading)")
-        for name in ("interval_s", "speed_m_s", "turn_rate_rad_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
         check_fraction(self.train_fraction)
 
     @property
@@ -202,11 +201,10 @@ class Operation:
 
     sight: LineOfSight
     reference_filter: ReferenceFilter
-    duration_s: float
+    duration_s: Positive
 
     def __post_init__(self) -> None:
-        if not self.duration_s > 0.0:
-            raise ConfigurationError(f"duration_s must be positive, got {self.duration_s}")
+        check_ranges(self)
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """Line of sight from the pose `start`."""

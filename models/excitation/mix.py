@@ -29,6 +29,7 @@ from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Pace, Primitive
 from seatrial.models.planning.planner import Plan, Task, plan
 from seatrial.models.planning.waters import Corners, Waters
+from seatrial.models.ranges import NotNegative, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
@@ -52,20 +53,14 @@ class Route:
     start: Pose
     goal: Pose | None
     clearance_m: float
-    cell_m: float | None
-    speed_m_s: float
-    turn_rate_rad_s: float
-    hold_s: float
+    cell_m: Positive | None
+    speed_m_s: Positive
+    turn_rate_rad_s: Positive
+    hold_s: NotNegative
     follow: Literal["everywhere", "passages"]
 
     def __post_init__(self) -> None:
-        for name in ("speed_m_s", "turn_rate_rad_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
-        if self.cell_m is not None and not self.cell_m > 0.0:
-            raise ConfigurationError(f"cell_m must be positive or null, got {self.cell_m}")
-        if self.hold_s < 0.0:
-            raise ConfigurationError(f"hold_s must not be negative, got {self.hold_s}")
+        check_ranges(self)
         if self.area is not None:
             _ = self.waters
         elif self.obstacles:
@@ -147,29 +142,24 @@ class Mix:
     """
 
     candidates: dict[str, Any]
-    sub_experiments: int
+    sub_experiments: PositiveInt
     design: Literal["optimal", "random"]
-    repeats: int
+    repeats: PositiveInt
     draw_seed: int
     held_out: tuple[str, ...]
-    length_s: float
-    stop_s: float
-    time_scale: float
+    length_s: Positive
+    stop_s: Positive
+    time_scale: Positive
     vessel: VesselParameters
     believed: Believed
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
     reference_filter: ReferenceFilter
-    period_s: float
+    period_s: Positive
 
     def __post_init__(self) -> None:
-        for name in ("length_s", "stop_s", "time_scale", "period_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("sub_experiments", "repeats"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         pool = self.repeats * len(self.candidates)
         if self.design == "random" and self.sub_experiments > pool:
             raise ConfigurationError(

@@ -14,6 +14,7 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import OpenLoop, ZigZagTable
+from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array, Codes
@@ -115,15 +116,11 @@ CONTROLLERS[SequenceTable] = _sequence
 class Gains:
     """Feedback that stops the vessel and follows a passage, by degree of freedom."""
 
-    kp: tuple[float, ...]  # [N/m, N/m, Nm/rad]
-    kd: tuple[float, ...]  # [N s/m, N s/m, Nm s/rad]
+    kp: tuple[NotNegative, ...]  # [N/m, N/m, Nm/rad]
+    kd: tuple[NotNegative, ...]  # [N s/m, N s/m, Nm s/rad]
 
     def __post_init__(self) -> None:
-        for name in ("kp", "kd"):
-            if min(getattr(self, name), default=0.0) < 0.0:
-                raise ConfigurationError(
-                    f"{name} must not be negative, got {list(getattr(self, name))}"
-                )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation import signals
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 
 REST_S = 10.0
@@ -214,11 +215,10 @@ class Legs:
 class Ramp:
     """A force that grows from nothing to its peak and falls back, linearly."""
 
-    length_s: float  # up and down
+    length_s: Positive  # up and down
 
     def __post_init__(self) -> None:
-        if not self.length_s > 0.0:
-            raise ConfigurationError(f"length_s must be positive, got {self.length_s}")
+        check_ranges(self)
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
         """A triangle over `length_s`, nothing after it; the same on every axis."""

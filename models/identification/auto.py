@@ -16,9 +16,10 @@ whole training part.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import (
@@ -29,6 +30,7 @@ from seatrial.models.identification.problem import (
     check_force,
 )
 from seatrial.models.identification.validation import prediction
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording, blocked_k_fold
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -47,17 +49,14 @@ class Auto:
     """
 
     candidates: dict[str, Any]
-    folds: int
-    horizon_s: float
+    folds: Annotated[int, Ge(2)]
+    horizon_s: Positive
     force: str | None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not self.candidates:
             raise ConfigurationError("candidates: got none, expected at least one identifier")
-        if self.folds < 2:
-            raise ConfigurationError(f"folds must be at least 2, got {self.folds}")
-        if not self.horizon_s > 0.0:
-            raise ConfigurationError(f"horizon_s must be positive, got {self.horizon_s}")
         check_force(self.force)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:

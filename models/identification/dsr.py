@@ -12,9 +12,10 @@ Bargouth (2022), section 3.7; Di Ruscio (2009).
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
@@ -29,6 +30,7 @@ from seatrial.models.identification.state_space_findings import (
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.uncertainty import check_bootstrap
 from seatrial.models.notation import ACCELERATIONS, VELOCITIES
+from seatrial.models.ranges import NotNegativeInt, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
@@ -49,33 +51,23 @@ class Dsr:
     with the reason as a finding, so that the state-space model can still be used.
     """
 
-    L: int
-    J: int
-    order: int | Literal["physical", "gap"]
+    L: Annotated[int, Ge(2)]
+    J: PositiveInt
+    order: PositiveInt | Literal["physical", "gap"]
     variant: Literal["closed", "open"]
     output: Output
-    heading_span_deg: float  # of `output: pose`, which holds near one heading only
+    heading_span_deg: Positive  # of `output: pose`, which holds near one heading only
     force: Literal["commanded", "filtered", "actual"] | None
     extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
-    period_s: float | None
+    period_s: Positive | None
     physical_form: Literal["required", "optional"]
-    condition_limit: float
-    markov_parameters: int
+    condition_limit: Positive
+    markov_parameters: NotNegativeInt
     bootstrap: int | None
     block_s: float
 
     def __post_init__(self) -> None:
-        for name, least in (("L", 2), ("J", 1), ("markov_parameters", 0)):
-            if getattr(self, name) < least:
-                raise ConfigurationError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}"
-                )
-        if isinstance(self.order, int) and self.order < 1:
-            raise ConfigurationError(f"order must be at least 1, got {self.order}")
-        for name in ("heading_span_deg", "condition_limit", "period_s"):
-            value = getattr(self, name)
-            if value is not None and not value > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {value}")
+        check_ranges(self)
         for one in () if self.extra_terms == "physical" else basis.terms(self.extra_terms):
             if not is_further_input(one):
                 raise ConfigurationError(

@@ -41,6 +41,7 @@ from seatrial.models.identification.uncertainty import (
     stationary_variance,
 )
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import NotNegativeInt, Positive
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -146,8 +147,8 @@ class InstrumentalVariables(ResidualOptions):
     """
 
     instruments: Literal["none", "simulated"]
-    iterations: int
-    restart_s: float | None
+    iterations: NotNegativeInt
+    restart_s: Positive | None
     orientation_terms: bool | None
     wind_measurement: bool
     wind_terms: tuple[str, ...]
@@ -158,10 +159,6 @@ class InstrumentalVariables(ResidualOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_bootstrap(self.bootstrap, self.block_s)
-        if self.iterations < 0:
-            raise ConfigurationError(f"iterations must not be negative, got {self.iterations}")
-        if self.restart_s is not None and not self.restart_s > 0.0:
-            raise ConfigurationError(f"restart_s must be positive or null, got {self.restart_s}")
         still = [str(one) for one in basis.terms(self.wind_terms) if not _in_air(one)]
         if still or not self.wind_terms:
             raise ConfigurationError(

@@ -32,6 +32,7 @@ from seatrial.models.identification.residual import (
 )
 from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -52,7 +53,7 @@ class LeastSquares(ResidualOptions):
 
     ned_force: bool
     weighting: Literal["uniform", "huber"]
-    half_life_s: float | None
+    half_life_s: Positive | None
     errors: ErrorKind
     bootstrap: int | None
     block_s: float
@@ -60,10 +61,6 @@ class LeastSquares(ResidualOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_bootstrap(self.bootstrap, self.block_s)
-        if self.half_life_s is not None and not self.half_life_s > 0.0:
-            raise ConfigurationError(
-                f"half_life_s must be positive or null, got {self.half_life_s}"
-            )
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse what cannot work for this vessel, before any work."""
@@ -147,12 +144,7 @@ class Ridge(LeastSquares):
     freedom, the minimum of the generalised cross-validation.
     """
 
-    penalty: float | None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.penalty is not None and self.penalty < 0.0:
-            raise ConfigurationError(f"penalty must not be negative, got {self.penalty}")
+    penalty: NotNegative | None
 
     def penalise(
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]

@@ -17,6 +17,7 @@ from seatrial.models.identification.problem import Finding, Identified, Problem,
 from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.notation import PLANAR, POSE_UNIT
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise, operating_force, tangent
 from seatrial.models.simulation.statespace import StateSpace
@@ -42,12 +43,11 @@ class Linearised:
     operating_force: bool
     wind: WindForce | None
     force: str | None
-    hold_s: float | None
+    hold_s: Positive | None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         check_force(self.force)
-        if self.hold_s is not None and not self.hold_s > 0.0:
-            raise ConfigurationError(f"hold_s must be positive, got {self.hold_s}")
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse a velocity that the vessel does not have."""

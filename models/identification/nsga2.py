@@ -8,9 +8,10 @@ also gives standard errors; a front has none.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -35,6 +36,7 @@ from seatrial.models.identification.output_error import (
 from seatrial.models.identification.prediction_fit import Errors, Uncertainty
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
 from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -137,18 +139,18 @@ class Nsga2(PredictionOptions):
     grouped: bool
     log_scale: tuple[str, ...]
     algorithm: Algorithm
-    population: int | None
-    population_cap: int
-    generations: int
-    crossover_eta: float
+    population: Annotated[int, Ge(4)] | None
+    population_cap: Annotated[int, Ge(4)]
+    generations: PositiveInt
+    crossover_eta: Positive
     crossover_probability: float
-    mutation_eta: float
+    mutation_eta: Positive
     mutation_probability: float | None
-    window: int
-    threshold: float
-    objective_floor: float
+    window: PositiveInt
+    threshold: Positive
+    objective_floor: NotNegative
     decision: Decision
-    weights: tuple[float, ...] | None
+    weights: tuple[Positive, ...] | None
     polish: Literal["least_squares"] | None
     polish_horizons: tuple[int, ...]
     errors: Errors
@@ -157,16 +159,6 @@ class Nsga2(PredictionOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("population_cap", 4), ("generations", 1), ("window", 1)):
-            if getattr(self, name) < least:
-                raise ConfigurationError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}"
-                )
-        if self.population is not None and self.population < 4:
-            raise ConfigurationError(f"population must be at least 4, got {self.population}")
-        for name in ("crossover_eta", "mutation_eta", "threshold"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
         for name in ("crossover_probability", "mutation_probability"):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value <= 1.0:
@@ -174,12 +166,6 @@ class Nsga2(PredictionOptions):
         check_horizons(self.polish_horizons)
         if self.uncertainty.bootstrap is not None and self.polish is None:
             raise ConfigurationError("bootstrap needs polish=least_squares: a front has no errors")
-        if not self.objective_floor >= 0.0:
-            raise ConfigurationError(
-                f"objective_floor must not be negative, got {self.objective_floor}"
-            )
-        if self.weights is not None and not min(self.weights, default=0.0) > 0.0:
-            raise ConfigurationError(f"weights must be positive, got {list(self.weights)}")
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse parameters without bounds, and weights for other objectives."""

@@ -11,9 +11,10 @@ sum (`mae`); the thesis's figures came from the magnitude of the mean error (`me
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import NED
@@ -108,12 +109,7 @@ class Grid(PredictionOptions):
     """`points` values of each of two parameters, evenly over its bounds."""
 
     objective: Metric
-    points: int
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.points < 2:
-            raise ConfigurationError(f"points must be at least 2, got {self.points}")
+    points: Annotated[int, Ge(2)]
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse other than two parameters, and parameters without bounds."""

@@ -23,6 +23,7 @@ from seatrial.models.identification.prediction_fit import (
 )
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
 from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -71,7 +72,7 @@ class OutputError(PredictionOptions):
     """
 
     horizons: tuple[int, ...]
-    sigma: tuple[float, ...] | None
+    sigma: tuple[Positive, ...] | None
     initial_state: InitialState
     errors: Errors
     bootstrap: int | None
@@ -81,8 +82,6 @@ class OutputError(PredictionOptions):
         super().__post_init__()
         check_horizons(self.horizons)
         Uncertainty(self.errors, self.bootstrap, self.block_s)
-        if self.sigma is not None and not min(self.sigma, default=0.0) > 0.0:
-            raise ConfigurationError(f"sigma must be positive or null, got {list(self.sigma)}")
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse parameters, bounds and sigma that do not fit the vessel."""

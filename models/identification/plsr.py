@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -29,6 +28,7 @@ from seatrial.models.identification.problem import Finding, Identified, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
+from seatrial.models.ranges import PositiveInt
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -90,13 +90,8 @@ class Plsr(PartialLeastSquares):
     """
 
     joint: bool
-    max_order: int | None
+    max_order: PositiveInt | None
     selection: Selection
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.max_order is not None and self.max_order < 1:
-            raise ConfigurationError(f"max_order must be at least 1 or null, got {self.max_order}")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the chosen orders, with the MSE of every order."""

@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
@@ -20,6 +22,7 @@ from seatrial.models.identification.free_run import (
 )
 from seatrial.models.identification.problem import Problem, check_force
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags, Layout
@@ -131,20 +134,15 @@ class PredictionOptions:
     bound_factor: float | None
     force: str | None
     integrator: Integrator
-    horizon: int | None
-    derivative_limit: float
+    horizon: Annotated[int, Ge(2)] | None
+    derivative_limit: Positive
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         check_force(self.force)
         if self.bound_factor is not None and not self.bound_factor > 1.0:
             raise ConfigurationError(
                 f"bound_factor must be above 1 or null, got {self.bound_factor}"
-            )
-        if self.horizon is not None and self.horizon < 2:
-            raise ConfigurationError(f"horizon must be at least 2 samples, got {self.horizon}")
-        if not self.derivative_limit > 0.0:
-            raise ConfigurationError(
-                f"derivative_limit must be positive, got {self.derivative_limit}"
             )
         for label, pair in self.bounds.items():
             if len(pair) != 2 or not pair[0] < pair[1]:

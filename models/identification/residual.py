@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Finding, Problem, choose_basis, lack_of_fit
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -80,12 +81,11 @@ class ResidualOptions:
     basis: str | tuple[str, ...]
     extra_terms: tuple[str, ...]
     force: Literal["commanded", "filtered", "actual"] | None
-    lowpass_hz: float | None
+    lowpass_hz: Positive | None
     thruster: Literal["known", "estimated", "none"]
 
     def __post_init__(self) -> None:
-        if self.lowpass_hz is not None and not self.lowpass_hz > 0.0:
-            raise ConfigurationError(f"lowpass_hz must be positive, got {self.lowpass_hz}")
+        check_ranges(self)
         if isinstance(self.basis, str) and self.basis not in ("full", "physical"):
             raise ConfigurationError(
                 f"basis: got {self.basis!r}, expected full, physical or a list of terms"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
 
 Corners = tuple[tuple[float, ...], ...]
@@ -28,11 +29,10 @@ class Waters:
 
     area: Corners
     obstacles: tuple[Corners, ...]
-    clearance_m: float
+    clearance_m: NotNegative
 
     def __post_init__(self) -> None:
-        if not self.clearance_m >= 0.0:
-            raise ConfigurationError(f"clearance_m must not be negative, got {self.clearance_m}")
+        check_ranges(self)
         for name, corners in self.named.items():
             if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
                 raise ConfigurationError(

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Mask, Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
@@ -104,15 +105,13 @@ class Differentiation:
     """
 
     method: Literal["central", "savitzky_golay", "butterworth"]
-    window_s: float
-    polynomial: int
-    cutoff_hz: float
-    order: int
+    window_s: Positive
+    polynomial: PositiveInt
+    cutoff_hz: Positive
+    order: PositiveInt
 
     def __post_init__(self) -> None:
-        for name in ("window_s", "cutoff_hz", "polynomial", "order"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
 
     def derivative(self, values: Array, period_s: float) -> Array:
         """d/dt along the first axis, [unit/s]."""

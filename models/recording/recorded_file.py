@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.csv_table import ColumnMap, Table, read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
@@ -31,14 +34,11 @@ class Outliers:
     """Replace what is more than `deviations` standard deviations from its `window` neighbours."""
 
     replace: bool
-    window: int
-    deviations: float
+    window: Annotated[int, Ge(4)]
+    deviations: Positive
 
     def __post_init__(self) -> None:
-        if self.window < 4:
-            raise ConfigurationError(f"window must be at least 4, got {self.window}")
-        if not self.deviations > 0.0:
-            raise ConfigurationError(f"deviations must be positive, got {self.deviations:g}")
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class RecordedFile:
     path: str | None
     start_s: float | None
     end_s: float | None
-    sample_time_s: float | None
-    resample_hz: float | None
-    max_gap_s: float
+    sample_time_s: Positive | None
+    resample_hz: Positive | None
+    max_gap_s: Positive
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
@@ -71,6 +71,7 @@ class RecordedFile:
     statistics: tuple[str, ...]
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not self.path:
             raise ConfigurationError("excitation.path: expected a CSV file, got none")
         if any(character in self.path for character in "\0\r\n"):
@@ -79,10 +80,6 @@ class RecordedFile:
             raise ConfigurationError(
                 f"start_s must lie before end_s = {self.end_s:g}, got {self.start_s:g}"
             )
-        for name in ("sample_time_s", "resample_hz", "max_gap_s"):
-            value = getattr(self, name)
-            if value is not None and not value > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {value:g}")
         if self.sample_time_s is not None and self.resample_hz is not None:
             raise ConfigurationError(
                 f"sample_time_s = {self.sample_time_s:g} asks for a uniform file and resample_hz = "

@@ -17,6 +17,7 @@ import numpy as np
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 
 RANK_TOLERANCE = 1e-9  # of a direction in the controllable space, relative to the norm of A
@@ -34,7 +35,7 @@ class StateSpace:
     B: Array  # (n, r)
     C: Array  # (m, n)
     D: Array  # (m, r)
-    period_s: float | None
+    period_s: Positive | None
     K: Array | None = None  # (n, m)
     F: Array | None = None  # (m, m)
     x0: Array | None = None  # (n,)
@@ -42,6 +43,7 @@ class StateSpace:
     outputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         n, r, m = self.A.shape[0], self.B.shape[1], self.C.shape[0]
         shapes: dict[str, tuple[int, ...]] = {"A": (n, n), "B": (n, r), "C": (m, n), "D": (m, r)}
         shapes |= {"K": (n, m), "F": (m, m), "x0": (n,)}
@@ -59,8 +61,6 @@ class StateSpace:
             if len(given) != count:
                 raise ConfigurationError(f"{name}: got {len(given)} names, expected {count}")
             object.__setattr__(self, name, given)
-        if self.period_s is not None and not self.period_s > 0.0:
-            raise ConfigurationError(f"period_s must be positive, got {self.period_s}")
 
     @property
     def order(self) -> int:

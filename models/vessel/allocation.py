@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from seatrial.models.compiled import LEAN, lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all, by_pseudo_inverse
 from seatrial.models.vessel.thrust_program import QuadraticProgram, by_program, circles_of
@@ -88,15 +89,13 @@ class Thruster:
 
     kind: Literal["fixed", "tunnel", "azimuth"]
     position_m: tuple[float, float, float]
-    ahead_n: float
+    ahead_n: Positive
     astern_n: float | None = None  # None: as ahead
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    weight: float = 1.0
+    weight: Positive = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("ahead_n", "weight"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         if self.astern_n is not None and (self.astern_n < 0.0 or self.kind == "azimuth"):
             raise ConfigurationError(
                 f"astern_n: got {self.astern_n} of a thruster of kind {self.kind}, expected no "

@@ -7,6 +7,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.kinematics import cross_matrix
@@ -108,19 +109,15 @@ Vector3 = tuple[float, float, float]
 class RigidBody:
     """Mass [kg], inertia about CO [kg m^2], weight and buoyancy [N], and where they act [m]."""
 
-    mass_kg: float
+    mass_kg: Positive
     inertia_kg_m2: tuple[Vector3, Vector3, Vector3]
     centre_of_gravity_m: Vector3
-    weight_n: float
-    buoyancy_n: float
+    weight_n: NotNegative
+    buoyancy_n: NotNegative
     centre_of_buoyancy_m: Vector3
 
     def __post_init__(self) -> None:
-        if not self.mass_kg > 0.0:
-            raise ConfigurationError(f"mass_kg must be positive, got {self.mass_kg}")
-        for name in ("weight_n", "buoyancy_n"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
+        check_ranges(self)
         matrix = np.array(self.inertia_kg_m2)
         if not np.array_equal(matrix, matrix.T):
             raise ConfigurationError("inertia_kg_m2 must be symmetric")

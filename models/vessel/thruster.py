@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 
 PARTS = 8  # steps of a period in which a limited lag is filtered
@@ -37,19 +38,13 @@ class SecondOrderLag:
     The force of each degree of freedom can be limited in size [N, Nm] and rate [N/s, Nm/s].
     """
 
-    natural_frequency_rad_s: float
-    damping: float
-    amplitude_limit: tuple[float, ...] | None = None
-    rate_limit: tuple[float, ...] | None = None
+    natural_frequency_rad_s: Positive
+    damping: Positive
+    amplitude_limit: tuple[Positive, ...] | None = None
+    rate_limit: tuple[Positive, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("natural_frequency_rad_s", "damping"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("amplitude_limit", "rate_limit"):
-            limits = getattr(self, name)
-            if limits is not None and not min(limits, default=0.0) > 0.0:
-                raise ConfigurationError(f"{name} must be positive numbers, got {list(limits)}")
+        check_ranges(self)
 
     @property
     def limited(self) -> bool:
@@ -96,14 +91,7 @@ class FirstOrderLag(SecondOrderLag):
 
     natural_frequency_rad_s: float = field(init=False, default=np.inf)
     damping: float = field(init=False, default=np.inf)
-    time_constant_s: float = field(kw_only=True)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.time_constant_s > 0.0:
-            raise ConfigurationError(
-                f"time_constant_s must be positive, got {self.time_constant_s}"
-            )
+    time_constant_s: Positive = field(kw_only=True)
 
     @property
     def delay_s(self) -> float:

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.weather.noise import first_order
 
@@ -21,20 +22,15 @@ class Current:
     The speed stays below `max_m_s`.
     """
 
-    speed_m_s: float
+    speed_m_s: NotNegative
     direction_deg: float
     variation: Literal["constant", "slow", "white"]
-    deviation_m_s: float  # of each component, of `slow`
-    time_constant_s: float  # of `slow`
-    max_m_s: float
+    deviation_m_s: NotNegative  # of each component, of `slow`
+    time_constant_s: Positive  # of `slow`
+    max_m_s: Positive
 
     def __post_init__(self) -> None:
-        for name in ("speed_m_s", "deviation_m_s"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
-        for name in ("time_constant_s", "max_m_s"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
         if self.speed_m_s > self.max_m_s:
             raise ConfigurationError(
                 f"speed_m_s must not be above max_m_s = {self.max_m_s:g}, got {self.speed_m_s:g}"

@@ -9,6 +9,7 @@ import numpy as np
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
+from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
 
 
@@ -16,18 +17,16 @@ from seatrial.models.vessel.basis import Array
 class MeasurementNoise:
     """Standard deviations of white Gaussian noise, drawn once a sample. Jervan, Table 4.14."""
 
-    position_m: float
-    angle_deg: float
-    velocity_m_s: float
-    angular_rate_deg_s: float
-    acceleration_m_s2: float
-    angular_acceleration_deg_s2: float
-    wind_m_s: float = 0.0  # of each body component of the measured wind
+    position_m: NotNegative
+    angle_deg: NotNegative
+    velocity_m_s: NotNegative
+    angular_rate_deg_s: NotNegative
+    acceleration_m_s2: NotNegative
+    angular_acceleration_deg_s2: NotNegative
+    wind_m_s: NotNegative = 0.0  # of each body component of the measured wind
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {value}")
+        check_ranges(self)
 
     def deviations(self, dofs: Sequence[str]) -> Array:
         """Standard deviation of pose, velocity and acceleration, shape (3, n_dof), in SI."""
@@ -45,12 +44,11 @@ class ProcessNoise:
     of a uniform distribution about zero.
     """
 
-    size: tuple[float, ...]
+    size: tuple[NotNegative, ...]
     distribution: Literal["normal", "uniform"]
 
     def __post_init__(self) -> None:
-        if min(self.size, default=0.0) < 0.0:
-            raise ConfigurationError(f"size must not be negative, got {list(self.size)}")
+        check_ranges(self)
 
     def check(self, dofs: Sequence[str]) -> None:
         """One size a degree of freedom."""

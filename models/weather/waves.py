@@ -12,6 +12,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.weather.noise import gauss_markov
 
@@ -20,18 +21,13 @@ from seatrial.models.weather.noise import gauss_markov
 class Waves:
     """Standard deviations of position and heading, peak period and relative damping lambda."""
 
-    position_m: float
-    heading_deg: float
-    peak_period_s: float
-    damping: float
+    position_m: NotNegative
+    heading_deg: NotNegative
+    peak_period_s: Positive
+    damping: Positive
 
     def __post_init__(self) -> None:
-        for name in ("position_m", "heading_deg"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
-        for name in ("peak_period_s", "damping"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
+        check_ranges(self)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Waves rock what floats."""

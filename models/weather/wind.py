@@ -18,6 +18,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
@@ -44,18 +45,16 @@ class WindForce(Protocol):
 class Windage:
     """Wind areas and coefficients, eq. (2.2); cx and so on are those of a head and a beam wind."""
 
-    frontal_area_m2: float
-    lateral_area_m2: float
-    length_m: float
-    cx: float
-    cy: float
-    cn: float
-    air_density_kg_m3: float
+    frontal_area_m2: NotNegative
+    lateral_area_m2: NotNegative
+    length_m: NotNegative
+    cx: NotNegative
+    cy: NotNegative
+    cn: NotNegative
+    air_density_kg_m3: NotNegative
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value >= 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {value}")
+        check_ranges(self)
 
     def coefficients(self) -> tuple[float, float, float]:
         """d1, d2 [N s^2/m^2] and d3 [Nm s^2/m^2] of eq. (2.6)."""
@@ -98,26 +97,21 @@ class Wind:
     """
 
     windage: WindForce | None
-    speed_m_s: float
+    speed_m_s: NotNegative
     beaufort: int | None
     direction_deg: float
     direction: Literal["to", "from"]
     variation: Literal["constant", "slow", "gusting", "spectrum", "file"]
-    direction_spread_deg: float  # of `slow`, over which directions are drawn
-    intensity: float  # of `gusting`
-    time_constant_s: float  # of `gusting`
-    height_m: float  # of `spectrum`
+    direction_spread_deg: NotNegative  # of `slow`, over which directions are drawn
+    intensity: NotNegative  # of `gusting`
+    time_constant_s: Positive  # of `gusting`
+    height_m: Positive  # of `spectrum`
     file: str | None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if self.beaufort is not None and not 1 <= self.beaufort <= len(BEAUFORT):
             raise ConfigurationError(f"beaufort must be 1 to {len(BEAUFORT)}, got {self.beaufort}")
-        for name in ("speed_m_s", "direction_spread_deg", "intensity"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"{name} must not be negative, got {getattr(self, name)}")
-        for name in ("time_constant_s", "height_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)}")
         if (self.variation == "file") != (self.file is not None):
             raise ConfigurationError(
                 f"file: got {self.file}, expected a path with variation=file and null otherwise"

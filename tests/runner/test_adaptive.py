@@ -127,12 +127,12 @@ def test_another_controller_keeps_its_memory() -> None:
     ("option", "message"),
     [
         ("update={window_s: 0, every_s: 1, trigger: feedback, threshold: 1, lowpass_hz: null}",
-         "update: window_s must be positive"),
+         "update.window_s must be positive"),
         ("update={window_s: 1, every_s: 1, trigger: luck, threshold: 1, lowpass_hz: null}",
          "update.trigger: got 'luck'"),
         ("update={window_s: 1}", "update.every_s is missing"),
-        ("update=3", "update: got 3, expected null or a group of options"),
-        ("plant.change={at_s: -1, scale: 1}", "plant.change: at_s must be positive"),
+        ("update=3", "update: got 3, expected a group of options"),
+        ("plant.change={at_s: -1, scale: 1}", "plant.change.at_s must be positive"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_refused(option: str, message: str) -> None:

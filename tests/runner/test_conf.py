@@ -1,9 +1,14 @@
 """Every file under conf/ can be composed, and what it describes can be built."""
 
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import _bounds as declared
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.vocabulary import GROUPS
 from tests.trials import composed
@@ -30,6 +35,22 @@ def test_an_option_builds(option: str) -> None:
     trial = composed(*NEEDS.get(option, []), f"{group}={name}")
     assert trial.names[group] == name
     assert (getattr(trial, group) is None) == (trial.config[group] == {})
+    for part in parts(getattr(trial, group)):
+        for field, *_ in declared(type(part)):
+            low = -1e9 if isinstance(getattr(part, field), int | float) else (-1e9,)
+            if getattr(part, field) is not None:
+                with pytest.raises(ConfigurationError, match=field):
+                    replace(part, **{field: low})
+
+
+def parts(value: Any) -> Iterator[Any]:
+    """The objects that an option is built of, itself among them."""
+    if is_dataclass(value):
+        yield value
+        value = [getattr(value, field.name) for field in fields(value)]
+    for each in value.values() if isinstance(value, dict) else value or ():
+        if is_dataclass(each) or isinstance(each, list | tuple | dict):
+            yield from parts(each)
 
 
 def test_the_default_trial_can_be_run() -> None:

@@ -82,8 +82,13 @@ def test_unknown_and_missing_options() -> None:
     assert refusal(missing) == "thruster.damping is missing"
 
 
-def test_a_range_error_of_the_class_gets_its_key() -> None:
-    assert refusal(LAG | {"damping": -1}).startswith("thruster: ")
+def test_a_range_error_names_the_option() -> None:
+    assert refusal(LAG | {"damping": -1}) == "thruster.damping must be positive, got -1"
+
+
+def test_another_error_of_the_class_gets_its_key() -> None:
+    said = refusal(VESSEL | {"dofs": ["surge", "surge"]}, "vessel")
+    assert said.startswith("vessel: ")
 
 
 @pytest.mark.parametrize(
@@ -145,7 +150,7 @@ def test_builds_a_trial() -> None:
             {"plant": {"scale": 1, "mass": 2}},
             "plant.mass: unknown option, expected one of scale, change",
         ),
-        ({"plant": 3}, "plant: got 3, expected the option scale, change"),
+        ({"plant": 3}, "plant: got 3, expected a group of options"),
         ({"seed": -1}, "seed must not be negative, got -1"),
         ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
         ({"seed": None}, "seed is missing"),

@@ -3,8 +3,6 @@
 import os
 
 import pytest
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from seatrial.runner.database import Logbook
@@ -24,8 +22,7 @@ def needs_data(experiment: str) -> None:
 
 @pytest.fixture
 def parser() -> OverridesParser:
-    loader = ConfigLoaderImpl(config_search_path=ConfigSearchPathImpl())
-    return OverridesParser.create(config_loader=loader)
+    return OverridesParser.create()
 
 
 def test_variants_each_have_the_whole_grid(parser: OverridesParser) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -238,13 +237,14 @@ def test_a_job_composes_nothing_that_another_has_chosen(
     loader: Any, master: DictConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     composed = []
-    compose_all = ConfigLoaderImpl.load_sweep_config
+    kind = type(loader)
+    compose_all = kind.load_sweep_config
 
     def counted(self: Any, master: DictConfig, overrides: list[str]) -> DictConfig:
         composed.append(overrides)
         return compose_all(self, master, overrides)
 
-    monkeypatch.setattr(ConfigLoaderImpl, "load_sweep_config", counted)
+    monkeypatch.setattr(kind, "load_sweep_config", counted)
     sharing = SharingLoader(loader)
     for seed in range(5):
         for name in ("ls", "plsr"):

@@ -150,7 +150,7 @@ def test_the_believed_model_may_be_wrong() -> None:
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["excitation.sub_experiments=0"], "excitation: sub_experiments must be positive, got 0"),
+        (["excitation.sub_experiments=0"], "excitation.sub_experiments must be at least 1, got 0"),
         (["excitation.held_out=[]"], "held_out: got none, expected some of zigzag_10"),
         (["excitation.held_out=[spiral]"], "held_out: got spiral, expected some of zigzag_10"),
         (["excitation.believed.error=1.5"], "believed: error must lie between 0 and 1, got 1.5"),

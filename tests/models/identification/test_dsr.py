@@ -332,14 +332,14 @@ def test_the_order_by_the_gap_is_the_physical_one(
         ({"L": 1}, "L must be at least 2, got 1"),
         ({"J": 0}, "J must be at least 1, got 0"),
         ({"order": 0}, "order must be at least 1, got 0"),
-        ({"period_s": 0.0}, "period_s must be positive, got 0"),
+        ({"period_s": 0.0}, "period_s must be positive or null, got 0"),
         ({"condition_limit": -1.0}, "condition_limit must be positive"),
         ({"heading_span_deg": 0.0}, "heading_span_deg must be positive"),
         ({"extra_terms": ["1"]}, "a constant looks like a first state"),
         ({"extra_terms": ["u_dot"]}, "are in the model already"),
         ({"extra_terms": ["u"]}, "are in the model already"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
-        ({"markov_parameters": -1}, "markov_parameters must be at least 0"),
+        ({"markov_parameters": -1}, "markov_parameters must not be negative"),
     ],
 )
 def test_options_out_of_range_are_refused(

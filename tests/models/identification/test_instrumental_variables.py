@@ -154,7 +154,7 @@ def test_measured_surge() -> None:
     ("changes", "message"),
     [
         ({"iterations": -1}, "iterations must not be negative, got -1"),
-        ({"restart_s": 0.0}, "restart_s must be positive or null, got 0.0"),
+        ({"restart_s": 0.0}, "restart_s must be positive or null, got 0"),
         ({"wind_terms": ["|u|u"]}, "wind_terms: got |u|u, expected terms in V_q, u_q, v_q"),
         ({"instruments": "measured"}, "instruments"),
     ],

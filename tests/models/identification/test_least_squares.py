@@ -68,7 +68,7 @@ def test_terms_that_cannot_be_told_apart_are_named(calm, identifier, rng) -> Non
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"lowpass_hz": -1.0}, "lowpass_hz must be positive, got -1.0"),
+        ({"lowpass_hz": -1.0}, "lowpass_hz must be positive or null, got -1"),
         ({"basis": "all"}, "basis: got 'all', expected full, physical or a list of terms"),
         ({"basis": ["u", "uu", "u^2"]}, "is given twice"),
         ({"extra_terms": ["speed"]}, "expected factors"),

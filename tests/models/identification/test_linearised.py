@@ -150,7 +150,7 @@ def test_measured_wind_is_a_known_input_and_otherwise_there_is_none() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"hold_s": 0.0}, "hold_s must be positive, got 0.0"),
+        ({"hold_s": 0.0}, "hold_s must be positive or null, got 0"),
         ({"force": "wanted"}, "force: got 'wanted', expected one of"),
     ],
 )

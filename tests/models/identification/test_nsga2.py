@@ -314,7 +314,7 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"mutation_probability": 1.5}, r"mutation_probability must lie in \[0, 1\]"),
         ({"threshold": 0.0}, "threshold must be positive"),
         ({"objective_floor": -1.0}, "objective_floor must not be negative"),
-        ({"weights": [1.0, 0.0]}, "weights must be positive"),
+        ({"weights": [1.0, 0.0]}, r"weights\[1\] must be positive"),
         ({"weights": [1.0]}, "expected 2"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
         ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=least_squares"),

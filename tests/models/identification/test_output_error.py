@@ -324,7 +324,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
     [
         ({"horizons": [1]}, "horizons must be at least 2"),
         ({"horizon": 1}, "horizon must be at least 2"),
-        ({"sigma": [0.1, 0.0]}, "sigma must be positive"),
+        ({"sigma": [0.1, 0.0]}, r"sigma\[1\] must be positive"),
         ({"sigma": [0.1]}, "expected 2: poses, then velocities"),
         ({"bounds": {"surge.u": [3.0, 1.0]}}, "a lower and a higher number"),
         ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),

@@ -339,14 +339,14 @@ def test_quality_of_surge_1(beluga: Path) -> None:
             {"start_s": 5.0, "end_s": 5.0},
             "excitation: start_s must lie before end_s = 5, got 5",
         ),
-        ({"sample_time_s": -1}, "excitation: sample_time_s must be positive, got -1"),
+        ({"sample_time_s": -1}, "excitation.sample_time_s must be positive or null, got -1"),
         ({"train_fraction": 1.0}, "excitation: train_fraction must lie between 0 and 1, got 1"),
         (
             {"sample_time_s": 0.1, "resample_hz": 10},
             "excitation: sample_time_s = 0.1 asks for a uniform file and resample_hz = 10 makes "
             "one, expected one of them to be null",
         ),
-        ({"max_gap_s": 0}, "excitation: max_gap_s must be positive, got 0"),
+        ({"max_gap_s": 0}, "excitation.max_gap_s must be positive, got 0"),
         (
             {"training_trips": [1]},
             "excitation: training_trips needs trip_starts_s, got none",
@@ -362,11 +362,11 @@ def test_quality_of_surge_1(beluga: Path) -> None:
         ),
         (
             {"outliers": {"window": 3}},
-            "excitation.outliers: window must be at least 4, got 3",
+            "excitation.outliers.window must be at least 4, got 3",
         ),
         (
             {"outliers": {"deviations": 0}},
-            "excitation.outliers: deviations must be positive, got 0",
+            "excitation.outliers.deviations must be positive, got 0",
         ),
         (
             {"differentiation": {"method": "magic"}},

@@ -187,7 +187,7 @@ def test_wrong_shapes_and_uses_are_refused() -> None:
         replace(model, B=model.B[:3])
     with pytest.raises(ConfigurationError, match="inputs: got 1 names, expected 2"):
         replace(model, inputs=("tau",))
-    with pytest.raises(ConfigurationError, match="period_s must be positive, got 0"):
+    with pytest.raises(ConfigurationError, match="period_s must be positive or null, got 0"):
         replace(model, period_s=0.0)
     with pytest.raises(ConfigurationError, match="no innovations gain"):
         replace(model, K=None).predict(*signals(0, model))

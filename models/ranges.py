@@ -1,0 +1,63 @@
+"""Ranges of parameters, declared with the fields of a dataclass and checked where it is made.
+
+    window_s: Positive
+    horizon: Annotated[int, Ge(2)]
+    lowpass_hz: Positive | None
+
+pydantic reads the same annotations, for the schema of all options.
+"""
+
+from functools import cache
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt
+
+from seatrial.models.errors import ConfigurationError
+
+Positive = Annotated[float, Gt(0)]
+NotNegative = Annotated[float, Ge(0)]
+PositiveInt = Annotated[int, Ge(1)]
+NotNegativeInt = Annotated[int, Ge(0)]
+
+
+def check_ranges(parameters: object) -> None:
+    """Raise ConfigurationError where a field of a dataclass, or an element of one, lies outside."""
+    kind: Any = type(parameters)
+    for name, bound, optional in _bounds(kind):
+        value = getattr(parameters, name)
+        if value is None or isinstance(value, str):  # the alternatives of a number
+            continue
+        smallest = min(value, default=0.0) if isinstance(value, tuple) else value
+        if not _inside(smallest, bound):
+            shown = list(value) if isinstance(value, tuple) else f"{value:g}"
+            null = " or null" if optional else ""
+            raise ConfigurationError(f"{name} must {in_words(bound)}{null}, got {shown}")
+
+
+def in_words(bound: Gt | Ge) -> str:
+    """What follows the word `must` in a message."""
+    if isinstance(bound, Gt):
+        return "be positive" if bound.gt == 0 else f"be above {bound.gt}"
+    return "not be negative" if bound.ge == 0 else f"be at least {bound.ge}"
+
+
+def _inside(value: Any, bound: Any) -> bool:
+    return bool(value > bound.gt if isinstance(bound, Gt) else value >= bound.ge)
+
+
+@cache
+def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
+    """Field, bound, and whether None is an alternative."""
+    hints = get_type_hints(cls, include_extras=True)
+    return [
+        (name, bound, type(None) in get_args(hint))
+        for name, hint in hints.items()
+        for bound in _declared(hint)
+    ]
+
+
+def _declared(hint: Any) -> list[Gt | Ge]:
+    """The bounds of a type, of its alternatives and of its elements."""
+    if get_origin(hint) is Annotated:
+        return [one for one in hint.__metadata__ if isinstance(one, Gt | Ge)]
+    return [bound for part in get_args(hint) for bound in _declared(part)]

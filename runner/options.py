@@ -1,0 +1,221 @@
+"""Options of a configuration against the dataclasses that declare them, checked by pydantic.
+
+    bool, int, float (takes integers), str, Path, None, Literal, X | Y, Any
+    list[T], tuple[T, ...], tuple[A, B, C], dict[str, T]
+    other classes, from nested nodes: of the class that `_target_` names, else of the field's own
+
+Numbers must be finite and in the ranges that are declared (seatrial.models.ranges). A bool is not a
+number, and text is not turned into one. This module is imported when the first trial is built,
+because pydantic takes as long to import as Hydra.
+"""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
+from functools import cache, partial
+from importlib import import_module
+from math import isfinite
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    PlainValidator,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
+from pydantic_core import ErrorDetails
+from typing_extensions import TypedDict
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import in_words
+
+Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
+CLASS = "class"  # in a JSON schema: whose node is wanted here
+ROOTS = ("seatrial.models.", "seatrial.runner.")  # where the classes are that may be built
+EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a group of options",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "int_type": "an integer",
+    "list_type": "a list",
+    "none_required": "null",
+    "path_type": "a path",
+    "string_type": "text",
+    "tuple_type": "a list",
+}
+
+
+class Refused(ValueError):  # noqa: N818
+    """What is wrong with an object, and where in it; pydantic passes ValueErrors on."""
+
+    def __init__(self, place: Place, message: str) -> None:
+        super().__init__(message)
+        self.place = place
+
+    def at(self, key: str) -> str:
+        """The message about the object that is the option `key`."""
+        for part in self.place:
+            key += f"[{part}]" if isinstance(part, int) else f".{part}"
+        key, message = key.removeprefix("."), str(self)
+        if message.startswith((f": {key}.", f": {key}:")):
+            return message[2:]  # the class names the option itself
+        return (key + message).removeprefix(": ")
+
+
+def part(cls: type, node: Any) -> Any:
+    """The object, a `cls`, that a node describes; raises Refused."""
+    if cls is object and node in (None, {}):
+        return None
+    if not isinstance(node, Mapping):
+        raise Refused((), f": got {_shown(node)}, expected a group of options")
+    if "_target_" not in node and not is_dataclass(cls):
+        raise Refused(("_target_",), " is missing, expected the name of a class")
+    chosen = target(node["_target_"]) if "_target_" in node else cls
+    if not (getattr(cls, "_is_protocol", False) or issubclass(chosen, cls)):
+        raise Refused((), f": got a {chosen.__name__}, expected a {cls.__name__}")
+    given = {name: value for name, value in node.items() if name != "_target_"}
+    try:
+        return chosen(**options(chosen).validate_python(given))
+    except ValidationError as error:
+        raise _refused(error, given, chosen) from None
+    except ConfigurationError as error:
+        raise Refused((), f": {error}") from error
+
+
+def target(name: Any) -> type:
+    """The dataclass that a `_target_` names; raises Refused."""
+    module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
+    if not name or not module_name.startswith(ROOTS) or ".." in module_name:
+        raise Refused(("_target_",), f": got {name!r}, expected a class inside seatrial")
+    try:
+        found = getattr(import_module(module_name), class_name, None)
+    except ModuleNotFoundError as error:
+        if error.name is None or not module_name.startswith(error.name):
+            raise  # the module is there, something it imports is not: a bug, not an option
+        found = None
+    inside = isinstance(found, type) and found.__module__.startswith(ROOTS)
+    if not (inside and isinstance(found, type) and is_dataclass(found)):
+        raise Refused(("_target_",), f": got {name!r}, which is not a dataclass to build")
+    return found
+
+
+@cache
+def options(cls: type) -> TypeAdapter[dict[str, Any]]:
+    """The options of a dataclass, as pydantic checks them; what has a default may be left out."""
+    hints = get_type_hints(cls, include_extras=True)
+    declared = {}
+    for field in fields(cls):
+        required = field.default is MISSING and field.default_factory is MISSING
+        hint = _strict(hints[field.name])
+        if field.init:
+            declared[field.name] = hint if required else NotRequired[hint]
+    make: Any = TypedDict  # whose name and keys are known while running only
+    table = make(cls.__name__, declared)
+    table.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+    return TypeAdapter(table)
+
+
+def _strict(hint: Any) -> Any:
+    """A type, such that its numbers are taken from numbers only, and its objects from nodes."""
+    kind, arguments = get_origin(hint), get_args(hint)
+    if hint in (bool, int, float):
+        return Annotated[hint, Strict()]
+    if hint in (None, NoneType):
+        return Annotated[None, "null"]  # an alternative like others, and named among them
+    if hint is Path:
+        return Annotated[Path, BeforeValidator(_not_empty)]
+    if hint is Any:
+        return Annotated[Any, PlainValidator(_anything)]
+    if kind is Annotated:
+        return Annotated[(_strict(arguments[0]), *arguments[1:])]
+    if kind in (Union, UnionType):
+        return Union[tuple(map(_strict, arguments))]  # noqa: UP007 - known while running only
+    if arguments and kind is not Literal:
+        return kind[tuple(one if one is Ellipsis else _strict(one) for one in arguments)]
+    if isinstance(hint, type) and hint not in (str, list, tuple, dict):
+        known = WithJsonSchema({CLASS: f"{hint.__module__}.{hint.__qualname__}"})
+        return Annotated[Any, PlainValidator(partial(part, hint)), known]
+    return hint
+
+
+def _not_empty(value: Any) -> Any:
+    if value == "":
+        raise Refused((), ": got '', expected a path")
+    return value
+
+
+def _anything(value: Any) -> Any:
+    if isinstance(value, float) and not isfinite(value):
+        raise Refused((), f": got {value}, expected a finite number")
+    return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
+
+
+def _refused(error: ValidationError, given: Mapping[str, Any], cls: type) -> Refused:
+    """The first of pydantic's complaints about an object, in our words."""
+    problems = error.errors(include_url=False)
+    order = ("extra_forbidden", "missing")
+    problems.sort(key=lambda one: order.index(one["type"]) if one["type"] in order else len(order))
+    # The alternatives of a union each have their complaint: that which got farthest is meant.
+    same = [one for one in problems if one["loc"][0] == problems[0]["loc"][0]]
+    place = max((_place(given, one["loc"]) for one in same), key=len)
+    same = [one for one in same if _place(given, one["loc"]) == place]
+    for one in same:
+        inner = one.get("ctx", {}).get("error")
+        if isinstance(inner, Refused):
+            return Refused((*place, *inner.place), str(inner))
+    first = same[0]
+    if first["type"] == "extra_forbidden":
+        return Refused(place, f": unknown option, {_hint(str(place[-1]), cls)}")
+    if first["type"] == "missing" and not place:
+        return Refused((first["loc"][0],), " is missing")
+    if first["type"] in ("greater_than", "greater_than_equal"):
+        context = first["ctx"]
+        bound = Gt(context["gt"]) if "gt" in context else Ge(context["ge"])
+        null = " or null" if "none_required" in [one["type"] for one in same] else ""
+        return Refused(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
+    wanted = " or ".join(dict.fromkeys(map(_expected, same)))
+    if first["type"] == "missing":  # one error for each number that a list of given length lacks
+        wanted = f"a list of {int(same[-1]['loc'][-1]) + 1}"
+    return Refused(place, f": got {_shown(first['input'])}, expected {wanted}")
+
+
+def _place(value: Any, location: Place) -> Place:
+    """A location of pydantic's, without the names of the alternatives of unions."""
+    place = []
+    for step in location:
+        inside = step in value if isinstance(value, Mapping) else isinstance(step, int)
+        if inside and (isinstance(value, Mapping) or int(step) < len(value)):
+            place.append(step)
+            value = value[step]
+    return tuple(place)
+
+
+def _expected(problem: ErrorDetails) -> str:
+    context = problem.get("ctx", {})
+    if problem["type"] == "literal_error":
+        names = str(context["expected"]).replace("'", "").replace(" or ", ", ")
+        return f"one of {names}"
+    if problem["type"] == "too_long":
+        return f"a list of {context['max_length']}"
+    return EXPECTED.get(problem["type"], problem["msg"])
+
+
+def _hint(name: str, cls: type) -> str:
+    known = [field.name for field in fields(cls) if field.init]
+    if close := get_close_matches(name, known):
+        return f"did you mean {' or '.join(close)}?"
+    return f"expected one of {', '.join(known)}" if known else "expected no options here"
+
+
+def _shown(value: Any) -> str:
+    """A value as YAML writes it, not all of a long one."""
+    words = {None: "null", True: "true", False: "false"}
+    text = words[value] if value is None or isinstance(value, bool) else repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
