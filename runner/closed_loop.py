@@ -15,6 +15,7 @@ from seatrial.models.excitation.missions import (
     start_of,
     steering,
 )
+from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.loop import Watch, sail
 from seatrial.models.simulation.statespace import StateSpace
@@ -25,7 +26,6 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.adaptive import Adapter
 from seatrial.runner.config import Trial
 
 

@@ -103,7 +103,9 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         "integration_step_s": step,
         "plant_scale": _positive(plant, "scale", "plant."),
         "plant_change": _optional(plant.get("change"), PlantChange, "plant.change"),
-        "update": _optional(config.get("update"), "seatrial.runner.adaptive.Update", "update"),
+        "update": _optional(
+            config.get("update"), "seatrial.models.identification.adaptive.Update", "update"
+        ),
         "seed": seed,
         "results_dir": coerce(_given(config, "results_dir"), Path, "results_dir"),
         "database_url": database_url(config),

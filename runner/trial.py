@@ -14,6 +14,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.missions import Replay, check_limits, is_open_loop
 from seatrial.models.excitation.persistence import persistence
+from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, check_cutoff
@@ -23,7 +24,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
 from seatrial.runner.closed_loop import sail_mission as sail_mission
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Diagnostic, Metric, Results
+from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
@@ -31,6 +32,7 @@ from seatrial.runner.record import (
     time_series,
     validation_metrics,
 )
+from seatrial.runner.record.coefficient_rows import numbered
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
@@ -144,11 +146,11 @@ def run(trial: Trial) -> Results:
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
-            *coefficient_rows.stage_coefficients(identified),
+            *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
             *coefficient_rows.state_space_coefficients(identified),
         ],
         diagnostics=[
-            *coefficient_rows.identification_findings(identified),
+            *identified.findings,
             *reasons,
             *excitation_report(problem, excited.recording),
             *mixed.diagnostics,
@@ -180,7 +182,7 @@ def with_quality(results: Results, file: RecordedFile, recording: Recording) -> 
     )
 
 
-def excitation_report(problem: Problem, whole: Recording) -> list[Diagnostic]:
+def excitation_report(problem: Problem, whole: Recording) -> list[Finding]:
     """Whether the training data tell the nominal model's terms apart; a warning where not."""
     reports = persistence(problem.training, problem.nominal, whole)
     for warning in filter(None, (one.warning() for one in reports)):
@@ -243,7 +245,7 @@ def sailed_excitation(prepared: Prepared) -> Sailed:
 def controlled(trial: Trial, identified: Identified) -> Vessel | StateSpace:
     """The identified model in the form that the controller takes."""
     linear = hasattr(trial.controller, "design")
-    return (identified.state_space if linear else None) or identified.model
+    return (identified.control_model if linear else None) or identified.model
 
 
 def deploy(
@@ -273,8 +275,9 @@ def deploy(
         metrics += deployment_metrics.response_metrics(one, name)
         series.append(time_series.voyage_series(one, name))
         if one.adapter is not None:
-            coefficients += one.adapter.coefficients()
-            diagnostics += one.adapter.diagnostics()
+            versions = numbered("adaptive", (model for _, model, _ in one.adapter.versions))
+            coefficients += coefficient_rows.table_coefficients(versions)
+            diagnostics += one.adapter.findings()
         lost = deployment_metrics.losses(one, name)
         diagnostics += deployment_metrics.warning_rows(lost)
         for warning in lost:

@@ -31,12 +31,12 @@ from seatrial.models.control.estimator import (
 )
 from seatrial.models.control.linear_design import (
     DesignModel,
-    Remark,
     check_weights,
     closed_loop_radius,
     design_model,
 )
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
@@ -174,7 +174,7 @@ class Lqi:
         """Loop instants from one command to the next."""
         return samples(self.period_s, period_s)
 
-    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Finding]:
         """The design's order, controllability and closed-loop spectral radius."""
         design = self.design(model, period_s)
         table, _ = self.build(model, period_s)
@@ -184,7 +184,7 @@ class Lqi:
         return [
             *design.remarks(),
             *estimator_remarks(table.believed),
-            Remark("spectral_radius", "all", radius),
+            Finding("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]
 
@@ -204,13 +204,13 @@ def samples(own_s: float | None, period_s: float) -> int:
 
 def si_weights(
     design: DesignModel, error_weight: tuple[float, ...], input_weight: tuple[float, ...]
-) -> list[Remark]:
+) -> list[Finding]:
     """The weights in SI: of the pose as given, of the input divided by the limits' squares."""
     found = []
     for i, dof in enumerate(design.dofs):
         force = FORCE_UNIT[dof]
         pose = "1/m^2" if force == "N" else "1/rad^2"
-        found.append(Remark("error_weight", dof, error_weight[i], pose))
+        found.append(Finding("error_weight", dof, error_weight[i], pose))
         scaled = float(input_weight[i] / design.limits[i] ** 2)
-        found.append(Remark("input_weight", dof, scaled, f"1/{force}^2"))
+        found.append(Finding("input_weight", dof, scaled, f"1/{force}^2"))
     return found

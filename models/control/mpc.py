@@ -34,13 +34,13 @@ from seatrial.models.control.estimator import (
 from seatrial.models.control.horizon import Horizon, Quadratic, Solver
 from seatrial.models.control.linear_design import (
     DesignModel,
-    Remark,
     check_weights,
     closed_loop_radius,
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
@@ -299,7 +299,7 @@ class Mpc:
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
 
-    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Finding]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""
         design = self.design(model, period_s)
         problem = self.problem(design)
@@ -309,7 +309,7 @@ class Mpc:
         return [
             *design.remarks(),
             *estimator_remarks(table),
-            Remark("spectral_radius", "all", radius),
+            Finding("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]
 

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
-from seatrial.models.control.linear_design import Remark, closed_loop_radius, design_model
+from seatrial.models.control.linear_design import closed_loop_radius, design_model
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.notation import DOFS
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
@@ -169,7 +170,7 @@ class PidFeedforward:
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
 
-    def remarks(self, model: Vessel, period_s: float) -> list[Remark]:
+    def remarks(self, model: Vessel, period_s: float) -> list[Finding]:
         """The closed loop's spectral radius on the linearised model, on axes of the plane.
 
         x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta; without the feedback, or
@@ -187,7 +188,7 @@ class PidFeedforward:
                       np.eye(len(rows))]])  # fmt: skip
         B = np.vstack([linear.B, np.zeros((len(rows), len(held)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
-        return [Remark("spectral_radius", "all", closed_loop_radius(A, B, gain))]
+        return [Finding("spectral_radius", "all", closed_loop_radius(A, B, gain))]
 
     def adapt(
         self, parameters: PidTable, state: Array, model: Vessel, log: Log, k: int

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
-    Finding,
     Identified,
     Identifier,
     Problem,

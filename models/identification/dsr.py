@@ -17,8 +17,9 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.sampled_data import Output, Sampled, sampled
 from seatrial.models.identification.state_space_findings import (
     fit_findings,
@@ -121,7 +122,10 @@ class Dsr:
         findings += model_findings(model, self.markov_parameters, dofs)
         findings += fit_findings(model, self._sampled(problem.validation, nominal), dofs)
         steered = _by_forces(model, len(dofs))
-        return Identified(vessel, vessel - nominal, errors, tuple(findings), state_space=steered)
+        return Identified(
+            vessel, vessel - nominal, errors, tuple(findings), state_space=model,
+            control_model=steered,
+        )  # fmt: skip
 
     def _extra(self, nominal: Vessel) -> tuple[Term, ...]:
         if self.extra_terms != "physical":

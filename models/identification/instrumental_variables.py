@@ -23,9 +23,10 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification import blockwise_qr
 from seatrial.models.identification.lag import thruster_of
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.identification.uncertainty import (

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.problem import Finding, Problem
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.lag import thruster_of
 from seatrial.models.identification.linear import (
     Decomposition,
@@ -22,7 +23,7 @@ from seatrial.models.identification.linear import (
     fit,
     standard_errors,
 )
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.block_hankel import stretches
 from seatrial.models.identification.prediction import sample_time
-from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
+from seatrial.models.identification.problem import Identified, Problem, check_force
 from seatrial.models.identification.sampled_data import GAP, Sampled, sampled
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.recording.recording import Recording
@@ -76,7 +77,7 @@ class Linearised:
             *free_run_findings(model, data, held_out),
         )
         table = replace(table, name="identified")
-        return Identified(table, table - nominal, findings=findings)
+        return Identified(table, table - nominal, findings=findings, state_space=model)
 
 
 def parted(table: Vessel) -> tuple[Vessel, Vessel]:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
 from seatrial.models.identification.genetic_algorithm import Operators
 from seatrial.models.identification.multiobjective_search import (
@@ -32,7 +33,7 @@ from seatrial.models.identification.output_error import (
 from seatrial.models.identification.pareto_selection import Decision, choose
 from seatrial.models.identification.prediction_fit import Errors, Uncertainty
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Fit,
@@ -22,7 +23,7 @@ from seatrial.models.identification.prediction_fit import (
     fit,
 )
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -26,7 +27,7 @@ from seatrial.models.identification.kernel_pls import (
     output_moment,
 )
 from seatrial.models.identification.lag import thruster_of
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.vessel.basis import Array, Term

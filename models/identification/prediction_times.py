@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.lanes import METRICS
 from seatrial.models.identification.population import prediction_errors
 from seatrial.models.identification.prediction import Course, course_of, predict
-from seatrial.models.identification.problem import Finding, Identified, NoIdentifier, Problem
+from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
 from seatrial.models.identification.structure import Structure, layout
 from seatrial.models.vessel.basis import Array
 

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
@@ -29,22 +30,6 @@ class Problem:
     thruster: SecondOrderLag | None  # the lag, where it is known
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One number of an identifier's diagnostics, stored as a `diagnostic` row.
-
-    For example name="order_mse", dof="surge", i=order; or a Pareto point: i=point, j=parameter.
-    """
-
-    name: str
-    dof: str
-    value: float
-    unit: str = ""
-    i: int | None = None
-    j: int | None = None
-    label: str | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Identified:
     """The identified model F1 = F0 + residual, with its uncertainty and diagnostics."""
@@ -54,7 +39,8 @@ class Identified:
     std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
     findings: tuple[Finding, ...] = field(default=())
     stages: tuple[Vessel, ...] = ()  # residual tables of each stage, where there were several
-    state_space: StateSpace | None = None  # where a linear model was identified
+    state_space: StateSpace | None = None  # a linear model with all its inputs, as it is stored
+    control_model: StateSpace | None = None  # of the forces alone, for controllers that take one
 
 
 class Identifier(Protocol):

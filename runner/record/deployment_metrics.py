@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seatrial.models.findings import Finding
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
@@ -15,7 +16,7 @@ from seatrial.models.vessel.table import (
     PLANAR,
 )
 from seatrial.runner.closed_loop import Design, Sailed
-from seatrial.runner.database.records import Diagnostic, Metric, Stage
+from seatrial.runner.database.records import Metric, Stage
 from seatrial.runner.record.validation_metrics import SPEED_UNIT, _square, per_dof
 
 if TYPE_CHECKING:
@@ -119,22 +120,20 @@ def _whole(sailed: Sailed, model: str) -> list[Metric]:
     return [Metric("deployment", model, *value) for value in values]
 
 
-def design_findings(design: Design, model: str) -> list[Diagnostic]:
+def design_findings(design: Design, model: str) -> list[Finding]:
     """What the controller says of itself, the force that the weather takes, and warnings."""
     found = [
-        Diagnostic(remark.name, remark.dof, None, None, model, remark.value, remark.unit)
+        Finding(remark.name, remark.dof, remark.value, remark.unit, label=model)
         for remark in design.remarks
     ]
     for dof, force in zip(design.dofs, design.needed, strict=True):
-        found.append(
-            Diagnostic("needed_force", dof, None, None, model, float(force), FORCE_UNIT[dof])
-        )
+        found.append(Finding("needed_force", dof, float(force), FORCE_UNIT[dof], label=model))
     return [*found, *warning_rows(design_warnings(design, model))]
 
 
-def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
+def warning_rows(texts: Sequence[str]) -> list[Finding]:
     """Warnings as they are kept with a run."""
-    return [Diagnostic("warning", "all", None, None, text, None, "") for text in texts]
+    return [Finding("warning", "all", None, label=text) for text in texts]
 
 
 def design_warnings(design: Design, model: str) -> list[str]:

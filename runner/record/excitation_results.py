@@ -13,6 +13,7 @@ import numpy as np
 from seatrial.models.errors import IdentificationError
 from seatrial.models.excitation.mix import Mix
 from seatrial.models.excitation.persistence import Persistence
+from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.planning.planner import Plan
@@ -22,7 +23,7 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.table import (
     Vessel,
 )
-from seatrial.runner.database.records import Diagnostic, Metric, Results, Series
+from seatrial.runner.database.records import Metric, Results, Series
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import Excited
@@ -31,20 +32,20 @@ if TYPE_CHECKING:
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
+def column_statistics(excitation: RecordedFile) -> list[Finding]:
     """Descriptive statistics of the file's columns in the window, as recorded; i is the column."""
     return [
-        Diagnostic(f"statistic_{name}", "all", i, None, column.name, getattr(column, name), "")
+        Finding(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
         for i, column in enumerate(excitation.describe())
         for name in STATISTICS
     ]
 
 
-def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Diagnostic]:
+def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Finding]:
     """How many samples of each column in use the file's outlier rule names."""
     counts = excitation.outlier_counts(dofs)
     return [
-        Diagnostic("outliers", "all", i, None, column, count, "")
+        Finding("outliers", "all", count, i=i, label=column)
         for i, (column, count) in enumerate(counts.items())
     ]
 
@@ -105,11 +106,11 @@ def simulation_error(held_out: Recording, model: Vessel) -> float | None:
 
 
 def _finding(name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
-             ) -> Diagnostic:  # fmt: skip
-    return Diagnostic(name, "all", i, None, label, value, unit)
+             ) -> Finding:  # fmt: skip
+    return Finding(name, "all", value, unit, i=i, label=label)
 
 
-def _mixed(mix: Mix) -> list[Diagnostic]:
+def _mixed(mix: Mix) -> list[Finding]:
     """How many of every candidate, and how close to the optimum they are."""
     counts, design = mix.counts, mix.information
     whole = np.array(list(counts.values()), dtype=np.float64)
@@ -130,7 +131,7 @@ def _mixed(mix: Mix) -> list[Diagnostic]:
     return found
 
 
-def _planned(mix: Mix, plan: Plan, recording: Recording) -> list[Diagnostic]:
+def _planned(mix: Mix, plan: Plan, recording: Recording) -> list[Finding]:
     """Length of the plan, and how the vessel kept to it."""
     waters = mix.route.waters
     sailed, meant = recording.eta[:, :2], plan.poses[: len(recording), :2]
@@ -177,7 +178,7 @@ def _waters_series(mix: Mix) -> Series:
     return Series("waters", columns, {"polygon": "", "x": "m", "y": "m", "clearance": "m"})
 
 
-def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
+def excitation_report(reports: Iterable[Persistence]) -> list[Finding]:
     """What the training data can tell apart of the nominal model's terms."""
     found = []
     for one in reports:
@@ -188,13 +189,13 @@ def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
             "spectral_lines": float(one.lines),
         }
         found += [
-            Diagnostic(name, one.dof, None, None, None, number, "")
+            Finding(name, one.dof, number)
             for name, number in numbers.items()
             if np.isfinite(number)
         ]
         groups = [(name,) for name in one.unexcited] + list(one.inseparable)
         found += [
-            Diagnostic("inseparable_terms", one.dof, i, None, " ".join(group), 1.0 * len(group), "")
+            Finding("inseparable_terms", one.dof, 1.0 * len(group), i=i, label=" ".join(group))
             for i, group in enumerate(groups)
         ]
     return found

@@ -14,6 +14,7 @@ FLOORS = (
     "models.errors",
     "models.compiled",
     "models.notation",
+    "models.findings",
     "models.vessel",
     "models.recording",
     "models.planning",
@@ -27,7 +28,7 @@ FLOORS = (
     "runner",
 )
 # The comparison reads the database alone; the database holds rows, whatever they mean.
-GROUND = ("models.errors", "models.notation")
+GROUND = ("models.errors", "models.notation", "models.findings")
 ONLY = {"runner.database": GROUND, "runner.compare": (*GROUND, "runner.database")}
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {"__main__", "sweep", "launching", "composition", "hydra_errors"}
