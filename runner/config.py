@@ -13,10 +13,19 @@ from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.coercion import coerce
+
+if TYPE_CHECKING:
+    from seatrial.models.control.controller import Controller
+    from seatrial.models.excitation.missions import Evaluation, Mission
+    from seatrial.models.identification.adaptive import Update
+    from seatrial.models.identification.problem import Identifier
+    from seatrial.models.recording.readers import Reader
+    from seatrial.models.vessel.parameters import VesselParameters
+    from seatrial.models.weather.disturbance import Disturbance
 
 GROUPS = (
     "vessel",
@@ -47,15 +56,15 @@ class Trial:
     """One trial, checked: what is sailed, and where its results go.
 
     `names` are the options chosen for `GROUPS`; `config` is the resolved configuration that all
-    else was built from. An object is None where its group's node is empty (`controller=none`).
+    else was built from. Controller and evaluation are None where their group's node is empty.
     """
 
-    vessel: Any
-    disturbance: Any
-    excitation: Any
-    identifier: Any
-    controller: Any
-    evaluation: Any
+    vessel: "VesselParameters"
+    disturbance: "Disturbance"
+    excitation: "Mission | Reader"
+    identifier: "Identifier"
+    controller: "Controller | None"
+    evaluation: "Evaluation | None"
     sample_time_s: float  # control and logging period
     integration_step_s: float  # of the plant's simulation
     plant_scale: float  # true plant = plant_scale x nominal coefficient table
@@ -67,9 +76,17 @@ class Trial:
     rerun: bool = False
     dry_run: bool = False
     plant_change: "PlantChange | None" = None
-    update: Any = (
-        None  # seatrial.runner.adaptive.Update, where the model is identified again while sailing
-    )
+    update: "Update | None" = None  # where the model is identified again while sailing
+
+    def __post_init__(self) -> None:
+        for group, part in (
+            ("vessel", self.vessel),
+            ("disturbance", self.disturbance),
+            ("excitation", self.excitation),
+            ("identifier", self.identifier),
+        ):
+            if part is None:
+                raise ConfigurationError(f"{group}: got none, expected an option of the group")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Guidance: way-points on a timetable, line of sight, and the reference filter."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,8 +14,19 @@ from seatrial.models.simulation.registry import GUIDANCE, FilterTable
 from seatrial.models.vessel.basis import Array
 
 
+class Reference(ABC):
+    """A reference model between set-point and reference."""
+
+    @abstractmethod
+    def table(self, period_s: float) -> NamedTuple:
+        """Parameters of the registered step for a control period [s]."""
+
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - nothing to refuse
+        """Raise ConfigurationError where it does not fit these degrees of freedom."""
+
+
 @dataclass(frozen=True)
-class ReferenceFilter:
+class ReferenceFilter(Reference):
     """Third-order filter of every axis, Jervan (2020), eq. (2.15).
 
     eta''' + (2 D + 1) W eta'' + (2 D + 1) W^2 eta' + W^3 eta = W^3 r, bandwidth W [rad/s] and
@@ -36,21 +49,6 @@ class ReferenceFilter:
         block[2] = [-(w**3), -gain * w * w, -gain * w, w**3]
         exact = expm(block * period_s)
         return FilterTable(np.ascontiguousarray(exact[:3, :3]), exact[:3, 3].copy())
-
-
-class Timetable(NamedTuple):
-    """Set-points known in advance, one row a control instant, shape (N, n_dof)."""
-
-    setpoints: Array
-
-
-@lean_kernel
-def _follow_timetable(table: Timetable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
-    for i in range(setpoint.shape[0]):
-        setpoint[i] = table.setpoints[k, i]
-
-
-GUIDANCE[Timetable] = _follow_timetable
 
 
 class SightTable(NamedTuple):

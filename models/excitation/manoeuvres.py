@@ -2,15 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
-from seatrial.models.excitation.missions import check_fraction, check_offset, steady_force, within
-from seatrial.models.excitation.open_loop import ZigZagTable, beside, open_loop, zigzag
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import (
+    Mission,
+    check_fraction,
+    check_offset,
+    steady_force,
+    within,
+)
+from seatrial.models.excitation.open_loop import ZigZag
 from seatrial.models.recording.splits import Split, half
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 
 
@@ -22,7 +29,7 @@ def _steerable(what: str, dofs: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True)
-class Steered:
+class Steered(Mission):
     """A steady surge force, and after `approach_s` a yaw moment.
 
     Without `turn_deg` the moment stays: a turning circle. With it the moment changes sign each
@@ -37,7 +44,7 @@ class Steered:
     turn_deg: float | None
     approach_s: float
     duration_s: float
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     train_fraction: float
     loop: Literal["open", "closed"] = "open"
     offset: dict[str, float] | None = None
@@ -63,30 +70,23 @@ class Steered:
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof); a zig-zag's moment is steered."""
-        force = steady_force(self.offset, len(t), dofs)
+        force = steady_force(self.steady(), len(t), dofs)
         force[:, dofs.index("surge")] += self.surge_force_n
         if self.turn_deg is None:
             force[t >= self.approach_s - 1e-9, dofs.index("yaw")] += self.yaw_moment_nm
         return force
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """What stands in for the controller, in an open loop."""
-        if not self.open_loop:
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
+
+    def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
+        """The moment that changes sign; None in a turning circle."""
+        if self.turn_deg is None:
             return None
-        return open_loop() if self.turn_deg is None else self._zigzag(dofs, period_s)
-
-    def _zigzag(self, dofs: Sequence[str], period_s: float) -> tuple[ZigZagTable, Array]:
         first = round(self.approach_s / period_s)
-        turn = np.radians(self.turn_deg or 0.0)
-        return zigzag(dofs.index("yaw"), self.yaw_moment_nm, float(turn), first)
-
-    def accompany(
-        self, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
-    ) -> tuple[Any, Any]:
-        """The controller of a closed loop, with the moment of a zig-zag beside it."""
-        if self.open_loop or self.turn_deg is None:
-            return controller
-        return beside(controller, self._zigzag(dofs, period_s))
+        turn = float(np.radians(self.turn_deg))
+        return ZigZag(dofs.index("yaw"), self.yaw_moment_nm, turn, first)
 
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part, and the rest."""
@@ -102,12 +102,12 @@ class Steered:
         within("surge_force_n", self.surge_force_n, limits, "surge")
         within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
         steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
-        for dof, value in (self.offset or {}).items():
+        for dof, value in self.steady().items():
             within(f"offset.{dof}", abs(value) + steered.get(dof, 0.0), limits, dof)
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(Mission):
     """Runs at constant velocities, there and back, under control. Hoyer (2021), Table 5.2.
 
     `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`), then
@@ -121,7 +121,7 @@ class ConstantVelocity:
     run_s: float
     rest_s: float
     axes: tuple[str, ...]  # what the vessel has
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
@@ -172,6 +172,10 @@ class ConstantVelocity:
                 moved = velocity * (there - back) * (pair == i)
                 setpoints[:, self.axes.index(name)] += moved
         return Timetable(setpoints), np.zeros(1)
+
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
 
     def split(self, t: Array) -> Split:
         """Training and testing samples, by pairs of runs."""

@@ -9,17 +9,20 @@ some of every manoeuvre.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.candidates import Believed, Design
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.excitation.open_loop import Steering
 from seatrial.models.excitation.route import Route, parts_of
 from seatrial.models.excitation.schedule import Gains, Role, Schedule, check_open
 from seatrial.models.planning.planner import Plan
 from seatrial.models.recording.splits import Split
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
@@ -27,7 +30,7 @@ from seatrial.models.vessel.table import PLANAR
 
 
 @dataclass(frozen=True)
-class Mix:
+class Mix(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
     `design`: optimal, by the believed model of `vessel`, or random, drawn with `draw_seed` from a
@@ -36,7 +39,7 @@ class Mix:
     order and what lies between follow from a plan.
     """
 
-    candidates: dict[str, Any]
+    candidates: dict[str, Mission]
     sub_experiments: int
     design: Literal["optimal", "random"]
     repeats: int
@@ -50,7 +53,7 @@ class Mix:
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     period_s: float
 
     def __post_init__(self) -> None:
@@ -158,7 +161,7 @@ class Mix:
         """Force of the manoeuvres [N, Nm] at the times t [s], shape (N, n_dof)."""
         return self.schedule.force()[: len(t)]
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
         """What stands in for the controller."""
         return self.schedule.steering(self.feedback, self._limits)
 

@@ -7,14 +7,15 @@ overshoot; `Step` takes the set-point as it is, one control period later.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import Timetable, step_setpoints
-from seatrial.models.simulation.registry import REFERENCES
+from seatrial.models.excitation.guidance import Reference, step_setpoints
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.simulation.registry import REFERENCES, Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import PLANAR
 
@@ -66,7 +67,7 @@ REFERENCES[LimitTable] = _approach
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Reference):
     """The set-point as it is: what a positioning controller with a preview is asked for."""
 
     def table(self, period_s: float) -> StepTable:
@@ -75,7 +76,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class AccelerationLimited:
+class AccelerationLimited(Reference):
     """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
 
     speed: tuple[float, ...]
@@ -89,21 +90,21 @@ class AccelerationLimited:
                     f"{name} must be {len(self.speed)} positive numbers, got {list(values)}"
                 )
 
+    def check(self, dofs: Sequence[str]) -> None:
+        """A limit for every axis."""
+        if len(self.speed) != len(dofs):
+            raise ConfigurationError(
+                f"evaluation.reference_filter.speed: got {len(self.speed)} numbers, "
+                f"expected {len(dofs)} for {', '.join(dofs)}"
+            )
+
     def table(self, period_s: float) -> LimitTable:
         """Parameters of the compiled step for a control period [s]."""
         return LimitTable(np.array(self.speed), np.array(self.acceleration), period_s)
 
 
-class Reference(Protocol):
-    """A reference model: this module's, or the linear filter."""
-
-    def table(self, period_s: float) -> NamedTuple:
-        """Parameters of the compiled step for a control period [s]."""
-        ...
-
-
 @dataclass(frozen=True)
-class Setpoints:
+class Setpoints(Mission):
     """A pose (north [m], east [m], heading [deg], unwrapped) at each share of the duration.
 
     `schedules` are lists of poses by name, `schedule` the one that is sailed: its poses share the
@@ -151,9 +152,4 @@ class Setpoints:
                 f"evaluation={self.schedule} needs a vessel in surge, or in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(dofs)}"
             )
-        limits = self.reference_filter
-        if isinstance(limits, AccelerationLimited) and len(limits.speed) != len(dofs):
-            raise ConfigurationError(
-                f"evaluation.reference_filter.speed: got {len(limits.speed)} numbers, "
-                f"expected {len(dofs)} for {', '.join(dofs)}"
-            )
+        self.reference_filter.check(dofs)

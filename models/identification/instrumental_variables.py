@@ -26,7 +26,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification import blockwise_qr
 from seatrial.models.identification.lag import thruster_of
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import CONSTANT, NED_COLUMNS, ResidualOptions, Samples
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.identification.uncertainty import (
@@ -211,6 +211,10 @@ class InstrumentalVariables(ResidualOptions):
         _refuse_nonsense(problem.nominal + residual)
         errors = found.table(self._errors(found, rng), np.nan)
         return Identified(problem.nominal + residual, residual, errors, found.findings)
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def _errors(self, found: Estimate, rng: np.random.Generator) -> Array:
         """Standard errors of what was kept, shape (n_kept, n_dof)."""

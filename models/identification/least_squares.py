@@ -7,7 +7,7 @@ is exact on noise-free data. The ridge pulls towards the nominal model; its pena
 generalised cross-validation of Golub, Heath and Wahba (1979), Technometrics 21, 215-223.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from seatrial.models.identification.linear import (
     fit,
     standard_errors,
 )
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,
@@ -98,6 +98,10 @@ class LeastSquares(ResidualOptions):
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
         return Identified(problem.nominal + residual, residual, errors, findings)
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def solve(
         self, samples: Samples, dofs: tuple[str, ...]

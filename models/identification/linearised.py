@@ -16,7 +16,13 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.block_hankel import stretches
 from seatrial.models.identification.prediction import sample_time
-from seatrial.models.identification.problem import Identified, Problem, check_force
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Needs,
+    Problem,
+    check_force,
+)
 from seatrial.models.identification.sampled_data import GAP, Sampled, sampled
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.recording.recording import Recording
@@ -32,7 +38,7 @@ ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
 
 
 @dataclass(frozen=True)
-class Linearised:
+class Linearised(Identifier):
     """The tangent of the nominal model at `velocity` [m/s, rad/s], by degree of freedom.
 
     `operating_force: false` keeps the slopes and leaves out the force at that velocity, as
@@ -59,6 +65,10 @@ class Linearised:
                 f"identifier.velocity: got {unknown[0]}, but {nominal.name} moves in "
                 f"{', '.join(nominal.dofs)}"
             )
+
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The linear table and its sampled state-space model, with how well that one runs."""

@@ -6,7 +6,7 @@ the chosen point can be polished by least squares (`output_error`), which also g
 errors; a front has none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -33,7 +33,7 @@ from seatrial.models.identification.output_error import (
 from seatrial.models.identification.pareto_selection import Decision, choose
 from seatrial.models.identification.prediction_fit import Errors, Uncertainty
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -152,6 +152,10 @@ class Nsga2(PredictionOptions):
         findings += objective_findings(objectives, point)
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     @property
     def uncertainty(self) -> Uncertainty:

@@ -23,7 +23,7 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.lanes import METRICS
 from seatrial.models.identification.population import prediction_errors
 from seatrial.models.identification.prediction import Course, course_of, predict
-from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.identification.structure import Structure, layout
 from seatrial.models.vessel.basis import Array
 
@@ -43,7 +43,7 @@ class Task(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PredictionTimes:
+class PredictionTimes(Identifier):
     """Times n predictions of the training part by the nominal model, which it gives back.
 
     `calls` are the numbers n, `interpreted_calls` those without JIT, which is slow.

@@ -10,7 +10,7 @@ from seatrial.models.identification.free_parameters import Coriolis, FreeParamet
 from seatrial.models.identification.lanes import METRICS
 from seatrial.models.identification.population import prediction_errors
 from seatrial.models.identification.prediction import Course, course_of, predict
-from seatrial.models.identification.problem import Problem, check_force
+from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
 from seatrial.models.identification.structure import Flags, Integrator, Layout, layout
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
@@ -95,7 +95,7 @@ def _canonical(label: str) -> str:
 
 
 @dataclass(frozen=True)
-class PredictionOptions:
+class PredictionOptions(Identifier):
     """What the identifiers that compare predictions with a recording have in common.
 
     `parameters` are the free coefficients as `dof.term` (null: the nominal table's nonzero ones);
@@ -139,6 +139,10 @@ class PredictionOptions:
                 )
         spelled = {_canonical(label): pair for label, pair in self.bounds.items()}
         object.__setattr__(self, "bounds", spelled)
+
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def free(self, nominal: Vessel) -> FreeParameters:
         """The free parameters of a vessel."""

@@ -27,6 +27,12 @@ class FilterTable(NamedTuple):
     b: Array  # (3,)
 
 
+class Timetable(NamedTuple):
+    """Set-points known in advance, one row a control instant, shape (N, n_dof)."""
+
+    setpoints: Array
+
+
 def control_step(
     parameters: Parameters, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
@@ -94,3 +100,12 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
 
 
 REFERENCES[FilterTable] = _step_filter
+
+
+@lean_kernel
+def _follow_timetable(table: Timetable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = table.setpoints[k, i]
+
+
+GUIDANCE[Timetable] = _follow_timetable

@@ -1,17 +1,18 @@
 """Current: the velocity of the water over ground."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.weather.noise import first_order
+from seatrial.models.weather.weather import Stream
 
 
 @dataclass(frozen=True)
-class Current:
+class Current(Stream):
     """A horizontal current of a mean speed and the direction it sets to.
 
     `variation`: `constant`; `slow`, Gauss-Markov processes in north and east about the mean
@@ -27,6 +28,8 @@ class Current:
     deviation_m_s: float  # of each component, of `slow`
     time_constant_s: float  # of `slow`
     max_m_s: float
+
+    air: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for name in ("speed_m_s", "deviation_m_s"):

@@ -10,6 +10,7 @@ from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.basis import Array
+from seatrial.models.weather.weather import Noise, Weather
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class MeasurementNoise:
 
 
 @dataclass(frozen=True)
-class ProcessNoise:
+class ProcessNoise(Noise):
     """White accelerations, held over a sample: eta of Bargouth (2022), (2.24)-(2.26).
 
     `size` [m/s^2, rad/s^2], one a degree of freedom, is the standard deviation, or half the width
@@ -52,7 +53,7 @@ class ProcessNoise:
         if min(self.size, default=0.0) < 0.0:
             raise ConfigurationError(f"size must not be negative, got {list(self.size)}")
 
-    def check(self, dofs: Sequence[str]) -> None:
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """One size a degree of freedom."""
         if len(self.size) != len(dofs):
             raise ConfigurationError(
@@ -66,6 +67,12 @@ class ProcessNoise:
         normal = self.distribution == "normal"
         drawn = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
         return np.asarray(drawn * np.array(self.size), dtype=np.float64)
+
+    def added(
+        self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
+    ) -> Weather:
+        """The weather with these accelerations."""
+        return weather._replace(process=self.realise(len(weather.force_ned), rng))
 
 
 @kernel

@@ -9,10 +9,11 @@ since V_q cos(gamma) = -u_q and V_q sin(gamma) = -v_q for the angle of attack ga
 wind: at rest gamma = beta - psi as printed. Wind force is a table like any other.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import PLANAR, Vessel
 from seatrial.models.weather.noise import first_order, smoothed_levels
+from seatrial.models.weather.weather import Stream
 
 # Bargouth (2022), Table 2.1: wind speeds [m/s] of the forces 1 to 12, first and last
 BEAUFORT = (
@@ -31,16 +33,16 @@ NORSOK_EXPONENT = 0.468
 NORSOK_BAND_HZ = (1.0 / 600.0, 0.5)  # where the spectrum is meant to hold
 
 
-class WindForce(Protocol):
+class WindForce(ABC):
     """The force of the wind on a vessel, as a table."""
 
+    @abstractmethod
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """Its share of the force that a motion needs."""
-        ...
 
 
 @dataclass(frozen=True)
-class Windage:
+class Windage(WindForce):
     """Wind areas and coefficients, eq. (2.2); cx and so on are those of a head and a beam wind."""
 
     frontal_area_m2: float
@@ -71,7 +73,7 @@ class Windage:
 
 
 @dataclass(frozen=True)
-class WindDerivatives:
+class WindDerivatives(WindForce):
     """Wind force by derivatives in nu_q, such as X_|u_q|u_q: a second-order modulus model."""
 
     derivatives: dict[str, float]
@@ -85,7 +87,7 @@ class WindDerivatives:
 
 
 @dataclass(frozen=True)
-class Wind:
+class Wind(Stream):
     """Wind of a mean speed and direction, and how it varies.
 
     `beaufort` (1 to 12, Table 2.1) is shorthand for the middle of a class and goes before
@@ -107,6 +109,8 @@ class Wind:
     time_constant_s: float  # of `gusting`
     height_m: float  # of `spectrum`
     file: str | None
+
+    air: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.beaufort is not None and not 1 <= self.beaufort <= len(BEAUFORT):
@@ -140,7 +144,7 @@ class Wind:
         if self.variation == "file":
             self._recorded(np.array([0.0, duration_s]))
 
-    def table(self, dofs: tuple[str, ...]) -> Vessel:
+    def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
         """Its share of the force that a motion needs."""
         if self.windage is None:
             raise ConfigurationError("disturbance.wind.windage: got none, expected areas")

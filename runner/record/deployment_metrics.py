@@ -142,7 +142,7 @@ def design_warnings(design: Design, model: str) -> list[str]:
         f"{model} model: the closed loop's spectral radius is {remark.value:.4f}, "
         f"expected less than 1: the design does not settle on its own model"
         for remark in design.remarks
-        if remark.name == "spectral_radius" and remark.value >= 1.0
+        if remark.name == "spectral_radius" and (remark.value or 0.0) >= 1.0
     ]
     for i in np.flatnonzero(design.infeasible):
         assert design.limits is not None

@@ -18,7 +18,7 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.planning.planner import Plan
 from seatrial.models.recording.consistency import quality_checks, quality_series
-from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.table import (
     Vessel,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-def column_statistics(excitation: RecordedFile) -> list[Finding]:
+def column_statistics(excitation: Reader) -> list[Finding]:
     """Descriptive statistics of the file's columns in the window, as recorded; i is the column."""
     return [
         Finding(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
@@ -41,7 +41,7 @@ def column_statistics(excitation: RecordedFile) -> list[Finding]:
     ]
 
 
-def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Finding]:
+def outlier_counts(excitation: Reader, dofs: tuple[str, ...]) -> list[Finding]:
     """How many samples of each column in use the file's outlier rule names."""
     counts = excitation.outlier_counts(dofs)
     return [
