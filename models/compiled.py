@@ -114,6 +114,12 @@ def lean_kernel(function: F) -> F:
     return _compile(function, **LEAN)
 
 
+def tuple_of(numba_type: Any) -> type:
+    """The named tuple's class behind numba's type of it, in an `overload`."""
+    found: type = numba_type.instance_class
+    return found
+
+
 def is_compiled(function: Callable[..., Any]) -> bool:
     """Whether a step is machine code; none is where numba is disabled."""
     return isinstance(function, Dispatcher)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.linear_design import DesignModel
@@ -286,8 +287,6 @@ def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
 
     The predictor's gain is A M. Raises ConfigurationError when there is no steady state.
     """
-    from scipy.linalg import solve_discrete_are
-
     try:
         P = solve_discrete_are(A.T, C.T, Q, R)
     except (np.linalg.LinAlgError, ValueError) as error:

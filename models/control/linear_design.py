@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
@@ -140,8 +141,6 @@ def every(model: StateSpace, times: int) -> StateSpace:
     The innovations e of the model are the noise of the new one: over `times` periods the state
     receives sum A^i K e, the first of which is the measurement's own.
     """
-    from scipy.linalg import solve_discrete_are
-
     if times == 1:
         return model
     powers = [np.linalg.matrix_power(model.A, i) for i in range(times + 1)]

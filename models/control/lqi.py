@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model
@@ -113,8 +114,6 @@ def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
 
     Raises ConfigurationError when the model has none.
     """
-    from scipy.linalg import solve_discrete_are
-
     plus = model.with_integral_action()
     try:
         S = solve_discrete_are(plus.A, plus.B, plus.C.T @ Q @ plus.C, P)

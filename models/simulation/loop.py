@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from seatrial.models.vessel.allocation_step import ALLOCATIONS, Direct, allocate
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.pose import kinematics_of, pose_of, state_of
+from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, state_of
 from seatrial.models.vessel.table import PlantTable
 from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
@@ -43,7 +43,7 @@ BLOCK = 2000  # control instants of the compiled loop that are timed together
 
 @lean_kernel
 def _observe(
-    k: int, plant: PlantTable, kinematics: Any, weather: Weather, guidance: Parameters,
+    k: int, plant: PlantTable, kinematics: Kinematics, weather: Weather, guidance: Parameters,
     guidance_state: Array, planar: bool, table: Parameters, reference: Array, thrust: Array,
     eta: Array, nu: Array, limits: Array, work: Scratch, log: Log,
 ) -> bool:  # fmt: skip
@@ -83,11 +83,11 @@ def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
 
 @lean_kernel
 def _sail(
-    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, allocation: Any,
-    weather: Weather, guidance: Parameters, guidance_state: Array, planar: bool, table: Parameters,
-    reference: Array, controller: Parameters, controller_state: State, added: Array, thrust: Array,
-    eta: Array, nu: Array, limits: Array, h: float, substeps: int, euler: bool, work: Scratch,
-    log: Log,
+    first: int, last: int, plant: PlantTable, kinematics: Kinematics, lag: LagTable,
+    allocation: NamedTuple, weather: Weather, guidance: Parameters, guidance_state: Array,
+    planar: bool, table: Parameters, reference: Array, controller: Parameters,
+    controller_state: State, added: Array, thrust: Array, eta: Array, nu: Array, limits: Array,
+    h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
     """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
     for k in range(first, last):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from numba.extending import overload
 
-from seatrial.models.compiled import lean_kernel
+from seatrial.models.compiled import lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
 Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
@@ -46,7 +46,7 @@ def _control_step(
     parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> Callable[..., None]:  # fmt: skip
-    step = CONTROLLERS[parameters.instance_class]
+    step = CONTROLLERS[tuple_of(parameters)]
 
     def chosen(
         parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
@@ -66,7 +66,7 @@ def guide_step(parameters: Parameters, state: Array, k: int, eta: Array, setpoin
 def _guide_step(
     parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array
 ) -> Callable[..., None]:
-    step = GUIDANCE[parameters.instance_class]
+    step = GUIDANCE[tuple_of(parameters)]
 
     def chosen(parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array) -> None:
         step(parameters, state, k, eta, setpoint)
@@ -81,7 +81,7 @@ def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
 
 @overload(reference_step)
 def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callable[..., None]:
-    step = REFERENCES[table.instance_class]
+    step = REFERENCES[tuple_of(table)]
 
     def chosen(table: Parameters, state: State, setpoint: Array) -> None:
         step(table, state, setpoint)

@@ -5,11 +5,12 @@ compiles the one it needs.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from numba.core.types import Type
 from numba.extending import overload
 
-from seatrial.models.compiled import LEAN, lean_kernel
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
 ALLOCATIONS: dict[type, Callable[..., None]] = {}
@@ -30,16 +31,16 @@ def _pass_on(table: Direct, tau: Array, applied: Array) -> None:
 ALLOCATIONS[Direct] = _pass_on
 
 
-def allocate_step(table: Any, tau: Array, applied: Array) -> None:
+def allocate_step(table: NamedTuple, tau: Array, applied: Array) -> None:
     """The force [N, Nm] that is given for the force tau that is asked for, both (n_dof,)."""
     ALLOCATIONS[type(table)](table, tau, applied)
 
 
 @overload(allocate_step, jit_options=LEAN)
-def _allocate_step(table: Any, tau: Any, applied: Any) -> Any:
-    step = ALLOCATIONS[table.instance_class]
+def _allocate_step(table: Type, tau: Type, applied: Type) -> Callable[..., None]:
+    step = ALLOCATIONS[tuple_of(table)]
 
-    def chosen(table: Any, tau: Any, applied: Any) -> None:
+    def chosen(table: NamedTuple, tau: Array, applied: Array) -> None:
         step(table, tau, applied)
 
     return chosen

@@ -5,12 +5,13 @@ is compiled for the type of the one that it is given, without the others.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numba.core.types import Type
 from numba.extending import overload
 
-from seatrial.models.compiled import LEAN, lean_kernel
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
@@ -66,7 +67,7 @@ def state_of(kinematics: Kinematics, pose: Array) -> Array:
 
 
 @lean_kernel
-def _copy_pose(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+def _copy_pose(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
     for i in range(pose.shape[0]):
         pose[i] = eta[i]
 
@@ -84,7 +85,7 @@ POSES: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+def pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
     """Write the pose over the degrees of freedom of a state.
 
     Angles become the turns that are nearest to those that stand in `pose` before.
@@ -93,17 +94,17 @@ def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
 
 
 @overload(pose_of, jit_options=LEAN)
-def _pose_of(kinematics: Any, eta: Any, frame: Any, pose: Any) -> Any:
-    step = POSES[kinematics.instance_class]
+def _pose_of(kinematics: Type, eta: Type, frame: Type, pose: Type) -> Callable[..., None]:
+    step = POSES[tuple_of(kinematics)]
 
-    def chosen(kinematics: Any, eta: Any, frame: Any, pose: Any) -> None:
+    def chosen(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
         step(kinematics, eta, frame, pose)
 
     return chosen
 
 
 @lean_kernel
-def _leave(kinematics: Any, eta: Array) -> None:
+def _leave(kinematics: Kinematics, eta: Array) -> None:
     pass
 
 
@@ -119,16 +120,16 @@ NORMS: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def normalise(kinematics: Any, eta: Array) -> None:
+def normalise(kinematics: Kinematics, eta: Array) -> None:
     """Give the quaternion of a state, where it has one, its length of one."""
     NORMS[type(kinematics)](kinematics, eta)
 
 
 @overload(normalise, jit_options=LEAN)
-def _normalise(kinematics: Any, eta: Any) -> Any:
-    step = NORMS[kinematics.instance_class]
+def _normalise(kinematics: Type, eta: Type) -> Callable[..., None]:
+    step = NORMS[tuple_of(kinematics)]
 
-    def chosen(kinematics: Any, eta: Any) -> None:
+    def chosen(kinematics: Kinematics, eta: Array) -> None:
         step(kinematics, eta)
 
     return chosen

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import expm
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
@@ -94,8 +95,6 @@ def gauss_markov(
     `deviation` (m, m) is a Cholesky factor of its covariance P: with Phi = exp(system h) a step is
     x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
     """
-    from scipy.linalg import expm
-
     transition = expm(system * period_s)
     covariance = deviation @ deviation.T
     innovation = covariance - transition @ covariance @ transition.T

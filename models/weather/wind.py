@@ -18,6 +18,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.csv_table import read_table
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import PLANAR, Vessel
@@ -177,8 +178,6 @@ class Wind(Stream):
         return np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
 
     def _recorded(self, t: Array) -> Array:
-        from seatrial.models.recording.csv_table import read_table
-
         columns = read_table(Path(self.file or ""), ["t", "speed", "direction"]).columns
         at = columns["t"]
         if at[0] > t[0] or at[-1] < t[-1] or np.any(np.diff(at) <= 0.0):

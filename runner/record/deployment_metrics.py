@@ -1,7 +1,7 @@
 """Metrics of a deployment: tracking, response, effort, and what the design warns of."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -85,7 +85,10 @@ def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
     return wrapped
 
 
-def _steps(sailed: Sailed, scale: Array, pose: Sequence[str], add: Any) -> None:
+def _steps(
+    sailed: Sailed, scale: Array, pose: Sequence[str],
+    add: Callable[[str, Array, Sequence[str]], None],
+) -> None:  # fmt: skip
     """Steady-state error and step response, where the mission has set-points that stay."""
     log, ahead = sailed.voyage.log, sailed.design.ahead
     where = step_response.stands(log.setpoint, round(STAND_S / sailed.period_s))
