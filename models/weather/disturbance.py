@@ -5,7 +5,7 @@ that is added or left out does not change what the others realise.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -82,13 +82,13 @@ class Disturbance:
     current: Stream | None = None
     waves: Noise | None = None
     process: Noise | None = None
-    others: dict[str, Part] = field(default_factory=dict)
+    others: dict[str, Part] | None = None
 
     @property
     def parts(self) -> tuple[Part | None, ...]:
         """All but the measurement noise, in the order of their generators."""
         named = (self.wind, self.current, self.waves, self.process, self.force)
-        return (*named, *self.others.values())
+        return (*named, *(self.others or {}).values())
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """Raise ConfigurationError for a part that a vessel of these dofs cannot meet so long."""
