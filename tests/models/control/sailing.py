@@ -86,9 +86,8 @@ def voyage(
     craft = Plant(true, None, limits[:n_dof], change)
     start = np.zeros(n_dof) if start is None else start
     parameters, state = controller.build(ship() if model is None else model, period_s)
-    if hasattr(controller, "foresee"):
-        ahead = outlook(craft, met, guidance, reference, start)
-        parameters = controller.foresee(parameters, ahead)
+    ahead = outlook(craft, met, guidance, reference, start)
+    parameters = controller.foresee(parameters, ahead)
     sailed = sail(
         craft, met, (guidance, np.zeros(1)), reference, (parameters, state), start, period_s,
         period_s, watch=watch,
