@@ -7,7 +7,6 @@ compiles the one it needs.
 from collections.abc import Callable
 from typing import NamedTuple
 
-from numba.core.types import Type
 from numba.extending import overload
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
@@ -37,7 +36,7 @@ def allocate_step(table: NamedTuple, tau: Array, applied: Array) -> None:
 
 
 @overload(allocate_step, jit_options=LEAN)
-def _allocate_step(table: Type, tau: Type, applied: Type) -> Callable[..., None]:
+def _allocate_step(table: NamedTuple, tau: Array, applied: Array) -> Callable[..., None]:
     step = ALLOCATIONS[tuple_of(table)]
 
     def chosen(table: NamedTuple, tau: Array, applied: Array) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba.core.types import Type
 from numba.extending import overload
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
@@ -94,7 +93,7 @@ def pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> No
 
 
 @overload(pose_of, jit_options=LEAN)
-def _pose_of(kinematics: Type, eta: Type, frame: Type, pose: Type) -> Callable[..., None]:
+def _pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> Callable[..., None]:
     step = POSES[tuple_of(kinematics)]
 
     def chosen(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
@@ -126,7 +125,7 @@ def normalise(kinematics: Kinematics, eta: Array) -> None:
 
 
 @overload(normalise, jit_options=LEAN)
-def _normalise(kinematics: Type, eta: Type) -> Callable[..., None]:
+def _normalise(kinematics: Kinematics, eta: Array) -> Callable[..., None]:
     step = NORMS[tuple_of(kinematics)]
 
     def chosen(kinematics: Kinematics, eta: Array) -> None:
