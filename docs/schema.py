@@ -15,9 +15,10 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from seatrial.runner.config import Settings
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.options import CLASS, options, target
-from seatrial.runner.vocabulary import GROUPS, Settings
+from seatrial.runner.vocabulary import GROUPS
 
 Schema = dict[str, Any]
 INTERPOLATION: Schema = {"type": "string", "pattern": r"\$\{"}

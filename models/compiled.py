@@ -27,6 +27,7 @@ from numba.core.caching import (
     _CacheLocator,
 )
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 
 from seatrial.models.compile_lock import CompileLock
@@ -177,6 +178,22 @@ def lean_kernel(function: F) -> F:
     vessel's right-hand side (310 ns against 48 ns measured).
     """
     return _compile(function, **LEAN)
+
+
+def tuple_of(numba_type: Any) -> type:
+    """The named tuple's class behind numba's type of it, in an `overload`."""
+    found: type = numba_type.instance_class
+    return found
+
+
+def is_compiled(function: Callable[..., Any]) -> bool:
+    """Whether a step is machine code; none is where numba is disabled."""
+    return isinstance(function, Dispatcher)
+
+
+def in_python(function: F) -> F:
+    """The readable function behind a kernel; a function that is not compiled is itself."""
+    return cast(F, function.py_func) if isinstance(function, Dispatcher) else function
 
 
 def _compile(function: F, **options: bool) -> F:

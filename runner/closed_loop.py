@@ -2,30 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
-from seatrial.models.excitation.missions import (
-    Mission,
-    accompanied,
-    added_force,
-    start_of,
-    steering,
-)
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.findings import Finding
+from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.loop import Watch, sail
+from seatrial.models.simulation.registry import Parameters, State
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.adaptive import Adapter
 from seatrial.runner.config import Trial
 
 
@@ -38,7 +34,7 @@ class Design:
     limits: tuple[float, ...] | None = None  # [N, Nm]
     ahead: int = 0  # loop instants of its preview
     every: int = 1  # loop instants from one command to the next
-    remarks: Sequence[Any] = ()  # seatrial.models.control.linear_design.Remark
+    remarks: Sequence[Finding] = ()
 
     @property
     def infeasible(self) -> Array:
@@ -84,9 +80,10 @@ class Prepared:
     mission: Mission
     plant: Plant
     weather: Weather
-    guidance: tuple[Any, Any]
-    reference: Any
-    control: tuple[Any, Any]  # parameters and state
+    guidance: tuple[Parameters, State]
+    reference: Parameters
+    controller: Controller | None  # None: the mission steers in its place
+    control: tuple[Parameters, State]
     start: Array
     added: Array | None  # by an excitation to the command
     ahead: Outlook
@@ -95,19 +92,21 @@ class Prepared:
     def sail(self, adaptive: bool = False) -> Sailed:
         """Sail it; an adaptive one identifies meanwhile. Raises Diverged."""
         trial, adapter = self.trial, None
-        if adaptive and isinstance(self.model, Vessel):
-            adapter = adapter_of(trial, self.model, self.weather, self.seeds, self.ahead)
+        if adaptive and self.controller is not None and isinstance(self.model, Vessel):
+            adapter = adapter_of(
+                trial, self.controller, self.model, self.weather, self.seeds, self.ahead
+            )
         dofs, period = trial.vessel.dofs, trial.sample_time_s
-        both = accompanied(self.mission, dofs, period, self.control)
+        both = self.mission.accompany(dofs, period, self.control)
         voyage = sail(
             self.plant, self.weather, self.guidance, self.reference, both, self.start, period,
             trial.integration_step_s,
             watch=watch_of(adapter, alone=both[0] is self.control[0]), added=self.added,
         )  # fmt: skip
-        failures = getattr(self.control[1], "failures", None)
+        controller, state = self.controller, self.control[1]
         return Sailed(
             voyage, period, self.design,
-            failures=0 if failures is None else int(failures[0]),
+            failures=0 if controller is None else controller.failures(state),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
         )  # fmt: skip
@@ -121,41 +120,43 @@ def prepare(
 
     A deployment meets the change of the plant.
     """
-    if deployed and hasattr(trial.controller, "deployed"):
-        trial = replace(trial, controller=trial.controller.deployed())
-    vessel, period, controller = trial.vessel, trial.sample_time_s, trial.controller
+    vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
-    start = start_of(mission, vessel.dofs)
+    start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
     weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
-    added = added_force(mission, t, vessel.dofs, np.random.default_rng(seeds.excitation))
+    added = mission.force(t, vessel.dofs, np.random.default_rng(seeds.excitation))
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
-    steered = steering(mission, vessel.dofs, period)
-    parameters, state = steered or controller.build(model, period)
-    if steered is None and hasattr(controller, "foresee"):
-        parameters = controller.foresee(parameters, ahead)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
-    needed = largest_disturbance(plant.vessel, weather, heading)
-    design = Design(vessel.dofs, needed)
-    if steered is None:
+    design = Design(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
+    control, controller = mission.steering(vessel.dofs, period), None
+    if control is None:
+        controller = controller_of(trial, deployed)
+        parameters, state = controller.build(model, period)
+        control = controller.foresee(parameters, ahead), state
         design = design_of(controller, model, period, design)
     return Prepared(
-        trial, seeds, model, mission, plant, weather, guidance, reference, (parameters, state),
+        trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
         start, added, ahead, design,
     )  # fmt: skip
 
 
-def design_of(controller: Any, model: Vessel | StateSpace, period: float, design: Design) -> Design:
-    """What a controller says of itself, as far as it does."""
-    ahead, every, remarks = (
-        getattr(controller, name, None) for name in ("preview_rows", "command_rows", "remarks")
-    )
+def controller_of(trial: Trial, deployed: bool) -> Controller:
+    """What sails a closed loop, in a deployment or before it."""
+    assert trial.controller is not None
+    return trial.controller.deployed() if deployed else trial.controller
+
+
+def design_of(
+    controller: Controller, model: Vessel | StateSpace, period: float, design: Design
+) -> Design:
+    """What a controller says of itself."""
     return replace(
         design,
-        limits=controller.limits if getattr(controller, "limited", False) else None,
-        ahead=0 if ahead is None else ahead(period),
-        every=1 if every is None else every(period),
-        remarks=() if remarks is None else remarks(model, period),
+        limits=controller.command_limits(),
+        ahead=controller.preview_rows(period),
+        every=controller.command_rows(period),
+        remarks=controller.remarks(model, period),
     )
 
 
@@ -177,7 +178,7 @@ def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
     if adapter is None or alone:
         return None if adapter is None else adapter.watch
 
-    def look(k: int, log: Log, both: Any, state: Any) -> Any:
+    def look(k: int, log: Log, both: Parameters, state: State) -> Parameters:
         return both._replace(controller=adapter.look(k, log, both.controller, state[0]))
 
     return Watch(adapter.watch.every, look)
@@ -186,7 +187,6 @@ def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
 def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
     """The trial's one realisation of its disturbance, over n control instants."""
     disturbance, dofs = trial.disturbance, trial.vessel.dofs
-    assert isinstance(disturbance, Disturbance)
     noise, weather = (np.random.default_rng(s) for s in (seeds.noise, seeds.disturbance))
     return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
 
@@ -195,24 +195,26 @@ def plant_of(trial: Trial, deployed: bool) -> Plant:
     """The true vessel in its wind, and in a deployment what it changes to."""
     vessel = trial.vessel
     wind, change = trial.disturbance.aerodynamics(vessel.dofs), trial.plant_change
-    plant: Plant = vessel.plant(trial.plant_scale * vessel.nominal() + wind)
+    plant = vessel.plant(trial.plant_scale * vessel.nominal() + wind)
     if not deployed or change is None:
         return plant
     return replace(plant, change=(change.at_s, change.scale * vessel.nominal() + wind))
 
 
 def adapter_of(
-    trial: Trial, model: Vessel, weather: Weather, seeds: Streams, ahead: Outlook
-) -> Adapter:
-    """What identifies while sailing; any controller can be built again, and keeps its memory."""
-    controller, vessel, period = trial.controller, trial.vessel, trial.sample_time_s
+    trial: Trial, controller: Controller, model: Vessel, weather: Weather, seeds: Streams,
+    ahead: Outlook,
+) -> Adapter:  # fmt: skip
+    """What identifies while sailing."""
+    vessel, period = trial.vessel, trial.sample_time_s
+    assert trial.update is not None
 
-    def build_again(parameters: Any, state: Any, model: Vessel, log: Log, k: int) -> Any:
-        return controller.foresee(controller.build(model, period)[0], ahead)
+    def adapt(parameters: Parameters, state: State, model: Vessel, log: Log, k: int) -> Parameters:
+        return controller.adapt(parameters, state, model, period, ahead, log, k)
 
     return Adapter(
         trial.update, trial.identifier, vessel.thruster, weather, vessel.dofs, period, model,
-        np.random.default_rng(seeds.identifier), getattr(controller, "adapt", build_again),
+        np.random.default_rng(seeds.identifier), adapt,
     )  # fmt: skip
 
 

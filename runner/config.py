@@ -16,6 +16,13 @@ from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:
+    from seatrial.models.control.controller import Controller
+    from seatrial.models.excitation.missions import Evaluation, Mission
+    from seatrial.models.identification.adaptive import Update
+    from seatrial.models.identification.problem import Identifier
+    from seatrial.models.recording.readers import Reader
+    from seatrial.models.vessel.parameters import VesselParameters
+    from seatrial.models.weather.disturbance import Disturbance
     from seatrial.runner.record.own_metrics import OwnMetric
 
 Node = Mapping[str, Any]
@@ -26,15 +33,15 @@ class Trial:
     """One trial, checked: what is sailed, and where its results go.
 
     `names` are the options chosen for `GROUPS`; `config` is the resolved configuration that all
-    else was built from. An object is None where its group's node is empty (`controller=none`).
+    else was built from. Controller and evaluation are None where their group's node is empty.
     """
 
-    vessel: Any
-    disturbance: Any
-    excitation: Any
-    identifier: Any
-    controller: Any
-    evaluation: Any
+    vessel: "VesselParameters"
+    disturbance: "Disturbance"
+    excitation: "Mission | Reader"
+    identifier: "Identifier"
+    controller: "Controller | None"
+    evaluation: "Evaluation | None"
     sample_time_s: float  # control and logging period
     integration_step_s: float  # of the plant's simulation
     plant_scale: float  # true plant = plant_scale x nominal coefficient table
@@ -47,9 +54,17 @@ class Trial:
     dry_run: bool = False
     metrics: "tuple[OwnMetric, ...]" = ()  # from elsewhere, stored beside ours
     plant_change: "PlantChange | None" = None
-    update: Any = (
-        None  # seatrial.runner.adaptive.Update, where the model is identified again while sailing
-    )
+    update: "Update | None" = None  # where the model is identified again while sailing
+
+    def __post_init__(self) -> None:
+        for group, part in (
+            ("vessel", self.vessel),
+            ("disturbance", self.disturbance),
+            ("excitation", self.excitation),
+            ("identifier", self.identifier),
+        ):
+            if part is None:
+                raise ConfigurationError(f"{group}: got none, expected an option of the group")
 
 
 @dataclass(frozen=True)
@@ -115,7 +130,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """The trial that a resolved configuration describes; ConfigurationError where it is wrong."""
     update, whole = config.get("update"), dict(config)
     if isinstance(update, Mapping):
-        whole["update"] = {**update, "_target_": "seatrial.runner.adaptive.Update"}
+        whole["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     settings = build_as(Settings, whole, "")
     return Trial(
         **{group: getattr(settings, group) for group in GROUPS},

@@ -92,7 +92,8 @@ def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
         with threadpool_limits(1):
             results = trials.run(trial)
     except Diverged as error:
-        return _keep(logbook, run_id, "diverged", error, getattr(error, "results", None))
+        held = error.results if isinstance(error, trials.TrialDiverged) else None
+        return _keep(logbook, run_id, "diverged", error, held)
     except Exception as error:
         return _keep(logbook, run_id, "failed", error)
     logbook.finish_run(run_id, results)

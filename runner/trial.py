@@ -11,19 +11,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from seatrial.models.control.controller import Controller
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.information import persistence
-from seatrial.models.excitation.missions import Replay, check_limits, is_open_loop
-from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.excitation.missions import (
+    Evaluation,
+    Mission,
+)
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Identified, Identifier, Problem, check_needs
+from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
 from seatrial.runner.closed_loop import sail_mission as sail_mission
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Diagnostic, Metric, Results
+from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
@@ -32,11 +39,11 @@ from seatrial.runner.record import (
     time_series,
     validation_metrics,
 )
+from seatrial.runner.record.coefficient_rows import numbered
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
-NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
 
 
 class TrialDiverged(Diverged):
@@ -49,35 +56,54 @@ class TrialDiverged(Diverged):
 
 def check(trial: Trial) -> None:
     """Raise ConfigurationError for a combination that cannot work, before any work."""
-    for group in ("vessel", "disturbance", "excitation", "identifier"):
-        if getattr(trial, group) is None:
-            raise ConfigurationError(f"{group}: got none, expected an option of the group")
+    _check_roles(trial)
+    excitation, dofs = trial.excitation, trial.vessel.dofs
+    named(trial, "excitation", lambda: excitation.check(dofs))
+    recorded, period = None, trial.sample_time_s
+    if isinstance(excitation, Reader):  # a damaged file is a wrong option, not a failed trial
+        recorded = excitation.read(dofs)
+        period = recorded.period_s
+    else:
+        _check_mission(trial, excitation)
+    needs = trial.identifier.needs()
+    check_cutoff(needs.lowpass_hz, period)
+    controller = trial.controller
+    if controller is not None:
+        controller.build(trial.vessel.nominal(), trial.sample_time_s)
+        check_periods(trial, controller)
+    thruster = trial.vessel.thruster
+    trial.identifier.check(trial.vessel.nominal(), thruster, recorded is not None)
+    check_needs(needs, trial.vessel.name, thruster, recorded)
+
+
+def _check_roles(trial: Trial) -> None:
+    """Refuse an object that is not what its group holds: an option names a class by itself."""
+    for group, (role, part) in {
+        "vessel": (VesselParameters, trial.vessel),
+        "disturbance": (Disturbance, trial.disturbance),
+        "excitation": (Mission | Reader, trial.excitation),
+        "identifier": (Identifier, trial.identifier),
+        "controller": (Controller | None, trial.controller),
+        "evaluation": (Evaluation | None, trial.evaluation),
+    }.items():
+        if not isinstance(part, role):
+            raise ConfigurationError(
+                f"{group}._target_: got {type(part).__name__}, expected a class for this group"
+            )
+
+
+def _check_mission(trial: Trial, excitation: Mission) -> None:
+    """Refuse what cannot be sailed with this vessel in this weather."""
     dofs = trial.vessel.dofs
-    from_file = isinstance(trial.excitation, RecordedFile)
-    if not from_file and trial.controller is None and not is_open_loop(trial.excitation):
+    if trial.controller is None and not excitation.open_loop:
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
         )
-    named(trial, "excitation", lambda: trial.excitation.check(dofs))
-    period = trial.sample_time_s
-    recorded = None
-    if from_file:  # a damaged file is a wrong option, not a failed trial
-        recorded = trial.excitation.read(dofs)
-        period = recorded.period_s
-    else:
-        named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
-        check_limits(trial.excitation, trial.vessel.limits_by_dof, trial.sample_time_s)
-    check_cutoff(getattr(trial.identifier, "lowpass_hz", None), period)
-    if trial.evaluation is not None and not from_file:
-        named(trial, "evaluation", lambda: trial.evaluation.check(dofs))
-    if trial.controller is not None:
-        trial.controller.build(trial.vessel.nominal(), trial.sample_time_s)
-    if hasattr(trial.identifier, "period_s") and hasattr(trial.controller, "design"):
-        check_periods(trial)
-    refuse = getattr(trial.identifier, "check", None)
-    if refuse is not None:
-        refuse(trial.vessel.nominal(), trial.vessel.thruster, from_file)
-    _check_force(trial, recorded)
+    named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
+    excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
+    evaluation = trial.evaluation
+    if evaluation is not None:
+        named(trial, "evaluation", lambda: evaluation.check(dofs))
 
 
 def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
@@ -94,27 +120,17 @@ def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
 def longest_s(trial: Trial) -> float:
     """Time [s] of the last instant that is sailed, in the excitation or the evaluation."""
     missions = (trial.excitation, trial.evaluation)
-    lengths = [one.duration_s for one in missions if hasattr(one, "duration_s")]
+    lengths = [one.duration_s for one in missions if isinstance(one, Mission)]
     return max(lengths) - trial.sample_time_s if lengths else 0.0
 
 
-def _check_force(trial: Trial, recorded: Recording | None) -> None:
-    """The force that the identifier asks for has to be known of the vessel, or recorded."""
-    force = getattr(trial.identifier, "force", None)
-    estimated = getattr(trial.identifier, "thruster", "known") == "estimated"
-    if force == "filtered" and trial.vessel.thruster is None and not estimated:
-        raise ConfigurationError(
-            f"identifier.force: got filtered, but {trial.vessel.name} has no known thruster lag"
-        )
-    if force == "actual" and recorded is not None:
-        recorded.force(force)
-
-
-def check_periods(trial: Trial) -> None:
+def check_periods(trial: Trial, controller: Controller) -> None:
     """Refuse a controller whose period is not a multiple of the model's it is to be built on."""
-    model, own = (
-        part.period_s or trial.sample_time_s for part in (trial.identifier, trial.controller)
-    )
+    sample_time = trial.sample_time_s
+    model = trial.identifier.model_period_s(sample_time)
+    if model is None or not controller.takes_state_space:
+        return
+    own = controller.command_rows(sample_time) * sample_time
     times = round(own / model)
     if times < 1 or abs(times * model - own) > 1e-9 * own:
         raise ConfigurationError(
@@ -149,11 +165,11 @@ def run(trial: Trial) -> Results:
         metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics, *own],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
-            *coefficient_rows.stage_coefficients(identified),
+            *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
             *coefficient_rows.state_space_coefficients(identified),
         ],
         diagnostics=[
-            *coefficient_rows.identification_findings(identified),
+            *identified.findings,
             *reasons,
             *excitation_report(problem, excited.recording),
             *mixed.diagnostics,
@@ -165,12 +181,12 @@ def run(trial: Trial) -> Results:
         ],
         note=skipped(trial),
     )
-    if isinstance(trial.excitation, RecordedFile):
+    if isinstance(trial.excitation, Reader):
         results = with_quality(results, trial.excitation, excited.recording)
     return results if results.note else deploy(trial, seeds, problem.nominal, identified, results)
 
 
-def with_quality(results: Results, file: RecordedFile, recording: Recording) -> Results:
+def with_quality(results: Results, file: Reader, recording: Recording) -> Results:
     """The results of a measured recording, with its statistics and quality checks."""
     metrics, series = excitation_results.recording_quality(recording)
     found = [
@@ -185,7 +201,7 @@ def with_quality(results: Results, file: RecordedFile, recording: Recording) -> 
     )
 
 
-def excitation_report(problem: Problem, whole: Recording) -> list[Diagnostic]:
+def excitation_report(problem: Problem, whole: Recording) -> list[Finding]:
     """Whether the training data tell the nominal model's terms apart; a warning where not."""
     reports = persistence(problem.training, problem.nominal, whole)
     for warning in filter(None, (one.warning() for one in reports)):
@@ -205,20 +221,19 @@ def unreached(excited: Excited) -> list[Metric]:
 
 def skipped(trial: Trial) -> str | None:
     """Why a trial has no deployment, or None when it has one."""
-    if isinstance(trial.excitation, RecordedFile):
+    if isinstance(trial.excitation, Reader):
         return MEASURED
-    for group in ("controller", "evaluation"):
-        if getattr(trial, group) is None:
-            return NOT_DEPLOYED.format(group)
-    if isinstance(trial.evaluation, Replay) and is_open_loop(trial.excitation):
-        return NO_REFERENCE
-    return None
+    if trial.controller is None:
+        return NOT_DEPLOYED.format("controller")
+    if trial.evaluation is None:
+        return NOT_DEPLOYED.format("evaluation")
+    return trial.evaluation.skip_reason(trial.excitation)
 
 
 def excite(trial: Trial, seeds: Streams) -> Excited:
     """Sail the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
-    if isinstance(trial.excitation, RecordedFile):
+    if isinstance(trial.excitation, Reader):
         recording, truth, voyage = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
@@ -245,22 +260,29 @@ def sailed_excitation(prepared: Prepared) -> Sailed:
         raise TrialDiverged(error, rest) from error
 
 
-def controlled(trial: Trial, identified: Identified) -> Vessel | StateSpace:
+def controlled(controller: Controller, identified: Identified) -> Vessel | StateSpace:
     """The identified model in the form that the controller takes."""
-    linear = hasattr(trial.controller, "design")
-    return (identified.state_space if linear else None) or identified.model
+    linear = identified.control_model if controller.takes_state_space else None
+    return identified.model if linear is None else linear
 
 
 def deploy(
     trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
 ) -> Results:
     """Sail the evaluation with the nominal and with the identified model, in the same weather."""
-    mission = trial.excitation if isinstance(trial.evaluation, Replay) else trial.evaluation
+    controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
+    assert controller is not None
+    assert evaluation is not None
+    assert isinstance(excitation, Mission)
+    mission = evaluation.mission(excitation)
     metrics, series = list(results.metrics), list(results.series)
     diagnostics = list(results.diagnostics)
     failure: Diverged | None = None
     coefficients = list(results.coefficients)
-    models = {"nominal": nominal, "identified": controlled(trial, identified)}
+    models: dict[str, Vessel | StateSpace] = {
+        "nominal": nominal,
+        "identified": controlled(controller, identified),
+    }
     if trial.update is not None:
         models["adaptive"] = nominal
     for name, model in models.items():
@@ -279,8 +301,9 @@ def deploy(
         metrics += own_metrics.deployment_rows(trial.metrics, one.voyage, name)
         series.append(time_series.voyage_series(one, name))
         if one.adapter is not None:
-            coefficients += one.adapter.coefficients()
-            diagnostics += one.adapter.diagnostics()
+            versions = numbered("adaptive", (model for _, model, _ in one.adapter.versions))
+            coefficients += coefficient_rows.table_coefficients(versions)
+            diagnostics += one.adapter.findings()
         lost = deployment_metrics.losses(one, name)
         diagnostics += deployment_metrics.warning_rows(lost)
         for warning in lost:

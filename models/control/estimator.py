@@ -17,10 +17,12 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import lean_kernel
-from seatrial.models.control.linear_design import DesignModel, Remark
+from seatrial.models.control.linear_design import DesignModel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
@@ -285,8 +287,6 @@ def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
 
     The predictor's gain is A M. Raises ConfigurationError when there is no steady state.
     """
-    from scipy.linalg import solve_discrete_are
-
     try:
         P = solve_discrete_are(A.T, C.T, Q, R)
     except (np.linalg.LinAlgError, ValueError) as error:
@@ -325,12 +325,12 @@ def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
     )  # fmt: skip
 
 
-def estimator_remarks(table: Believed) -> list[Remark]:
+def estimator_remarks(table: Believed) -> list[Finding]:
     """How fast the filter forgets: the spectral radius of A - A M C, without a bias."""
     if table.measured:
         return []
     error = table.A - table.A @ table.M @ table.C
-    return [Remark("estimator_radius", "all", spectral_radius(error))]
+    return [Finding("estimator_radius", "all", spectral_radius(error))]
 
 
 def _whole(values: Array) -> Array:

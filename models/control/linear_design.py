@@ -1,11 +1,12 @@
 """Whether the limits can hold the vessel against the weather at all."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, VELOCITIES
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
@@ -32,15 +33,6 @@ from seatrial.models.weather.wind import WindForce
 MOVING = tuple(INDEX[name] for name in (*ACCELERATIONS, *VELOCITIES))
 ATTITUDE = tuple(INDEX[name] for name in basis.ATTITUDE)
 START_WEIGHT = 1e3  # of showing the first pose, against standing still
-
-
-class Remark(NamedTuple):
-    """One number that a controller says of itself; stored with the run."""
-
-    name: str
-    dof: str
-    value: float
-    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +63,14 @@ class DesignModel:
         rows = np.vstack([START_WEIGHT * model.C, drift])
         return np.asarray(np.linalg.pinv(rows)[:, : len(model.C)] * START_WEIGHT)
 
-    def remarks(self) -> list[Remark]:
+    def remarks(self) -> list[Finding]:
         """Order, controllability, observability and stability of the model."""
         model = self.model
         return [
-            Remark("model_order", "all", float(model.order)),
-            Remark("controllable_order", "all", float(model.controllable_order)),
-            Remark("observable_order", "all", float(model.observable_order)),
-            Remark("open_loop_radius", "all", model.spectral_radius),
+            Finding("model_order", "all", float(model.order)),
+            Finding("controllable_order", "all", float(model.controllable_order)),
+            Finding("observable_order", "all", float(model.observable_order)),
+            Finding("open_loop_radius", "all", model.spectral_radius),
         ]
 
 
@@ -149,8 +141,6 @@ def every(model: StateSpace, times: int) -> StateSpace:
     The innovations e of the model are the noise of the new one: over `times` periods the state
     receives sum A^i K e, the first of which is the measurement's own.
     """
-    from scipy.linalg import solve_discrete_are
-
     if times == 1:
         return model
     powers = [np.linalg.matrix_power(model.A, i) for i in range(times + 1)]

@@ -9,11 +9,13 @@ winds up.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.estimator import (
     Believed,
     Estimator,
@@ -31,18 +33,17 @@ from seatrial.models.control.estimator import (
 )
 from seatrial.models.control.linear_design import (
     DesignModel,
-    Remark,
     check_weights,
     closed_loop_radius,
     design_model,
 )
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.wind import WindForce
 
 
@@ -113,8 +114,6 @@ def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
 
     Raises ConfigurationError when the model has none.
     """
-    from scipy.linalg import solve_discrete_are
-
     plus = model.with_integral_action()
     try:
         S = solve_discrete_are(plus.A, plus.B, plus.C.T @ Q @ plus.C, P)
@@ -124,7 +123,7 @@ def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Lqi:
+class Lqi(Controller):
     """LQ control with integral action on the pose.
 
     Weights: `error_weight` of the pose error [1/m^2, 1/rad^2], `input_weight` of the increments a
@@ -142,18 +141,20 @@ class Lqi:
     kalman: Kalman
     wind: WindForce | None
 
+    takes_state_space: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         n = len(self.limits)
         check_weights("limits", self.limits, n, positive=True)
         check_weights("error_weight", self.error_weight, n, positive=True)
         check_weights("input_weight", self.input_weight, n, positive=True)
 
-    def design(self, model: Vessel | StateSpace, period_s: float) -> DesignModel:
+    def design(self, model: Model, period_s: float) -> DesignModel:
         """The model that the gain is computed on."""
         own = samples(self.period_s, period_s) * period_s
         return design_model(model, self.limits, own, self.wind)
 
-    def build(self, model: Vessel | StateSpace, period_s: float) -> tuple[LqiTable, Memory]:
+    def build(self, model: Model, period_s: float) -> tuple[LqiTable, Memory]:
         """Parameters and initial state of the compiled step, for a model and control period."""
         design = self.design(model, period_s)
         gain = lqi_gain(design.model, np.diag(self.error_weight), np.diag(self.input_weight))
@@ -167,15 +168,19 @@ class Lqi:
         )  # fmt: skip
         return table, memory(n, m, r)
 
-    def foresee(self, table: LqiTable, outlook: Outlook) -> LqiTable:
+    def foresee(self, parameters: LqiTable, outlook: Outlook) -> LqiTable:
         """The same with what the weather and the mission will be."""
-        return table._replace(outlook=outlook)
+        return parameters._replace(outlook=outlook)
+
+    def command_limits(self) -> tuple[float, ...] | None:
+        """The limits, where the commands are held within them."""
+        return self.limits if self.limited else None
 
     def command_rows(self, period_s: float) -> int:
         """Loop instants from one command to the next."""
         return samples(self.period_s, period_s)
 
-    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+    def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and closed-loop spectral radius."""
         design = self.design(model, period_s)
         table, _ = self.build(model, period_s)
@@ -185,7 +190,7 @@ class Lqi:
         return [
             *design.remarks(),
             *estimator_remarks(table.believed),
-            Remark("spectral_radius", "all", radius),
+            Finding("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]
 
@@ -205,11 +210,11 @@ def samples(own_s: float | None, period_s: float) -> int:
 
 def si_weights(
     design: DesignModel, error_weight: tuple[float, ...], input_weight: tuple[float, ...]
-) -> list[Remark]:
+) -> list[Finding]:
     """The weights in SI: of the pose as given, of the input divided by the limits' squares."""
     found = []
     for i, dof in enumerate(design.dofs):
-        found.append(Remark("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
+        found.append(Finding("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
         scaled = float(input_weight[i] / design.limits[i] ** 2)
-        found.append(Remark("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
+        found.append(Finding("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
     return found

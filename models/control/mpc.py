@@ -9,6 +9,7 @@ reference ahead, `setpoint_and_wind` the wind as well, as Bargouth (2022), secti
 A reference that is not known in advance (line of sight) is held.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.control import horizon
+from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.estimator import (
     Believed,
     Estimator,
@@ -34,18 +36,17 @@ from seatrial.models.control.estimator import (
 from seatrial.models.control.horizon import Horizon, Quadratic, Solver
 from seatrial.models.control.linear_design import (
     DesignModel,
-    Remark,
     check_weights,
     closed_loop_radius,
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.ranges import PositiveInt, check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
-from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.wind import WindForce
 
 Preview = Literal["none", "setpoint", "setpoint_and_wind"]
@@ -218,14 +219,27 @@ def _quadratic_step(
 CONTROLLERS[QpTable] = _quadratic_step
 
 
-@dataclass(frozen=True)
-class Mpc:
-    """What the formulations share; see the module for `preview` and Lqi for the rest.
+Formulation = Literal["standard", "reduced", "condensed", "integral"]
+FORMULATIONS: dict[Formulation, Callable[[Horizon], Quadratic]] = {
+    "standard": horizon.standard,
+    "reduced": horizon.reduced,
+    "condensed": horizon.condensed,
+    "integral": horizon.increments,
+}
 
-    `input_weight` is of shares of the `limits` [N, Nm], or of their increments a sample;
-    `horizon` the number of samples looked ahead; `period_s` None commands at every instant.
+
+@dataclass(frozen=True)
+class Mpc(Controller):
+    """Model predictive control; see the module for `preview` and Lqi for the rest.
+
+    `formulation`, Bargouth (2022), section 3.6: `standard`, z = (u, x, e, y); `reduced`, z =
+    (u, x); `condensed`, z = u, the simple MPC of Di Ruscio; `integral`, z = Delta u, with integral
+    action. `input_weight` is of shares of the `limits` [N, Nm], of `integral` of their increments
+    a sample; `rate_limits` [N/s, Nm/s] bound the change of a command there, None is no bound.
+    `horizon` is the number of samples looked ahead; `period_s` None commands at every instant.
     """
 
+    formulation: Formulation
     horizon: PositiveInt
     preview: Preview
     error_weight: tuple[float, ...]
@@ -236,8 +250,9 @@ class Mpc:
     estimator: Estimator
     kalman: Kalman
     wind: WindForce | None
+    rate_limits: tuple[float, ...] | None = None
 
-    incremental: ClassVar[bool] = False
+    takes_state_space: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -245,8 +260,20 @@ class Mpc:
         check_weights("limits", self.limits, n, positive=True)
         check_weights("error_weight", self.error_weight, n, positive=False)
         check_weights("input_weight", self.input_weight, n, positive=True)
+        if self.rate_limits is not None:
+            if not self.incremental:
+                raise ConfigurationError(
+                    f"rate_limits: got some with formulation={self.formulation}, expected null: "
+                    "only formulation=integral has them"
+                )
+            check_weights("rate_limits", self.rate_limits, n, positive=True)
 
-    def design(self, model: Vessel | StateSpace, period_s: float) -> DesignModel:
+    @property
+    def incremental(self) -> bool:
+        """Whether the unknowns are increments of the command."""
+        return self.formulation == "integral"
+
+    def design(self, model: Model, period_s: float) -> DesignModel:
         """The model that is looked ahead with."""
         own = samples(self.period_s, period_s) * period_s
         return design_model(model, self.limits, own, self.wind)
@@ -258,15 +285,15 @@ class Mpc:
         return Horizon(model.A, model.B, model.C, *weights, self.horizon, self._rate(design))
 
     def _rate(self, design: DesignModel) -> Array | None:
-        return None
+        if self.rate_limits is None:
+            return None
+        return np.array(self.rate_limits) * design.period_s / design.limits
 
     def write(self, problem: Horizon) -> Quadratic:
         """The formulation of the problem."""
-        raise NotImplementedError
+        return FORMULATIONS[self.formulation](problem)
 
-    def build(
-        self, model: Vessel | StateSpace, period_s: float
-    ) -> tuple[MpcTable | QpTable, Memory]:
+    def build(self, model: Model, period_s: float) -> tuple[MpcTable | QpTable, Memory]:
         """Parameters and initial state of the step, for a model and control period."""
         design = self.design(model, period_s)
         problem = self.problem(design)
@@ -289,6 +316,14 @@ class Mpc:
             return parameters._replace(table=parameters.table._replace(outlook=outlook))
         return parameters._replace(outlook=outlook)
 
+    def command_limits(self) -> tuple[float, ...] | None:
+        """The limits, where the commands are held within them."""
+        return self.limits if self.limited else None
+
+    def failures(self, state: Memory) -> int:
+        """Samples whose problem had no solution."""
+        return int(state.failures[0])
+
     def command_rows(self, period_s: float) -> int:
         """Loop instants from one command to the next."""
         return samples(self.period_s, period_s)
@@ -298,7 +333,7 @@ class Mpc:
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
 
-    def remarks(self, model: Vessel | StateSpace, period_s: float) -> list[Remark]:
+    def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""
         design = self.design(model, period_s)
         problem = self.problem(design)
@@ -308,59 +343,6 @@ class Mpc:
         return [
             *design.remarks(),
             *estimator_remarks(table),
-            Remark("spectral_radius", "all", radius),
+            Finding("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]
-
-
-@dataclass(frozen=True)
-class MpcStandard(Mpc):
-    """z = (u, x, e, y), Bargouth (2022), section 3.6.1."""
-
-    def write(self, problem: Horizon) -> Quadratic:
-        """The formulation of the problem."""
-        return horizon.standard(problem)
-
-
-@dataclass(frozen=True)
-class MpcReduced(Mpc):
-    """z = (u, x), section 3.6.2."""
-
-    def write(self, problem: Horizon) -> Quadratic:
-        """The formulation of the problem."""
-        return horizon.reduced(problem)
-
-
-@dataclass(frozen=True)
-class MpcCondensed(Mpc):
-    """z = u, section 3.6.3: the simple MPC of Di Ruscio."""
-
-    def write(self, problem: Horizon) -> Quadratic:
-        """The formulation of the problem."""
-        return horizon.condensed(problem)
-
-
-@dataclass(frozen=True)
-class MpcIntegral(Mpc):
-    """z = Delta u, section 3.6.4: integral action, amplitude and rate limits.
-
-    `rate_limits` [N/s, Nm/s] bound the change of a command; None is no bound.
-    """
-
-    rate_limits: tuple[float, ...] | None
-
-    incremental: ClassVar[bool] = True
-
-    def write(self, problem: Horizon) -> Quadratic:
-        """The formulation of the problem."""
-        return horizon.increments(problem)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.rate_limits is not None:
-            check_weights("rate_limits", self.rate_limits, len(self.limits), positive=True)
-
-    def _rate(self, design: DesignModel) -> Array | None:
-        if self.rate_limits is None:
-            return None
-        return np.array(self.rate_limits) * design.period_s / design.limits

@@ -11,12 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
-from seatrial.models.control.linear_design import Remark, closed_loop_radius, design_model
+from seatrial.models.control.controller import Controller, Model, table_of
+from seatrial.models.control.linear_design import closed_loop_radius, design_model
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
-from seatrial.models.simulation.voyage import Log
+from seatrial.models.simulation.voyage import Log, Outlook
 from seatrial.models.vessel.basis import N_VARIABLES, Array, features_kernel
 from seatrial.models.vessel.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
 from seatrial.models.vessel.table import (
@@ -116,7 +118,7 @@ CONTROLLERS[PidTable] = _step
 
 
 @dataclass(frozen=True)
-class PidFeedforward:
+class PidFeedforward(Controller):
     """PID on the body-frame error with the model's force as feedforward.
 
     Gains in SI, one a degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
@@ -151,8 +153,9 @@ class PidFeedforward:
         """What sails an evaluation: this controller, or its feedforward alone."""
         return self if self.deployed_feedback else replace(self, feedback=False)
 
-    def build(self, model: Vessel, period_s: float) -> tuple[PidTable, Array]:
-        """Parameters and initial state of the compiled step, for a model and control period."""
+    def build(self, model: Model, period_s: float) -> tuple[PidTable, Array]:
+        """Parameters and initial state of the compiled step, for a table and control period."""
+        model = table_of(model)
         if len(self.kp) != len(model.dofs):
             raise ConfigurationError(
                 f"controller.kp: got {len(self.kp)} gains, expected {len(model.dofs)} "
@@ -168,12 +171,13 @@ class PidFeedforward:
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
 
-    def remarks(self, model: Vessel, period_s: float) -> list[Remark]:
+    def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The closed loop's spectral radius on the linearised model, on axes of the plane.
 
         x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta; without the feedback, or
         without a position gain on some axis, nothing is to settle.
         """
+        model = table_of(model)
         if not self.feedback or min(self.kp) <= 0.0 or set(model.dofs) & set(DOFS[3:5]):
             return []
         try:
@@ -186,16 +190,17 @@ class PidFeedforward:
                       np.eye(len(rows))]])  # fmt: skip
         B = np.vstack([linear.B, np.zeros((len(rows), len(held)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
-        return [Remark("spectral_radius", "all", closed_loop_radius(A, B, gain))]
+        return [Finding("spectral_radius", "all", closed_loop_radius(A, B, gain))]
 
     def adapt(
-        self, parameters: PidTable, state: Array, model: Vessel, log: Log, k: int
-    ) -> PidTable:
+        self, parameters: PidTable, state: Array, model: Vessel, period_s: float,
+        outlook: Outlook, log: Log, k: int,
+    ) -> PidTable:  # fmt: skip
         """Parameters for another model in mid-voyage, before instant k; the command goes on.
 
         What the feedforward loses the integral gains, on every axis that has one.
         """
-        new, _ = self.build(model, parameters.period_s)
+        new, _ = self.build(model, period_s)
         n = len(self.kp)
         before, after = np.zeros(n), np.zeros(n)
         for table, tau in ((parameters, before), (new, after)):

@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.information import (
     Integers,
     Weights,
@@ -19,9 +18,11 @@ from seatrial.models.excitation.information import (
     optimal,
     scaled,
 )
-from seatrial.models.excitation.schedule import Gains, Manoeuvre, Part, Role, Schedule
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule
 from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -58,7 +59,7 @@ class Design:
     `stop` instants follow, in which the vessel is brought to rest.
     """
 
-    candidates: Mapping[str, Manoeuvre]
+    candidates: Mapping[str, Mission]
     plant: Plant  # the believed model with the vessel's thrusters and limits
     terms: tuple[Term, ...]
     gains: Gains
@@ -66,7 +67,7 @@ class Design:
     count: int
     stop: int
     period_s: float
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
 
     def sub_experiment(self, name: str, role: Role) -> list[Part]:
         """A candidate with its stop."""
@@ -83,7 +84,7 @@ class Design:
         n, n_dof = len(plan), len(plan.dofs)
         still = np.zeros((n, n_dof))
         start = np.zeros(n_dof)
-        guidance: Any = (Timetable(still), np.zeros(1))
+        guidance = (Timetable(still), np.zeros(1))
         try:
             return sail(
                 self.plant, Weather(still, still, still, still), guidance,

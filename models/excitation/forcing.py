@@ -7,17 +7,17 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
-from seatrial.models.excitation.manoeuvres import open_loop
+from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Mission, check_fraction, check_offset, steady_force
 from seatrial.models.excitation.signals import Signal
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 
 
 @dataclass(frozen=True)
-class Forcing:
+class Forcing(Mission):
     """An excitation by a force signal. Ljungberg: with an offset, instruments are stronger.
 
     `amplitude` and `offset` [N, Nm] are by degree of freedom; `axes` are those that the signal is
@@ -35,7 +35,7 @@ class Forcing:
     loop: Literal["open", "closed"]
     length_s: Positive
     time_scale: Positive
-    hold: ReferenceFilter  # of the starting pose
+    hold: Reference  # of the starting pose
     train_fraction: float
     base: Mission | None = None
 
@@ -74,7 +74,7 @@ class Forcing:
         return self.parts * self.part_s
 
     @property
-    def reference_filter(self) -> ReferenceFilter:
+    def reference_filter(self) -> Reference:
         """Filter between set-point and reference."""
         return self.hold if self.base is None else self.base.reference_filter
 
@@ -86,8 +86,9 @@ class Forcing:
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
-        force = steady_force(self.offset, len(t), dofs)
-        force += steady_force(getattr(self.base, "offset", None), len(t), dofs)
+        force = steady_force(self.steady(), len(t), dofs)
+        if self.base is not None:
+            force += steady_force(self.base.steady(), len(t), dofs)
         part = np.minimum((t / self.part_s + 1e-9).astype(int), self.parts - 1)
         alone = self.order == "in_turn"
         for i, axis in enumerate(self.axes):
@@ -98,9 +99,9 @@ class Forcing:
             force[on, dofs.index(axis)] += self.amplitude[axis] * shape
         return force
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """What stands in for the controller: nothing, in an open loop."""
-        return open_loop() if self.open_loop else None
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
 
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part of each signal, and the rest."""

@@ -1,118 +1,25 @@
-"""Standard manoeuvres: turning circle, zig-zag, and runs at constant velocity.
-
-They steer a vessel in open loop, or beside a controller.
-"""
+"""Standard manoeuvres: turning circle, zig-zag, and runs at constant velocity."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
-from seatrial.models.excitation.missions import check_fraction, check_offset, steady_force, within
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import (
+    Mission,
+    check_fraction,
+    check_offset,
+    steady_force,
+    within,
+)
+from seatrial.models.excitation.open_loop import ZigZag
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
-from seatrial.models.simulation.registry import CONTROLLERS, control_step
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
-
-
-class OpenLoop(NamedTuple):
-    """No controller."""
-
-    force: float = 0.0
-
-
-@lean_kernel
-def _let_go(
-    table: OpenLoop, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = table.force
-
-
-CONTROLLERS[OpenLoop] = _let_go
-
-
-def open_loop() -> tuple[OpenLoop, Array]:
-    """Parameters and initial state of the compiled step."""
-    return OpenLoop(), np.zeros(1)
-
-
-class ZigZagTable(NamedTuple):
-    """A moment that changes sign when the heading has turned far enough; SI units, radians."""
-
-    yaw: int  # the degree of freedom
-    moment: float
-    turn: float
-    first: int  # instant of the first steering
-
-
-@lean_kernel
-def _add_moment(table: ZigZagTable, state: Array, eta: Array, tau: Array) -> None:
-    """state = (instant, sign of the moment, heading before the first steering)."""
-    if state[0] <= table.first:
-        state[2] = eta[table.yaw]
-    if state[0] >= table.first:
-        if state[1] * (eta[table.yaw] - state[2]) >= table.turn:
-            state[1] = -state[1]
-        tau[table.yaw] += state[1] * table.moment
-    state[0] += 1.0
-
-
-@lean_kernel
-def _zigzag(
-    table: ZigZagTable, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = 0.0
-    _add_moment(table, state, eta, tau)
-
-
-CONTROLLERS[ZigZagTable] = _zigzag
-
-
-class Beside(NamedTuple):
-    """A zig-zag's moment beside a compiled controller; state = (controller's, zig-zag's)."""
-
-    controller: Any
-    zigzag: ZigZagTable
-
-
-class BesidePython(NamedTuple):
-    """The same beside a controller that runs in Python."""
-
-    controller: Any
-    zigzag: ZigZagTable
-
-
-def _both(
-    table: Any, state: Any, eta: Array, nu: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array,
-    tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    control_step(table.controller, state[0], eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
-    _add_moment(table.zigzag, state[1], eta, tau)
-
-
-CONTROLLERS[Beside] = lean_kernel(_both)
-CONTROLLERS[BesidePython] = _both
-
-
-def beside(controller: tuple[Any, Any], steered: tuple[ZigZagTable, Array]) -> tuple[Any, Any]:
-    """Parameters and state of a controller with the moment of a zig-zag added to its command."""
-    (parameters, state), (table, own) = controller, steered
-    compiled = hasattr(CONTROLLERS[type(parameters)], "py_func")
-    both = Beside if compiled else BesidePython
-    return both(parameters, table), (state, own)
-
-
-def zigzag(yaw: int, moment: float, turn: float, first: int) -> tuple[ZigZagTable, Array]:
-    """Parameters and initial state of the compiled step; steers to starboard first."""
-    return ZigZagTable(yaw, moment, turn, first), np.array([0.0, 1.0, 0.0])
 
 
 def _steerable(what: str, dofs: Sequence[str]) -> None:
@@ -123,7 +30,7 @@ def _steerable(what: str, dofs: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True)
-class Steered:
+class Steered(Mission):
     """A steady surge force, and after `approach_s` a yaw moment.
 
     Without `turn_deg` the moment stays: a turning circle. With it the moment changes sign each
@@ -138,7 +45,7 @@ class Steered:
     turn_deg: Positive | None
     approach_s: float
     duration_s: float
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     train_fraction: float
     loop: Literal["open", "closed"] = "open"
     offset: dict[str, float] | None = None
@@ -163,30 +70,23 @@ class Steered:
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof); a zig-zag's moment is steered."""
-        force = steady_force(self.offset, len(t), dofs)
+        force = steady_force(self.steady(), len(t), dofs)
         force[:, dofs.index("surge")] += self.surge_force_n
         if self.turn_deg is None:
             force[t >= self.approach_s - 1e-9, dofs.index("yaw")] += self.yaw_moment_nm
         return force
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """What stands in for the controller, in an open loop."""
-        if not self.open_loop:
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
+
+    def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
+        """The moment that changes sign; None in a turning circle."""
+        if self.turn_deg is None:
             return None
-        return open_loop() if self.turn_deg is None else self._zigzag(dofs, period_s)
-
-    def _zigzag(self, dofs: Sequence[str], period_s: float) -> tuple[ZigZagTable, Array]:
         first = round(self.approach_s / period_s)
-        turn = np.radians(self.turn_deg or 0.0)
-        return zigzag(dofs.index("yaw"), self.yaw_moment_nm, float(turn), first)
-
-    def accompany(
-        self, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
-    ) -> tuple[Any, Any]:
-        """The controller of a closed loop, with the moment of a zig-zag beside it."""
-        if self.open_loop or self.turn_deg is None:
-            return controller
-        return beside(controller, self._zigzag(dofs, period_s))
+        turn = float(np.radians(self.turn_deg))
+        return ZigZag(dofs.index("yaw"), self.yaw_moment_nm, turn, first)
 
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part, and the rest."""
@@ -202,12 +102,12 @@ class Steered:
         within("surge_force_n", self.surge_force_n, limits, "surge")
         within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
         steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
-        for dof, value in (self.offset or {}).items():
+        for dof, value in self.steady().items():
             within(f"offset.{dof}", abs(value) + steered.get(dof, 0.0), limits, dof)
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(Mission):
     """Runs at constant velocities, there and back, under control. Hoyer (2021), Table 5.2.
 
     `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`), then
@@ -221,7 +121,7 @@ class ConstantVelocity:
     run_s: Positive
     rest_s: Positive
     axes: tuple[str, ...]  # what the vessel has
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
@@ -270,6 +170,10 @@ class ConstantVelocity:
                 moved = velocity * (there - back) * (pair == i)
                 setpoints[:, self.axes.index(name)] += moved
         return Timetable(setpoints), np.zeros(1)
+
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
 
     def split(self, t: Array) -> Split:
         """Training and testing samples, by pairs of runs."""

@@ -1,88 +1,119 @@
 """What a vessel is sent to do: way-points on a timetable, line of sight, the same again."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import (
     LineOfSight,
-    ReferenceFilter,
-    Timetable,
+    Reference,
     step_setpoints,
     straight_line_setpoints,
 )
+from seatrial.models.excitation.open_loop import Steering, ZigZag, beside, open_loop
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 
+NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
 
-class Mission(Protocol):
-    """A guidance law with a reference filter and a duration."""
 
-    @property
-    def duration_s(self) -> float:
-        """Length of the mission [s]."""
-        ...
+class Evaluation(ABC):
+    """What a controller is judged by: a mission, or the excitation once more."""
 
-    @property
-    def reference_filter(self) -> ReferenceFilter:
-        """Filter between set-point and reference."""
-        ...
-
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Parameters and initial state of the compiled guidance step."""
-        ...
-
-    def check(self, dofs: Sequence[str]) -> None:
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - nothing to refuse
         """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
-        ...
+
+    @abstractmethod
+    def mission(self, excitation: "Mission") -> "Mission":
+        """What is sailed after this excitation."""
+
+    def skip_reason(self, excitation: "Mission") -> str | None:
+        """Why nothing is sailed after this excitation; None where something is."""
+        return None
 
 
-class Exciting(Protocol):
-    """A mission that applies a force of its own, in an open loop or beside the controller."""
+class Mission(Evaluation):
+    """What is sailed: a guidance law with a reference model, and forces beside the controller.
+
+    It excites a vessel, or evaluates a controller, or both. `duration_s` [s] is its length,
+    `reference_filter` stands between set-point and reference.
+    """
+
+    if TYPE_CHECKING:  # a property would be taken for the default of a field of that name
+
+        @property
+        def duration_s(self) -> float:
+            """Length of the mission [s]."""
+            ...
+
+        @property
+        def reference_filter(self) -> Reference:
+            """The reference model between set-point and controller."""
+            ...
+
+    @abstractmethod
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """Parameters and initial state of the guidance step, for times t [s] from a pose."""
 
     @property
     def open_loop(self) -> bool:
         """Whether no controller takes part."""
-        ...
+        return False
 
-    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
-        """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
-        ...
+    @property
+    def start(self) -> Array | None:
+        """The pose that it begins at, shape (n_dof,); None is the origin."""
+        return None
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """Parameters and initial state of a step in the controller's place, where there is one."""
-        ...
+    def steady(self) -> Mapping[str, float]:
+        """A force [N, Nm] that acts all the time, by degree of freedom."""
+        return {}
+
+    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array | None:
+        """Force [N, Nm] added to the command at the times t [s], shape (N, n_dof); None: none."""
+        steady = self.steady()
+        return steady_force(steady, len(t), dofs) if steady else None
+
+    def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
+        """The moment of a zig-zag, where it has one."""
+        return None
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
+        """What stands in the controller's place in an open loop; None in a closed one."""
+        if not self.open_loop:
+            return None
+        zigzag = self.zigzag(dofs, period_s)
+        return open_loop() if zigzag is None else beside(open_loop(), zigzag)
+
+    def accompany(self, dofs: Sequence[str], period_s: float, controller: Steering) -> Steering:
+        """A controller's parameters and state, with what the mission steers beside it."""
+        zigzag = None if self.open_loop else self.zigzag(dofs, period_s)
+        return controller if zigzag is None else beside(controller, zigzag)
+
+    def split(self, t: Array) -> Split:
+        """Which samples are for training and which for testing."""
+        return half(len(t))
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
         """Raise ConfigurationError where a force exceeds what the thrusters can give [N, Nm]."""
-        ...
+        for dof, value in self.steady().items():
+            within(f"offset.{dof}", value, limits, dof)
+
+    def mission(self, excitation: "Mission") -> "Mission":
+        """Itself, whatever the excitation."""
+        return self
 
 
-def is_open_loop(mission: Mission) -> bool:
-    """Whether a mission is sailed without a controller."""
-    return bool(getattr(mission, "open_loop", False))
-
-
-def added_force(
-    mission: Mission, t: Array, dofs: Sequence[str], rng: np.random.Generator
-) -> Array | None:
-    """The force of a mission that has one, shape (N, n_dof)."""
-    exciting: Any = mission
-    if hasattr(mission, "force"):
-        force: Array = exciting.force(t, dofs, rng)
-        return force
-    offset = getattr(mission, "offset", None)
-    return steady_force(offset, len(t), dofs) if offset else None
-
-
-def steady_force(offset: Mapping[str, float] | None, n: int, dofs: Sequence[str]) -> Array:
+def steady_force(offset: Mapping[str, float], n: int, dofs: Sequence[str]) -> Array:
     """A constant force [N, Nm] given by degree of freedom, shape (n, n_dof)."""
-    return np.tile([(offset or {}).get(dof, 0.0) for dof in dofs], (n, 1))
+    return np.tile([offset.get(dof, 0.0) for dof in dofs], (n, 1))
 
 
 def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> None:
@@ -103,40 +134,6 @@ def within(name: str, value: float, limits: Mapping[str, float], dof: str) -> No
         )
 
 
-def start_of(mission: Mission, dofs: Sequence[str]) -> Array:
-    """The pose that a mission begins at, shape (n_dof,): the origin, unless it says otherwise."""
-    return np.array(getattr(mission, "start", np.zeros(len(dofs))))
-
-
-def steering(
-    mission: Mission, dofs: Sequence[str], period_s: float
-) -> tuple[NamedTuple, Array] | None:
-    """What a mission puts in the controller's place."""
-    exciting: Any = mission
-    return exciting.steering(dofs, period_s) if hasattr(mission, "steering") else None
-
-
-def accompanied(
-    mission: Mission, dofs: Sequence[str], period_s: float, controller: tuple[Any, Any]
-) -> tuple[Any, Any]:
-    """A controller's parameters and state, with what a mission steers beside it."""
-    exciting: Any = mission
-    if not hasattr(mission, "accompany"):
-        return controller
-    both: tuple[Any, Any] = exciting.accompany(dofs, period_s, controller)
-    return both
-
-
-def check_limits(mission: Mission, limits: Mapping[str, float], period_s: float) -> None:
-    """Refuse a mission whose force exceeds the thrusters' limits [N, Nm], by degree of freedom."""
-    exciting: Any = mission
-    if hasattr(mission, "check_limits"):
-        exciting.check_limits(limits, period_s)
-    else:
-        for dof, value in (getattr(mission, "offset", None) or {}).items():
-            within(f"offset.{dof}", value, limits, dof)
-
-
 def _planar_only(what: str, dofs: Sequence[str]) -> None:
     if tuple(dofs) != PLANAR:
         raise ConfigurationError(
@@ -145,7 +142,7 @@ def _planar_only(what: str, dofs: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True)
-class Waypoints:
+class Waypoints(Mission):
     """A new way-point (north [m], east [m], heading [deg], unwrapped) every `interval_s`.
 
     `reference: line` moves the set-point on straight lines at the given speed and turn rate
@@ -158,7 +155,7 @@ class Waypoints:
     reference: Literal["line", "step"]
     speed_m_s: Positive
     turn_rate_rad_s: Positive
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
@@ -185,6 +182,10 @@ class Waypoints:
             )
         return Timetable(np.ascontiguousarray(setpoints)), np.zeros(1)
 
+    def steady(self) -> Mapping[str, float]:
+        """The offset."""
+        return self.offset or {}
+
     def split(self, t: Array) -> Split:
         """Training and testing samples: the lap's first part, and the rest."""
         return half(len(t), self.train_fraction)
@@ -196,11 +197,11 @@ class Waypoints:
 
 
 @dataclass(frozen=True)
-class Operation:
+class Operation(Mission):
     """Line of sight through way-points with an unrolled heading. Jervan, section 4.5.4."""
 
     sight: LineOfSight
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     duration_s: Positive
 
     def __post_init__(self) -> None:
@@ -216,11 +217,16 @@ class Operation:
 
 
 @dataclass(frozen=True)
-class Replay:
+class Replay(Evaluation):
     """The identification trajectory again, under the same weather."""
 
-    def check(self, dofs: Sequence[str]) -> None:
-        """What could be sailed once can be sailed again."""
+    def mission(self, excitation: Mission) -> Mission:
+        """The excitation: what could be sailed once can be sailed again."""
+        return excitation
+
+    def skip_reason(self, excitation: Mission) -> str | None:
+        """An open loop has no reference to be judged by."""
+        return NO_REFERENCE if excitation.open_loop else None
 
 
 def check_fraction(fraction: float) -> None:

@@ -17,13 +17,15 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.candidates import Believed, Design
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.excitation.open_loop import Steering
 from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Pace, Primitive
@@ -31,6 +33,7 @@ from seatrial.models.planning.planner import Plan, Task, plan
 from seatrial.models.planning.waters import Corners, Waters
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
@@ -132,7 +135,7 @@ def _followed(pair: list[Part], poses: Array, force: Array) -> list[Part]:
 
 
 @dataclass(frozen=True)
-class Mix:
+class Mix(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
     `design`: optimal, by the believed model of `vessel`, or random, drawn with `draw_seed` from a
@@ -141,7 +144,7 @@ class Mix:
     order and what lies between follow from a plan.
     """
 
-    candidates: dict[str, Any]
+    candidates: dict[str, Mission]
     sub_experiments: PositiveInt
     design: Literal["optimal", "random"]
     repeats: PositiveInt
@@ -155,7 +158,7 @@ class Mix:
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
-    reference_filter: ReferenceFilter
+    reference_filter: Reference
     period_s: Positive
 
     def __post_init__(self) -> None:
@@ -258,7 +261,7 @@ class Mix:
         """Force of the manoeuvres [N, Nm] at the times t [s], shape (N, n_dof)."""
         return self.schedule.force()[: len(t)]
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
         """What stands in for the controller."""
         return self.schedule.steering(self.feedback, self._limits)
 

@@ -7,13 +7,14 @@ manoeuvre and its stop is then what the plan's vessel needed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.manoeuvres import OpenLoop, ZigZagTable
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.excitation.open_loop import Beside, OpenLoop, counter_steer
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
@@ -23,22 +24,6 @@ from seatrial.models.vessel.kinematics import in_body, wrap_kernel
 OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3
 Kind = Literal["manoeuvre", "stop", "passage"]
 Role = Literal["training", "testing", "none"]
-
-
-class Manoeuvre(Protocol):
-    """What an excitation offers that needs no controller."""
-
-    def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
-        """Force [N, Nm] at the times t [s], shape (N, n_dof)."""
-        ...
-
-    def steering(self, dofs: Sequence[str], period_s: float) -> tuple[NamedTuple, Array] | None:
-        """Parameters and initial state of a step in the controller's place, where there is one."""
-        ...
-
-    def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +82,7 @@ def _sequence(
     if mode == ZIGZAG:
         if state[3] == 0.0:
             state[1], state[2], state[3] = 1.0, eta[table.yaw], 1.0
-        if state[1] * (eta[table.yaw] - state[2]) >= table.turn[k]:
-            state[1] = -state[1]
-        tau[table.yaw] = state[1] * table.moment[k]
+        tau[table.yaw] = counter_steer(state, eta[table.yaw], table.moment[k], table.turn[k])
     else:
         state[3] = 0.0
     if mode >= STOP:
@@ -128,7 +111,7 @@ class Schedule:
     """Parts on the instants of one control period, for a vessel in surge, sway and yaw."""
 
     parts: tuple[Part, ...]
-    manoeuvres: dict[str, Manoeuvre]
+    manoeuvres: dict[str, Mission]
     dofs: tuple[str, ...]
     period_s: float
 
@@ -156,7 +139,8 @@ class Schedule:
             t = self.period_s * np.arange(part.count, dtype=np.float64)
             seed = list(self.manoeuvres).index(part.name)
             rng = np.random.default_rng(seed)
-            pieces.append(self.manoeuvres[part.name].force(t, self.dofs, rng))
+            force = self.manoeuvres[part.name].force(t, self.dofs, rng)
+            pieces.append(np.zeros((part.count, len(self.dofs))) if force is None else force)
         return np.ascontiguousarray(np.concatenate(pieces))
 
     def steering(self, gains: Gains, limits: Array) -> tuple[SequenceTable, Array]:
@@ -173,11 +157,11 @@ class Schedule:
             if part.kind != "manoeuvre":
                 mode[here] = STOP
                 continue
-            steered = self.manoeuvres[part.name].steering(self.dofs, self.period_s)
-            if steered is not None and isinstance(steered[0], ZigZagTable):
-                from_here = slice(first + steered[0].first, first + part.count)
+            zigzag = self.manoeuvres[part.name].zigzag(self.dofs, self.period_s)
+            if zigzag is not None:
+                from_here = slice(first + zigzag.first, first + part.count)
                 mode[from_here] = ZIGZAG
-                moment[from_here], turn[from_here] = steered[0].moment, steered[0].turn
+                moment[from_here], turn[from_here] = zigzag.moment, zigzag.turn
         table = SequenceTable(
             mode, moment, turn, poses, velocities, np.array(gains.kp), np.array(gains.kd), limits,
             self.dofs.index("yaw"),
@@ -194,11 +178,11 @@ def body_velocities(poses: Array, period_s: float) -> Array:
     return rate
 
 
-def check_open(name: str, manoeuvre: Manoeuvre, dofs: Sequence[str], period_s: float) -> None:
+def check_open(name: str, manoeuvre: Mission, dofs: Sequence[str], period_s: float) -> None:
     """Refuse a candidate that needs a controller."""
     manoeuvre.check(dofs)
-    steered = manoeuvre.steering(dofs, period_s) if hasattr(manoeuvre, "steering") else None
-    if steered is None or not isinstance(steered[0], OpenLoop | ZigZagTable):
+    steered = manoeuvre.steering(dofs, period_s)
+    if steered is None or not isinstance(steered[0], OpenLoop | Beside):
         raise ConfigurationError(
             f"excitation.candidates.{name}: is sailed by a controller, expected an open loop"
         )

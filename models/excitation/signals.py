@@ -4,9 +4,9 @@ The thesis calls its pulses ramps; only rectangular pulses of 20 s with 10 s of 
 reproduce its figures. Times t [s], forces [N].
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -55,16 +55,16 @@ def many_sine(t: Array) -> Array:
     return sines(t, (10.0,) * len(SINE_PERIODS_S), SINE_PERIODS_S)
 
 
-class Signal(Protocol):
+class Signal(ABC):
     """A signal that can differ from axis to axis."""
 
+    @abstractmethod
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
         """Values at the times t [s] from the start, shape (N,), for one of `count` axes."""
-        ...
 
 
 @dataclass(frozen=True)
-class Pulses:
+class Pulses(Signal):
     """Pulses of the given heights, each after a rest, and a rest at the end.
 
     Hoyer (2021), section 6.3: the thesis calls them ramps, but only pulses of 20 s with 10 s of
@@ -79,7 +79,7 @@ class Pulses:
 
 
 @dataclass(frozen=True)
-class Sines:
+class Sines(Signal):
     """sum_i a_i sin(2 pi t / P_i), the same on every axis. Hoyer (2021), eq. (6.6)."""
 
     amplitudes: tuple[float, ...]
@@ -98,7 +98,7 @@ class Sines:
 
 
 @dataclass(frozen=True)
-class Prbs:
+class Prbs(Signal):
     """A pseudo-random binary signal, +-1 held for `shortest_s` to `longest_s`.
 
     Every axis has its own. Bargouth (2022), appendix O (`prbs1`).
@@ -120,7 +120,7 @@ class Prbs:
 
 
 @dataclass(frozen=True)
-class Multisine:
+class Multisine(Signal):
     """Sines of equal size between two frequencies, of a low crest factor; peak 1.
 
     The lines are multiples of one over the signal's length; of several axes each has its own
@@ -143,7 +143,7 @@ class Multisine:
 
 
 @dataclass(frozen=True)
-class Steady:
+class Steady(Signal):
     """One, all the time."""
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
@@ -186,7 +186,7 @@ def multisine(t: Array, lowest_hz: float, highest_hz: float, first: int, every: 
 
 
 @dataclass(frozen=True)
-class Legs:
+class Legs(Signal):
     """Legs of equal length, each a push and a counter-push: a 4-corner test without a controller.
 
     A leg is a share of the amplitude by axis, such as (1, 0, 0) ahead.
@@ -212,7 +212,7 @@ class Legs:
 
 
 @dataclass(frozen=True)
-class Ramp:
+class Ramp(Signal):
     """A force that grows from nothing to its peak and falls back, linearly."""
 
     length_s: Positive  # up and down
@@ -226,7 +226,7 @@ class Ramp:
 
 
 @dataclass(frozen=True)
-class Shared:
+class Shared(Signal):
     """A signal with a share of its amplitude on every axis."""
 
     signal: Signal

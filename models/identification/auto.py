@@ -16,16 +16,17 @@ whole training part.
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
-    Finding,
     Identified,
     Identifier,
+    Needs,
     Problem,
     check_force,
 )
@@ -40,7 +41,7 @@ LOST = 1.0  # error of a block on which a candidate fails
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(Identifier):
     """A list of identifiers, of which cross-validation picks one.
 
     `candidates` maps names to identifiers, the simplest first; `folds` blocks; `horizon_s` [s] is
@@ -48,7 +49,7 @@ class Auto:
     is simulated under, as for `ls`.
     """
 
-    candidates: dict[str, Any]
+    candidates: dict[str, Identifier]
     folds: Annotated[int, Ge(2)]
     horizon_s: Positive
     force: str | None
@@ -62,12 +63,14 @@ class Auto:
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Refuse what one of the candidates refuses."""
         for name, candidate in self.candidates.items():
-            refuse = getattr(candidate, "check", None)
-            if refuse is not None:
-                try:
-                    refuse(nominal, thruster, measured)
-                except ConfigurationError as error:
-                    raise ConfigurationError(f"identifier.candidates.{name}: {error}") from error
+            try:
+                candidate.check(nominal, thruster, measured)
+            except ConfigurationError as error:
+                raise ConfigurationError(f"identifier.candidates.{name}: {error}") from error
+
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify with the candidate that cross-validation picks.
@@ -80,14 +83,14 @@ class Auto:
             for (name, candidate), seed in zip(self.candidates.items(), seeds, strict=True)
         }
         chosen = one_standard_error(errors)
-        found: Identified = self.candidates[chosen].identify(problem, rng)
+        found = self.candidates[chosen].identify(problem, rng)
         return replace(found, findings=(*found.findings, *_findings(errors, chosen)))
 
     def _errors(self, candidate: Identifier, problem: Problem, seed: int) -> Array:
         """Free-run error on each block left out, shape (folds,); infinite where it fails."""
         training = problem.training
         scale = np.std(training.nu, axis=0)
-        quick = without_bootstrap(candidate)
+        quick = candidate.without_bootstrap()
         errors = np.full(self.folds, LOST)
         for i, split in enumerate(blocked_k_fold(len(training), self.folds)):
             part = training.part(split.train)
@@ -107,11 +110,6 @@ class Auto:
         horizon = max(round(self.horizon_s / block.period_s), 2)
         rmse, limited = prediction(model, block, thruster, self.force, horizon).ahead(None)
         return LOST if limited else float(np.mean(rmse[len(scale) :] / scale))
-
-
-def without_bootstrap(candidate: Any) -> Any:
-    """The candidate without the standard errors that a cross-validation does not look at."""
-    return replace(candidate, bootstrap=None) if hasattr(candidate, "bootstrap") else candidate
 
 
 def one_standard_error(errors: dict[str, Array]) -> str:

@@ -18,8 +18,9 @@ import numpy as np
 from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.sampled_data import Output, Sampled, sampled
 from seatrial.models.identification.state_space_findings import (
     fit_findings,
@@ -41,7 +42,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 
 @dataclass(frozen=True)
-class Dsr:
+class Dsr(Identifier):
     """DSR with L rows in the Hankel matrices and J past samples.
 
     `order` is a number, `physical` (two states a degree of freedom) or `gap` (the largest gap of
@@ -92,6 +93,18 @@ class Dsr:
         if self.force == "filtered" and thruster is None:
             raise ConfigurationError("identifier.force: got filtered, but the lag is not known")
 
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
+
+    def model_period_s(self, sample_time_s: float) -> float:
+        """Its own, or the recording's."""
+        return self.period_s or sample_time_s
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
+
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The state-space model, and the vessel that is its physical form."""
         nominal, dofs = problem.nominal, problem.nominal.dofs
@@ -113,7 +126,10 @@ class Dsr:
         findings += model_findings(model, self.markov_parameters, dofs)
         findings += fit_findings(model, self._sampled(problem.validation, nominal), dofs)
         steered = _by_forces(model, len(dofs))
-        return Identified(vessel, vessel - nominal, errors, tuple(findings), state_space=steered)
+        return Identified(
+            vessel, vessel - nominal, errors, tuple(findings), state_space=model,
+            control_model=steered,
+        )  # fmt: skip
 
     def _extra(self, nominal: Vessel) -> tuple[Term, ...]:
         if self.extra_terms != "physical":

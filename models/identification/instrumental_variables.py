@@ -23,8 +23,9 @@ from typing import Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.linear import qr
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
     NED_COLUMNS,
@@ -204,6 +205,10 @@ class InstrumentalVariables(ResidualOptions):
         _refuse_nonsense(problem.nominal + residual)
         errors = found.table(self._errors(found, rng), np.nan)
         return Identified(problem.nominal + residual, residual, errors, found.findings)
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def _errors(self, found: Estimate, rng: np.random.Generator) -> Array:
         """Standard errors of what was kept, shape (n_kept, n_dof)."""

@@ -7,12 +7,13 @@ is exact on noise-free data. The ridge pulls towards the nominal model; its pena
 generalised cross-validation of Golub, Heath and Wahba (1979), Technometrics 21, 215-223.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -21,7 +22,7 @@ from seatrial.models.identification.linear import (
     fit,
     standard_errors,
 )
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,
@@ -95,6 +96,10 @@ class LeastSquares(ResidualOptions):
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
         return Identified(problem.nominal + residual, residual, errors, findings)
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def solve(
         self, samples: Samples, dofs: tuple[str, ...]

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.problem import Finding, Identified, Problem, check_force
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Needs,
+    Problem,
+    check_force,
+)
 from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
 from seatrial.models.notation import PLANAR, POSE_UNIT
@@ -31,7 +38,7 @@ ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
 
 
 @dataclass(frozen=True)
-class Linearised:
+class Linearised(Identifier):
     """The tangent of the nominal model at `velocity` [m/s, rad/s], by degree of freedom.
 
     `operating_force: false` keeps the slopes and leaves out the force at that velocity, as
@@ -58,6 +65,10 @@ class Linearised:
                 f"{', '.join(nominal.dofs)}"
             )
 
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
+
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The linear table and its sampled state-space model, with how well that one runs."""
         nominal, held_out = problem.nominal, problem.validation
@@ -75,7 +86,7 @@ class Linearised:
             *free_run_findings(model, data, held_out),
         )
         table = replace(table, name="identified")
-        return Identified(table, table - nominal, findings=findings)
+        return Identified(table, table - nominal, findings=findings, state_space=model)
 
 
 def parted(table: Vessel) -> tuple[Vessel, Vessel]:

@@ -7,7 +7,7 @@ point. Beyond the thesis the chosen point can be polished by least squares (`out
 also gives standard errors; a front has none.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
 from seatrial.models.identification.genetic_algorithm import Operators
 from seatrial.models.identification.multiobjective_search import (
@@ -35,7 +36,7 @@ from seatrial.models.identification.output_error import (
 )
 from seatrial.models.identification.prediction_fit import Errors, Uncertainty
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -218,6 +219,10 @@ class Nsga2(PredictionOptions):
         findings += objective_findings(objectives, point)
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     @property
     def uncertainty(self) -> Uncertainty:

@@ -17,9 +17,10 @@ import numpy as np
 from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Fit,
@@ -22,7 +23,7 @@ from seatrial.models.identification.prediction_fit import (
     fit,
 )
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -106,6 +107,10 @@ class OutputError(PredictionOptions):
         findings = [Finding("condition_number", "all", condition), *covariance]
         findings += fit_findings(predictor, found)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def fitted(self, problem: Problem) -> tuple[Predictor, Fit]:
         """The fit over the last horizon, and its predictor."""

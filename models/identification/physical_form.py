@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import logm
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.notation import accelerations_of, velocities_of
@@ -83,8 +84,6 @@ def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
 
 def continuous(model: StateSpace) -> tuple[Array, Array]:
     """A_c and B_c whose zero-order hold is A and B; IdentificationError where there is none."""
-    from scipy.linalg import logm
-
     eigenvalues, period = model.eigenvalues, float(model.period_s or 1.0)
     negative = (eigenvalues.real < 0.0) & (np.abs(eigenvalues.imag) < REAL)
     if np.any(negative) or np.min(np.abs(eigenvalues)) < SINGULAR:

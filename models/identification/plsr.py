@@ -6,11 +6,12 @@ thesis does, on the held-out part itself (`selection: test`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.findings import Finding
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -24,7 +25,7 @@ from seatrial.models.identification.kernel_pls import (
     mean_squares,
     output_moment,
 )
-from seatrial.models.identification.problem import Finding, Identified, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
@@ -50,6 +51,10 @@ class PartialLeastSquares(ResidualOptions):
         super().__post_init__()
         check_folds(self.folds)
         check_bootstrap(self.bootstrap, self.block_s)
+
+    def without_bootstrap(self) -> Identifier:
+        """The same without replicates."""
+        return replace(self, bootstrap=None)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the constant."""

@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.identification.problem import Finding
 from seatrial.models.identification.uncertainty import (
     block_bootstrap,
     check_bootstrap,

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.free_run import (
     METRICS,
     Course,
@@ -27,7 +28,7 @@ from seatrial.models.identification.free_run import (
     predicted_layout,
     prediction_errors,
 )
-from seatrial.models.identification.problem import Finding, Identified, NoIdentifier, Problem
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.plant_table import PlantTable
 
 WAYS = ("without JIT", "with JIT", "with JIT, many at once")
@@ -44,7 +45,7 @@ class Task(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PredictionTimes:
+class PredictionTimes(Identifier):
     """Times n predictions of the training part by the nominal model, which it gives back.
 
     `calls` are the numbers n, `interpreted_calls` those without JIT, which is slow.

@@ -20,7 +20,7 @@ from seatrial.models.identification.free_run import (
     prediction_errors,
     spread,
 )
-from seatrial.models.identification.problem import Problem, check_force
+from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel import basis
@@ -112,7 +112,7 @@ def _canonical(label: str) -> str:
 
 
 @dataclass(frozen=True)
-class PredictionOptions:
+class PredictionOptions(Identifier):
     """What the identifiers that compare predictions with a recording have in common.
 
     `parameters` are the free coefficients as `dof.term` (null: the nominal table's nonzero ones);
@@ -151,6 +151,10 @@ class PredictionOptions:
                 )
         spelled = {_canonical(label): pair for label, pair in self.bounds.items()}
         object.__setattr__(self, "bounds", spelled)
+
+    def needs(self) -> Needs:
+        """The force."""
+        return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def free(self, nominal: Vessel) -> FreeParameters:
         """The free parameters of a vessel."""

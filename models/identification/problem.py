@@ -1,12 +1,14 @@
 """What every identifier is given, and what it gives back."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.simulation.statespace import StateSpace
@@ -30,22 +32,6 @@ class Problem:
     thruster: SecondOrderLag | None  # the lag, where it is known
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One number of an identifier's diagnostics, stored as a `diagnostic` row.
-
-    For example name="order_mse", dof="surge", i=order; or a Pareto point: i=point, j=parameter.
-    """
-
-    name: str
-    dof: str
-    value: float
-    unit: str = ""
-    i: int | None = None
-    j: int | None = None
-    label: str | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Identified:
     """The identified model F1 = F0 + residual, with its uncertainty and diagnostics."""
@@ -55,15 +41,59 @@ class Identified:
     std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
     findings: tuple[Finding, ...] = field(default=())
     stages: tuple[Vessel, ...] = ()  # residual tables of each stage, where there were several
-    state_space: StateSpace | None = None  # where a linear model was identified
+    state_space: StateSpace | None = None  # a linear model with all its inputs, as it is stored
+    control_model: StateSpace | None = None  # of the forces alone, for controllers that take one
 
 
-class Identifier(Protocol):
+class Needs(NamedTuple):
+    """What an identifier needs beside the motion and the command."""
+
+    force: str | None = None  # commanded, filtered or actual; None: whichever there is
+    thruster_lag: bool = False  # to be known of the vessel
+    lowpass_hz: float | None = None  # filter that the sample time has to allow
+
+
+class Identifier(ABC):
     """An identifier: frozen options; fitting returns a new object."""
 
+    @abstractmethod
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the vessel; raises IdentificationError when the data do not determine it."""
-        ...
+
+    def check(  # noqa: B027 - nothing to refuse
+        self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool
+    ) -> None:
+        """Raise ConfigurationError for what cannot work with this vessel, before any work.
+
+        `measured`: the recording is of a file, and what only a simulation has is not there.
+        """
+
+    def needs(self) -> Needs:
+        """What has to be known of the vessel, or recorded."""
+        return Needs()
+
+    def model_period_s(self, sample_time_s: float) -> float | None:
+        """Sample time [s] of the state-space model for a controller; None: it gives a table."""
+        return None
+
+    def without_bootstrap(self) -> "Identifier":
+        """The same without the standard errors that take long, for a cross-validation."""
+        return self
+
+
+def check_needs(
+    needs: Needs, vessel: str, thruster: SecondOrderLag | None, recorded: Recording | None
+) -> None:
+    """Refuse an identifier that needs a force or a lag that is neither known nor recorded.
+
+    `recorded` is None where the recording is still to be simulated.
+    """
+    if needs.thruster_lag and thruster is None:
+        raise ConfigurationError(
+            f"identifier.force: got filtered, but {vessel} has no known thruster lag"
+        )
+    if needs.force == "actual" and recorded is not None:
+        recorded.force(needs.force)
 
 
 def choose_basis(
@@ -102,7 +132,7 @@ def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array
 
 
 @dataclass(frozen=True)
-class NoIdentifier:
+class NoIdentifier(Identifier):
     """Learns nothing: F1 = F0, a residual table without terms."""
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:

@@ -24,7 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.problem import Finding, Problem, choose_basis, lack_of_fit
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import (
+    Identifier,
+    Needs,
+    Problem,
+    choose_basis,
+    lack_of_fit,
+)
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -68,7 +75,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class ResidualOptions:
+class ResidualOptions(Identifier):
     """What an identifier of a residual table is told about its data.
 
     `basis`: full (Jervan's 31 terms), physical (the nominal model's own) or a list of terms, with
@@ -119,6 +126,11 @@ class ResidualOptions:
                         f"identifier.basis: term {one} has {name}, but {nominal.name} moves in "
                         f"{', '.join(nominal.dofs)}"
                     )
+
+    def needs(self) -> Needs:
+        """The force, by the vessel's own lag where that is to be known, and the low-pass."""
+        lag = self.force == "filtered" and self.thruster == "known"
+        return Needs(self.force, lag, self.lowpass_hz)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel."""

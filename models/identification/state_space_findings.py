@@ -7,16 +7,14 @@ from the first sample show the bias.
 
 import numpy as np
 
+from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm
-from seatrial.models.identification.problem import Finding
 from seatrial.models.identification.sampled_data import Sampled, stretches
 from seatrial.models.identification.subspace import Realisation
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
 from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
-
-MATRICES = ("A", "B", "C", "D", "K", "F")
 
 
 def realisation_findings(found: Realisation) -> list[Finding]:
@@ -36,21 +34,12 @@ def realisation_findings(found: Realisation) -> list[Finding]:
 
 
 def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[Finding]:
-    """Every matrix entry, the eigenvalues, and the Markov parameters up to a lag.
+    """The eigenvalues, and the Markov parameters up to a lag.
 
-    i and j of a matrix are its row and column; of a Markov parameter the lag and the input, its
-    dof the output; of an eigenvalue i counts them, the largest magnitude first.
+    i and j of a Markov parameter are the lag and the input, its dof the output; of an eigenvalue
+    i counts them, the largest magnitude first.
     """
     listed = []
-    for name in MATRICES:
-        matrix = getattr(model, name)
-        if matrix is not None:
-            listed += [
-                Finding(name, "all", float(value), i=i + 1, j=j + 1)
-                for (i, j), value in np.ndenumerate(matrix)
-            ]
-    if model.x0 is not None:
-        listed += [Finding("x0", "all", float(v), i=i) for i, v in enumerate(model.x0, start=1)]
     for i, value in enumerate(model.eigenvalues, start=1):
         listed.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
         listed.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError, IdentificationError
@@ -74,8 +75,6 @@ def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
     Noise that leaves some state alone has no stabilising solution, or one that cannot be computed:
     then a little more is added to all states.
     """
-    from scipy.linalg import solve_discrete_are
-
     size = max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
     for share in FLOORS:
         try:

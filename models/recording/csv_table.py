@@ -145,7 +145,7 @@ def _text(path: Path) -> str:
     except FileNotFoundError as error:
         raise RecordingError(f"{path}: there is no such file, expected a CSV file") from error
     except (OSError, ValueError) as error:  # ValueError: a path with a null character
-        reason = getattr(error, "strerror", None) or str(error)
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         shown = str(path).replace("\0", "\\0")
         raise RecordingError(f"{shown}: cannot be read ({reason}), expected a CSV file") from error
     if b"\0" in data:

@@ -22,6 +22,7 @@ from seatrial.models.recording.preprocessing import (
     outliers,
     without_bias,
 )
+from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
@@ -42,7 +43,7 @@ class Outliers:
 
 
 @dataclass(frozen=True)
-class RecordedFile:
+class RecordedFile(Reader):
     """A measured CSV file as excitation: read, checked and cut, not simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first

@@ -16,12 +16,12 @@ candidates side by side. So no branch here may depend on the state: `where` choo
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload, register_jitable
 
-from seatrial.models.compiled import LEAN, lean_kernel
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import where
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array
 from seatrial.models.vessel.kinematics import (
@@ -32,7 +32,7 @@ from seatrial.models.vessel.kinematics import (
     quaternion_rate_kernel,
 )
 from seatrial.models.vessel.plant_table import PlantTable
-from seatrial.models.vessel.pose import Axes, Euler, Planar, Quaternion, normalise
+from seatrial.models.vessel.pose import Axes, Euler, Kinematics, Planar, Quaternion, normalise
 from seatrial.models.vessel.table import fill_air_kernel
 from seatrial.models.vessel.thruster import LagTable, step_lag_kernel
 from seatrial.models.weather.weather import Weather
@@ -92,7 +92,7 @@ def scratch(n_dof: int, n_pose: int) -> Scratch:
 
 
 def rates(
-    kinematics: Any, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    kinematics: Kinematics, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
     k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
     """Write eta_dot and nu_dot under the force tau and row k of the weather."""
@@ -101,14 +101,14 @@ def rates(
 
 @overload(rates, jit_options=LEAN)
 def _rates(
-    kinematics: Any, plant: Any, eta: Any, nu: Any, tau: Any, weather: Any, k: Any, work: Any,
-    eta_dot: Any, nu_dot: Any,
-) -> Any:  # fmt: skip
-    step = RATES[kinematics.instance_class]
+    kinematics: Kinematics, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> Callable[..., None]:  # fmt: skip
+    step = RATES[tuple_of(kinematics)]
 
     def chosen(
-        kinematics: Any, plant: Any, eta: Any, nu: Any, tau: Any, weather: Any, k: Any, work: Any,
-        eta_dot: Any, nu_dot: Any,
+        kinematics: Kinematics, plant: PlantTable, eta: Array, nu: Array, tau: Array,
+        weather: Weather, k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
     ) -> None:  # fmt: skip
         step(kinematics, plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
 
@@ -349,8 +349,8 @@ def _weigh(
 
 @lean_kernel
 def step(
-    kinematics: Any, plant: PlantTable, force: Array, eta: Array, nu: Array, weather: Weather,
-    k: int, h: float, euler: bool, limit: float, work: Scratch,
+    kinematics: Kinematics, plant: PlantTable, force: Array, eta: Array, nu: Array,
+    weather: Weather, k: int, h: float, euler: bool, limit: float, work: Scratch,
 ) -> None:  # fmt: skip
     """One step of pose and velocity, in place, under row k of the weather.
 
@@ -373,8 +373,8 @@ def step(
 
 @lean_kernel
 def advance(
-    kinematics: Any, plant: PlantTable, lag: LagTable, thrust: Array, command: Array, eta: Array,
-    nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
+    kinematics: Kinematics, plant: PlantTable, lag: LagTable, thrust: Array, command: Array,
+    eta: Array, nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
     euler: bool = False,
 ) -> None:  # fmt: skip
     """Advance pose, velocity and (exactly) thrust (n_dof, 2) over one control period.

@@ -13,15 +13,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.compiled import lean_kernel
+from seatrial.models.compiled import in_python, is_compiled, lean_kernel
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.simulation.dynamics import Scratch, advance, rates, scratch
 from seatrial.models.simulation.registry import (
     CONTROLLERS,
+    Parameters,
+    State,
     control_step,
     guide_step,
     reference_step,
@@ -32,7 +34,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.plant_table import PlantTable
-from seatrial.models.vessel.pose import kinematics_of, pose_of, state_of
+from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, state_of
 from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
 
@@ -41,9 +43,9 @@ BLOCK = 2000  # control instants of the compiled loop that are timed together
 
 @lean_kernel
 def _observe(
-    k: int, plant: PlantTable, kinematics: Any, weather: Weather, guidance: Any,
-    guidance_state: Array, planar: bool, table: Any, reference: Array, thrust: Array, eta: Array,
-    nu: Array, limits: Array, work: Scratch, log: Log,
+    k: int, plant: PlantTable, kinematics: Kinematics, weather: Weather, guidance: Parameters,
+    guidance_state: Array, planar: bool, table: Parameters, reference: Array, thrust: Array,
+    eta: Array, nu: Array, limits: Array, work: Scratch, log: Log,
 ) -> bool:  # fmt: skip
     """Measure, log and ask for the reference at instant k; False when a limit was left."""
     n_dof = nu.shape[0]
@@ -81,11 +83,11 @@ def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
 
 @lean_kernel
 def _sail(
-    first: int, last: int, plant: PlantTable, kinematics: Any, lag: LagTable, allocation: Any,
-    weather: Weather, guidance: Any, guidance_state: Array, planar: bool, table: Any,
-    reference: Array, controller: Any, controller_state: Any, added: Array, thrust: Array,
-    eta: Array, nu: Array, limits: Array, h: float, substeps: int, euler: bool, work: Scratch,
-    log: Log,
+    first: int, last: int, plant: PlantTable, kinematics: Kinematics, lag: LagTable,
+    allocation: NamedTuple, weather: Weather, guidance: Parameters, guidance_state: Array,
+    planar: bool, table: Parameters, reference: Array, controller: Parameters,
+    controller_state: State, added: Array, thrust: Array, eta: Array, nu: Array, limits: Array,
+    h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
     """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
     for k in range(first, last):
@@ -118,7 +120,7 @@ class Watch:
     """
 
     every: int
-    look: Callable[[int, Log, Any, Any], Any]
+    look: Callable[[int, Log, Parameters, State], Parameters]
 
 
 def sail(
@@ -126,7 +128,7 @@ def sail(
     weather: Weather,
     guidance: tuple[NamedTuple, Array],
     reference_filter: NamedTuple,
-    controller: tuple[NamedTuple, Any],
+    controller: tuple[Parameters, State],
     start: Array,
     period_s: float,
     step_s: float,
@@ -203,10 +205,10 @@ def _loop(
 
     It begins with an empty stretch, so that compiling or loading it is not timed.
     """
-    compiled: Any = _sail
+    compiled: Callable[..., int] = _sail
     block = BLOCK
-    if not all(hasattr(step, "py_func") for step in steps):  # none has with numba disabled
-        compiled, block = getattr(compiled, "py_func", compiled), 1
+    if not all(is_compiled(step) for step in steps):
+        compiled, block = in_python(compiled), 1
     edges = {*range(0, n, block), n}
     if watch is not None:
         edges |= set(range(watch.every, n, watch.every))

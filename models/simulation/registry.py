@@ -6,13 +6,15 @@ whole loop compiles with it, and the same source runs in Python for one that can
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from numba.extending import overload
 
-from seatrial.models.compiled import lean_kernel
+from seatrial.models.compiled import lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
+Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
+State: TypeAlias = Any  # what a step keeps: an array, or a named tuple of arrays
 CONTROLLERS: dict[type, Callable[..., None]] = {}
 GUIDANCE: dict[type, Callable[..., None]] = {}
 REFERENCES: dict[type, Callable[..., None]] = {}
@@ -25,8 +27,14 @@ class FilterTable(NamedTuple):
     b: Array  # (3,)
 
 
+class Timetable(NamedTuple):
+    """Set-points known in advance, one row a control instant, shape (N, n_dof)."""
+
+    setpoints: Array
+
+
 def control_step(
-    parameters: Any, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    parameters: Parameters, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
     """One step of the controller registered for the type of `parameters`; writes tau, tau_fb."""
@@ -35,45 +43,47 @@ def control_step(
 
 @overload(control_step)
 def _control_step(
-    parameters: Any, state: Any, eta: Any, nu: Any, eta_d: Any, nu_d: Any, nu_dot_d: Any,
-    tau: Any, tau_fb: Any,
-) -> Any:  # fmt: skip
-    step = CONTROLLERS[parameters.instance_class]
+    parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> Callable[..., None]:  # fmt: skip
+    step = CONTROLLERS[tuple_of(parameters)]
 
     def chosen(
-        parameters: Any, state: Any, eta: Any, nu: Any, eta_d: Any, nu_d: Any, nu_dot_d: Any,
-        tau: Any, tau_fb: Any,
+        parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+        nu_dot_d: Array, tau: Array, tau_fb: Array,
     ) -> None:  # fmt: skip
         step(parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
 
     return chosen
 
 
-def guide_step(parameters: Any, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+def guide_step(parameters: Parameters, state: Array, k: int, eta: Array, setpoint: Array) -> None:
     """One step of the guidance law registered for the type of `parameters`; writes setpoint."""
     GUIDANCE[type(parameters)](parameters, state, k, eta, setpoint)
 
 
 @overload(guide_step)
-def _guide_step(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) -> Any:
-    step = GUIDANCE[parameters.instance_class]
+def _guide_step(
+    parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array
+) -> Callable[..., None]:
+    step = GUIDANCE[tuple_of(parameters)]
 
-    def chosen(parameters: Any, state: Any, k: Any, eta: Any, setpoint: Any) -> None:
+    def chosen(parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array) -> None:
         step(parameters, state, k, eta, setpoint)
 
     return chosen
 
 
-def reference_step(table: Any, state: Array, setpoint: Array) -> None:
+def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
     """Advance the reference model registered for the type of `table`; state (n_dof, 3)."""
     REFERENCES[type(table)](table, state, setpoint)
 
 
 @overload(reference_step)
-def _reference_step(table: Any, state: Any, setpoint: Any) -> Any:
-    step = REFERENCES[table.instance_class]
+def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callable[..., None]:
+    step = REFERENCES[tuple_of(table)]
 
-    def chosen(table: Any, state: Any, setpoint: Any) -> None:
+    def chosen(table: Parameters, state: State, setpoint: Array) -> None:
         step(table, state, setpoint)
 
     return chosen
@@ -90,3 +100,12 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
 
 
 REFERENCES[FilterTable] = _step_filter
+
+
+@lean_kernel
+def _follow_timetable(table: Timetable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = table.setpoints[k, i]
+
+
+GUIDANCE[Timetable] = _follow_timetable

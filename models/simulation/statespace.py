@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import expm, matrix_balance
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
@@ -204,8 +205,6 @@ def spectral_radius(A: Array) -> float:
 
 def zero_order_hold(A: Array, B: Array, period_s: float) -> tuple[Array, Array]:
     """exp(A h) and its integral times B: exact for inputs that are held over the period [s]."""
-    from scipy.linalg import expm
-
     n = len(A)
     block = np.zeros((n + B.shape[1], n + B.shape[1]))
     block[:n, :n], block[:n, n:] = A, B
@@ -220,8 +219,6 @@ def reachable_order(A: Array, B: Array) -> int:
     (a newton and a newton metre differ by 1e5 in a ship); every new block is orthogonal to what
     is reached already, so that powers of A do not either. Bargouth (2022), (3.32).
     """
-    from scipy.linalg import matrix_balance
-
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
     effect = B / scale[:, None]
     size = np.linalg.norm(effect, axis=0)

@@ -1,13 +1,15 @@
 """A simulated voyage: its log, what was measured of it, and what can be known of it ahead."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.registry import (
+    Parameters,
+    Timetable,
     reference_step,
 )
 from seatrial.models.vessel.basis import Array
@@ -98,7 +100,7 @@ def measured_wind(voyage: Voyage, weather: Weather) -> Array | None:
 
 @lean_kernel
 def _foresee(
-    planar: bool, table: Any, state: Array, setpoints: Array, eta_d: Array, nu_d: Array,
+    planar: bool, table: Parameters, state: Array, setpoints: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array,
 ) -> None:  # fmt: skip
     for k in range(setpoints.shape[0]):
@@ -112,10 +114,9 @@ def outlook(
 ) -> Outlook:  # fmt: skip
     """What can be known ahead: the reference of set-points on a timetable, and the weather's wind.
 
-    A guidance law knows its set-points in advance when its parameters have `setpoints`, shape
-    (N, n_dof).
+    Only a guidance law whose parameters are a `Timetable` knows its set-points in advance.
     """
-    setpoints = getattr(guidance, "setpoints", np.zeros((0, 0)))
+    setpoints = guidance.setpoints if isinstance(guidance, Timetable) else np.zeros((0, 0))
     eta_d = np.zeros_like(setpoints)
     state = np.zeros((len(start), 3))
     state[:, 0] = start

@@ -10,13 +10,13 @@ solver's. What cannot be reached is scaled, its direction kept.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from seatrial.models.compiled import LEAN, lean_kernel
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
@@ -48,16 +48,16 @@ ALLOCATIONS: dict[type, Callable[..., None]] = {
 }  # by the type of the thrusters' geometry, so that a simulation compiles the one it needs
 
 
-def allocate_step(table: Any, tau: Array, applied: Array) -> None:
+def allocate_step(table: NamedTuple, tau: Array, applied: Array) -> None:
     """The force [N, Nm] that is given for the force tau that is asked for, both (n_dof,)."""
     ALLOCATIONS[type(table)](table, tau, applied)
 
 
 @overload(allocate_step, jit_options=LEAN)
-def _allocate_step(table: Any, tau: Any, applied: Any) -> Any:
-    step = ALLOCATIONS[table.instance_class]
+def _allocate_step(table: NamedTuple, tau: Array, applied: Array) -> Callable[..., None]:
+    step = ALLOCATIONS[tuple_of(table)]
 
-    def chosen(table: Any, tau: Any, applied: Any) -> None:
+    def chosen(table: NamedTuple, tau: Array, applied: Array) -> None:
         step(table, tau, applied)
 
     return chosen

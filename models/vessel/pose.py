@@ -5,12 +5,12 @@ is compiled for the type of the one that it is given, without the others.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
-from seatrial.models.compiled import LEAN, lean_kernel
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
@@ -78,7 +78,7 @@ def state_of(kinematics: Kinematics, pose: Array) -> Array:
 
 
 @lean_kernel
-def _copy_pose(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+def _copy_pose(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
     for i in range(pose.shape[0]):
         pose[i] = eta[i]
 
@@ -96,7 +96,7 @@ POSES: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
+def pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
     """Write the pose over the degrees of freedom of a state.
 
     Angles become the turns that are nearest to those that stand in `pose` before.
@@ -105,17 +105,17 @@ def pose_of(kinematics: Any, eta: Array, frame: Array, pose: Array) -> None:
 
 
 @overload(pose_of, jit_options=LEAN)
-def _pose_of(kinematics: Any, eta: Any, frame: Any, pose: Any) -> Any:
-    step = POSES[kinematics.instance_class]
+def _pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> Callable[..., None]:
+    step = POSES[tuple_of(kinematics)]
 
-    def chosen(kinematics: Any, eta: Any, frame: Any, pose: Any) -> None:
+    def chosen(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
         step(kinematics, eta, frame, pose)
 
     return chosen
 
 
 @lean_kernel
-def _leave(kinematics: Any, eta: Array) -> None:
+def _leave(kinematics: Kinematics, eta: Array) -> None:
     pass
 
 
@@ -131,16 +131,16 @@ NORMS: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def normalise(kinematics: Any, eta: Array) -> None:
+def normalise(kinematics: Kinematics, eta: Array) -> None:
     """Give the quaternion of a state, where it has one, its length of one."""
     NORMS[type(kinematics)](kinematics, eta)
 
 
 @overload(normalise, jit_options=LEAN)
-def _normalise(kinematics: Any, eta: Any) -> Any:
-    step = NORMS[kinematics.instance_class]
+def _normalise(kinematics: Kinematics, eta: Array) -> Callable[..., None]:
+    step = NORMS[tuple_of(kinematics)]
 
-    def chosen(kinematics: Any, eta: Any) -> None:
+    def chosen(kinematics: Kinematics, eta: Array) -> None:
         step(kinematics, eta)
 
     return chosen
@@ -186,7 +186,7 @@ DEVIATIONS: dict[type, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def deviation(kinematics: Any, first: Array, second: Array, e: Array) -> None:
+def deviation(kinematics: Kinematics, first: Array, second: Array, e: Array) -> None:
     """Write what leads from one state of the pose to another, shape (n_dof,).
 
     Of positions the difference in NED, of an attitude in three angles the rotation vector of
@@ -196,10 +196,12 @@ def deviation(kinematics: Any, first: Array, second: Array, e: Array) -> None:
 
 
 @overload(deviation, jit_options=LEAN)
-def _deviation(kinematics: Any, first: Any, second: Any, e: Any) -> Any:
-    step = DEVIATIONS[kinematics.instance_class]
+def _deviation(
+    kinematics: Kinematics, first: Array, second: Array, e: Array
+) -> Callable[..., None]:
+    step = DEVIATIONS[tuple_of(kinematics)]
 
-    def chosen(kinematics: Any, first: Any, second: Any, e: Any) -> None:
+    def chosen(kinematics: Kinematics, first: Array, second: Array, e: Array) -> None:
         step(kinematics, first, second, e)
 
     return chosen

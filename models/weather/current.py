@@ -1,7 +1,7 @@
 """Current: the velocity of the water over ground."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -9,10 +9,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.weather.noise import first_order
+from seatrial.models.weather.weather import Stream
 
 
 @dataclass(frozen=True)
-class Current:
+class Current(Stream):
     """A horizontal current of a mean speed and the direction it sets to.
 
     `variation`: `constant`; `slow`, Gauss-Markov processes in north and east about the mean
@@ -28,6 +29,8 @@ class Current:
     deviation_m_s: NotNegative  # of each component, of `slow`
     time_constant_s: Positive  # of `slow`
     max_m_s: Positive
+
+    air: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_ranges(self)

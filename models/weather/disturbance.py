@@ -4,8 +4,9 @@ Noise has a generator of its own, the other parts share one and draw from it in 
 that is added or left out does not change what the others realise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,15 +15,12 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.current import Current
-from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise
-from seatrial.models.weather.waves import Waves
-from seatrial.models.weather.weather import Weather
-from seatrial.models.weather.wind import Wind
+from seatrial.models.weather.noise import MeasurementNoise
+from seatrial.models.weather.weather import Force, Noise, Part, Stream, Weather
 
 
 @dataclass(frozen=True)
-class ConstantForce:
+class ConstantForce(Force):
     """A force that is constant in NED. Jervan (2020), Table 4.16.
 
     A vessel that moves along one axis only meets its northward part.
@@ -31,6 +29,14 @@ class ConstantForce:
     north_n: float
     east_n: float
     moment_nm: float
+
+    varies: ClassVar[bool] = False
+
+    def realise(
+        self, n: int, dofs: Sequence[str], period_s: float, rng: np.random.Generator
+    ) -> Array:
+        """The same at every instant, shape (n, n_dof)."""
+        return np.tile(self.ned(dofs), (n, 1))
 
     def ned(self, dofs: Sequence[str]) -> Array:
         """The force over `dofs` [N, Nm], shape (n_dof,)."""
@@ -65,22 +71,30 @@ class ConstantForce:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A disturbance case, composed of parts; a part that is None is absent."""
+    """A disturbance case, composed of parts; a part that is None is absent.
+
+    `others` are parts beside the named ones, by any name.
+    """
 
     noise: MeasurementNoise | None = None
-    force: ConstantForce | None = None
-    wind: Wind | None = None
-    current: Current | None = None
-    waves: Waves | None = None
-    process: ProcessNoise | None = None
+    force: Force | None = None
+    wind: Stream | None = None
+    current: Stream | None = None
+    waves: Noise | None = None
+    process: Noise | None = None
+    others: dict[str, Part] | None = None
+
+    @property
+    def parts(self) -> tuple[Part | None, ...]:
+        """All but the measurement noise, in the order of their generators."""
+        named = (self.wind, self.current, self.waves, self.process, self.force)
+        return (*named, *(self.others or {}).values())
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """Raise ConfigurationError for a part that a vessel of these dofs cannot meet so long."""
-        if self.wind is not None:
-            self.wind.check(dofs, duration_s)
-        for part in (self.waves, self.process):
+        for part in self.parts:
             if part is not None:
-                part.check(dofs)
+                part.check(dofs, duration_s)
 
     def realise(
         self,
@@ -92,45 +106,42 @@ class Disturbance:
     ) -> Weather:
         """One realisation of n control instants; the same generators give the same weather.
 
-        `weather_rng` and the control period [s] are for wind, current, waves and process noise.
+        `weather_rng` and the control period [s] are for what varies beside measurement noise.
         """
-        weather = self._steady(n, dofs, noise_rng)
-        if not (self.wind or self.current or self.waves or self.process):
-            return weather
+        weather = self._measured(n, dofs, noise_rng)
+        parts = self.parts
         if weather_rng is None or period_s is None:
-            raise TypeError("weather_rng and period_s are needed for what varies")
-        seeds = weather_rng.integers(0, 2**63, size=4)
-        wind_rng, current_rng, wave_rng, process_rng = (np.random.default_rng(s) for s in seeds)
-        if self.wind is not None:
+            if any(part is not None and part.varies for part in parts):
+                raise TypeError("weather_rng and period_s are needed for what varies")
+            weather_rng, period_s = np.random.default_rng(0), 0.0
+        seeds = weather_rng.integers(0, 2**63, size=len(parts))
+        for part, seed in zip(parts, seeds, strict=True):
+            if part is not None:
+                weather = part.added(weather, dofs, period_s, np.random.default_rng(seed))
+        if len(weather.wind_ned):
             deviation = 0.0 if self.noise is None else self.noise.wind_m_s
-            weather = weather._replace(
-                wind_ned=self.wind.realise(n, period_s, wind_rng),
-                wind_noise=deviation * noise_rng.standard_normal((n, 2)),
-            )
-        if self.current is not None:
-            weather = weather._replace(current_ned=self.current.realise(n, period_s, current_rng))
-        if self.waves is not None:
-            motion = self.waves.realise(n, period_s, wave_rng)
-            weather = weather._replace(wave_motion=motion, pose_noise=weather.pose_noise + motion)
-        if self.process is not None:
-            weather = weather._replace(process=self.process.realise(n, process_rng))
+            weather = weather._replace(wind_noise=deviation * noise_rng.standard_normal((n, 2)))
         return weather
 
-    def _steady(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
-        """Measurement noise and the constant force."""
+    def _measured(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
+        """Measurement noise, and no force yet."""
         deviations = np.zeros((3, len(dofs))) if self.noise is None else self.noise.deviations(dofs)
         draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
-        force = np.zeros(len(dofs)) if self.force is None else self.force.ned(dofs)
         pose, velocity, acceleration = (np.ascontiguousarray(draws[:, i]) for i in range(3))
-        return Weather(pose, velocity, acceleration, np.tile(force, (n, 1)))
+        return Weather(pose, velocity, acceleration, np.zeros((n, len(dofs))))
 
     def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
-        """The terms that the wind adds to the vessel that sails in it."""
-        if self.wind is None:
-            return Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
-        return self.wind.table(dofs)
+        """The terms that the parts add to the vessel that sails in them, such as the wind's."""
+        none = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
+        return _total(none, (None if one is None else one.aerodynamics(dofs) for one in self.parts))
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """What the disturbance adds to the force a motion needs, as far as it is a table."""
-        table = self.aerodynamics(dofs)
-        return table if self.force is None else table + self.force.table(dofs)
+        none = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
+        return _total(none, (None if one is None else one.table(dofs) for one in self.parts))
+
+
+def _total(none: Vessel, tables: Iterable[Vessel | None]) -> Vessel:
+    """The sum of tables; `none` where there is none."""
+    first, *more = [table for table in tables if table is not None] or [none]
+    return sum(more, start=first)

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import expm
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
+from seatrial.models.weather.weather import Noise, Weather
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class MeasurementNoise:
 
 
 @dataclass(frozen=True)
-class ProcessNoise:
+class ProcessNoise(Noise):
     """White accelerations, held over a sample: eta of Bargouth (2022), (2.24)-(2.26).
 
     `size` [m/s^2, rad/s^2], one a degree of freedom, is the standard deviation, or half the width
@@ -50,7 +52,7 @@ class ProcessNoise:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def check(self, dofs: Sequence[str]) -> None:
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """One size a degree of freedom."""
         if len(self.size) != len(dofs):
             raise ConfigurationError(
@@ -64,6 +66,12 @@ class ProcessNoise:
         normal = self.distribution == "normal"
         drawn = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
         return np.asarray(drawn * np.array(self.size), dtype=np.float64)
+
+    def added(
+        self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
+    ) -> Weather:
+        """The weather with these accelerations."""
+        return weather._replace(process=self.realise(len(weather.force_ned), rng))
 
 
 @kernel
@@ -85,8 +93,6 @@ def gauss_markov(
     `deviation` (m, m) is a Cholesky factor of its covariance P: with Phi = exp(system h) a step is
     x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
     """
-    from scipy.linalg import expm
-
     transition = expm(system * period_s)
     covariance = deviation @ deviation.T
     innovation = covariance - transition @ covariance @ transition.T

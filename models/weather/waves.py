@@ -15,10 +15,11 @@ from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.weather.noise import gauss_markov
+from seatrial.models.weather.weather import Noise, Weather
 
 
 @dataclass(frozen=True)
-class Waves:
+class Waves(Noise):
     """Standard deviations of position and heading, peak period and relative damping lambda."""
 
     position_m: NotNegative
@@ -29,13 +30,20 @@ class Waves:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def check(self, dofs: Sequence[str]) -> None:
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
         """Waves rock what floats."""
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
                 f"disturbance.waves needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(dofs)}"
             )
+
+    def added(
+        self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
+    ) -> Weather:
+        """The weather with this motion in what is measured of the pose."""
+        motion = self.realise(len(weather.force_ned), period_s, rng)
+        return weather._replace(wave_motion=motion, pose_noise=weather.pose_noise + motion)
 
     def realise(self, n: int, period_s: float, rng: np.random.Generator) -> Array:
         """Motion of x, y [m] and psi [rad], shape (n, 3), each independent."""

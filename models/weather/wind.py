@@ -9,20 +9,23 @@ since V_q cos(gamma) = -u_q and V_q sin(gamma) = -v_q for the angle of attack ga
 wind: at rest gamma = beta - psi as printed. Wind force is a table like any other.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.recording.csv_table import read_table
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.noise import first_order, smoothed_levels
+from seatrial.models.weather.weather import Stream
 
 # Bargouth (2022), Table 2.1: wind speeds [m/s] of the forces 1 to 12, first and last
 BEAUFORT = (
@@ -33,16 +36,16 @@ NORSOK_EXPONENT = 0.468
 NORSOK_BAND_HZ = (1.0 / 600.0, 0.5)  # where the spectrum is meant to hold
 
 
-class WindForce(Protocol):
+class WindForce(ABC):
     """The force of the wind on a vessel, as a table."""
 
+    @abstractmethod
     def table(self, dofs: tuple[str, ...]) -> Vessel:
         """Its share of the force that a motion needs."""
-        ...
 
 
 @dataclass(frozen=True)
-class Windage:
+class Windage(WindForce):
     """Wind areas and coefficients, eq. (2.2); cx and so on are those of a head and a beam wind."""
 
     frontal_area_m2: NotNegative
@@ -71,7 +74,7 @@ class Windage:
 
 
 @dataclass(frozen=True)
-class WindDerivatives:
+class WindDerivatives(WindForce):
     """Wind force by derivatives in nu_q, such as X_|u_q|u_q: a second-order modulus model."""
 
     derivatives: dict[str, float]
@@ -85,7 +88,7 @@ class WindDerivatives:
 
 
 @dataclass(frozen=True)
-class Wind:
+class Wind(Stream):
     """Wind of a mean speed and direction, and how it varies.
 
     `beaufort` (1 to 12, Table 2.1) is shorthand for the middle of a class and goes before
@@ -107,6 +110,8 @@ class Wind:
     time_constant_s: Positive  # of `gusting`
     height_m: Positive  # of `spectrum`
     file: str | None
+
+    air: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -135,7 +140,7 @@ class Wind:
         if self.variation == "file":
             self._recorded(np.array([0.0, duration_s]))
 
-    def table(self, dofs: tuple[str, ...]) -> Vessel:
+    def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
         """Its share of the force that a motion needs."""
         if self.windage is None:
             raise ConfigurationError("disturbance.wind.windage: got none, expected areas")
@@ -168,8 +173,6 @@ class Wind:
         return np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
 
     def _recorded(self, t: Array) -> Array:
-        from seatrial.models.recording.csv_table import read_table
-
         columns = read_table(Path(self.file or ""), ["t", "speed", "direction"]).columns
         at = columns["t"]
         if at[0] > t[0] or at[-1] < t[-1] or np.any(np.diff(at) <= 0.0):

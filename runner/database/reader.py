@@ -26,6 +26,7 @@ from sqlalchemy import (
 )
 
 from seatrial.models.errors import LogbookError
+from seatrial.models.findings import Finding
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
@@ -35,7 +36,6 @@ from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.records import (
     Answer,
     Coefficient,
-    Diagnostic,
     Metric,
     RunDetail,
     RunSummary,
@@ -204,9 +204,9 @@ class Reader:
         """The coefficients of a run's models, in the order they were stored in."""
         return self._facts(Coefficient, tables.Coefficient, run_id)
 
-    def diagnostics(self, run_id: int) -> list[Diagnostic]:
-        """The diagnostics of a run's identification, in the order they were stored in."""
-        return self._facts(Diagnostic, tables.Diagnostic, run_id)
+    def diagnostics(self, run_id: int) -> list[Finding]:
+        """The findings of a run, in the order they were stored in."""
+        return self._facts(Finding, tables.Diagnostic, run_id)
 
     def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
         columns = table.__table__.c

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.findings import Finding
 from seatrial.runner.vocabulary import Stage
 
 
@@ -45,23 +46,6 @@ class Coefficient:
 
 
 @dataclass(frozen=True)
-class Diagnostic:
-    """One number of how an identification went, e.g. the error at model order `i`.
-
-    A surface has the order in `i` and the number of variables in `j`; a Pareto set the point in
-    `i`, the parameter in `j` and its name in `label`.
-    """
-
-    name: str
-    dof: str
-    i: int | None
-    j: int | None
-    label: str | None
-    value: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
 class Series:
     """Columns of equal length, each of shape (n,), with the unit of each; stored as one file."""
 
@@ -86,7 +70,7 @@ class Results:
 
     metrics: Sequence[Metric] = ()
     coefficients: Sequence[Coefficient] = ()
-    diagnostics: Sequence[Diagnostic] = ()
+    diagnostics: Sequence[Finding] = ()  # rows of the table `diagnostic`
     series: Sequence[Series] = ()
     note: str | None = None
 

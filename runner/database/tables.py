@@ -168,7 +168,7 @@ class Coefficient(Base):
 
 
 class Diagnostic(Base):
-    """One number of how an identification went."""
+    """One number that a part of a trial said of itself: a `Finding`."""
 
     __tablename__ = "diagnostic"
     __table_args__ = (Index("ix_diagnostic_run_id", "run_id", "name"),)

@@ -6,7 +6,7 @@ The database is the model:
         vessel = stored_vessel(logbook, run_id=17, model="identified")
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ from seatrial.models.vessel.table import (
     Vessel,
     coefficient_unit,
 )
-from seatrial.runner.database.records import Coefficient, Diagnostic
+from seatrial.runner.database.records import Coefficient
 
 if TYPE_CHECKING:
     from seatrial.runner.database import Reader
@@ -45,9 +45,6 @@ def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:
     dofs = tuple(dof for dof in DOFS if dof in present)
     theta = [[values.get((term, dof), 0.0) for dof in dofs] for term in names]
     return Vessel(name, dofs, basis.terms(names), np.array(theta))
-
-
-MATRICES = ("A", "B", "C", "D", "K", "F", "x0")  # of a state-space model
 
 
 def coefficients(
@@ -93,34 +90,37 @@ def _standard_errors(identified: Identified) -> dict[tuple[Term, str], float]:
     }
 
 
-def identification_findings(identified: Identified) -> list[Diagnostic]:
-    """The identifier's findings, but for the matrix entries, which are coefficients."""
-    return [
-        Diagnostic(f.name, f.dof, f.i, f.j, f.label, f.value, f.unit)
-        for f in identified.findings
-        if f.name not in MATRICES
-    ]
-
-
 def state_space_coefficients(identified: Identified) -> list[Coefficient]:
     """Every matrix entry of a state-space model, as model `state_space`, term `A[1,2]`."""
-    found = []
-    for f in identified.findings:
-        if f.name in MATRICES:
-            place = f"[{f.i},{f.j}]" if f.j else f"[{f.i}]"
-            term = f"{f.name}{place}"
-            found.append(Coefficient("state_space", f.dof, term, f.value, None, None, f.unit))
-    return found
-
-
-def stage_coefficients(identified: Identified) -> list[Coefficient]:
-    """The residual table of each stage, as models `stage_1` and so on; zeros left out."""
+    model = identified.state_space
+    if model is None:
+        return []
+    matrices = {
+        "A": model.A, "B": model.B, "C": model.C, "D": model.D, "K": model.K, "F": model.F,
+        "x0": model.x0,
+    }  # fmt: skip
     return [
         Coefficient(
-            f"stage_{i}", dof, one.name, float(value), None, None, coefficient_unit(one, dof)
+            "state_space", "all", f"{name}[{','.join(str(k + 1) for k in place)}]", float(value),
+            None, None, "",
         )
-        for i, table in enumerate(identified.stages, start=1)
+        for name, matrix in matrices.items()
+        if matrix is not None
+        for place, value in np.ndenumerate(matrix)
+    ]  # fmt: skip
+
+
+def table_coefficients(tables: Mapping[str, Vessel]) -> list[Coefficient]:
+    """The coefficients of several tables by the name of their model; zeros are left out."""
+    return [
+        Coefficient(model, dof, one.name, float(value), None, None, coefficient_unit(one, dof))
+        for model, table in tables.items()
         for one, row in zip(table.terms, table.theta, strict=True)
         for dof, value in zip(table.dofs, row, strict=True)
         if value
     ]
+
+
+def numbered(name: str, tables: Iterable[Vessel]) -> dict[str, Vessel]:
+    """Tables named `stage_1`, `stage_2` and so on."""
+    return {f"{name}_{i}": table for i, table in enumerate(tables, start=1)}

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from seatrial.models.findings import Finding
 from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation import step_response
@@ -11,7 +12,7 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.closed_loop import Design, Sailed
-from seatrial.runner.database.records import Diagnostic, Metric
+from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
 from seatrial.runner.vocabulary import Stage
 
@@ -21,9 +22,9 @@ STAND_S = 30.0  # a set-point that stays this long [s] is one to settle at
 def design_metrics(design: Design, model: str) -> list[Metric]:
     """The closed loop's spectral radius, and which limits the weather exceeds."""
     found = [
-        metric("spectral_radius", "deployment", model, remark.dof, remark.value)
+        metric("spectral_radius", "deployment", model, remark.dof, float(remark.value))
         for remark in design.remarks
-        if remark.name == "spectral_radius"
+        if remark.name == "spectral_radius" and remark.value is not None
     ]
     if design.limits is not None:
         flags = 1.0 * design.infeasible
@@ -106,22 +107,20 @@ def _whole(sailed: Sailed, model: str) -> list[Metric]:
     return [metric(name, "deployment", model, dof, value) for name, dof, value in values]
 
 
-def design_findings(design: Design, model: str) -> list[Diagnostic]:
+def design_findings(design: Design, model: str) -> list[Finding]:
     """What the controller says of itself, the force that the weather takes, and warnings."""
     found = [
-        Diagnostic(remark.name, remark.dof, None, None, model, remark.value, remark.unit)
+        Finding(remark.name, remark.dof, remark.value, remark.unit, label=model)
         for remark in design.remarks
     ]
     for dof, force in zip(design.dofs, design.needed, strict=True):
-        found.append(
-            Diagnostic("needed_force", dof, None, None, model, float(force), FORCE_UNIT[dof])
-        )
+        found.append(Finding("needed_force", dof, float(force), FORCE_UNIT[dof], label=model))
     return [*found, *warning_rows(design_warnings(design, model))]
 
 
-def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
+def warning_rows(texts: Sequence[str]) -> list[Finding]:
     """Warnings as they are kept with a run."""
-    return [Diagnostic("warning", "all", None, None, text, None, "") for text in texts]
+    return [Finding("warning", "all", None, label=text) for text in texts]
 
 
 def design_warnings(design: Design, model: str) -> list[str]:
@@ -130,7 +129,7 @@ def design_warnings(design: Design, model: str) -> list[str]:
         f"{model} model: the closed loop's spectral radius is {remark.value:.4f}, "
         f"expected less than 1: the design does not settle on its own model"
         for remark in design.remarks
-        if remark.name == "spectral_radius" and remark.value >= 1.0
+        if remark.name == "spectral_radius" and (remark.value or 0.0) >= 1.0
     ]
     for i in np.flatnonzero(design.infeasible):
         assert design.limits is not None

@@ -11,11 +11,12 @@ import numpy as np
 
 from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
+from seatrial.models.findings import Finding
 from seatrial.models.planning.planner import Plan
 from seatrial.models.recording.preprocessing import quality_checks, quality_series
-from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording
-from seatrial.runner.database.records import Diagnostic, Metric, Results, Series
+from seatrial.runner.database.records import Metric, Results, Series
 from seatrial.runner.record.metric_rows import metric
 
 if TYPE_CHECKING:
@@ -25,20 +26,20 @@ if TYPE_CHECKING:
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
+def column_statistics(excitation: Reader) -> list[Finding]:
     """Descriptive statistics of the file's columns in the window, as recorded; i is the column."""
     return [
-        Diagnostic(f"statistic_{name}", "all", i, None, column.name, getattr(column, name), "")
+        Finding(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
         for i, column in enumerate(excitation.describe())
         for name in STATISTICS
     ]
 
 
-def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Diagnostic]:
+def outlier_counts(excitation: Reader, dofs: tuple[str, ...]) -> list[Finding]:
     """How many samples of each column in use the file's outlier rule names."""
     counts = excitation.outlier_counts(dofs)
     return [
-        Diagnostic("outliers", "all", i, None, column, count, "")
+        Finding("outliers", "all", count, i=i, label=column)
         for i, (column, count) in enumerate(counts.items())
     ]
 
@@ -72,11 +73,11 @@ def mix_results(mix: object, excited: "Excited") -> Results:
 
 
 def _finding(name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
-             ) -> Diagnostic:  # fmt: skip
-    return Diagnostic(name, "all", i, None, label, value, unit)
+             ) -> Finding:  # fmt: skip
+    return Finding(name, "all", value, unit, i=i, label=label)
 
 
-def _mixed(mix: Mix) -> list[Diagnostic]:
+def _mixed(mix: Mix) -> list[Finding]:
     """How many of every candidate, and how close to the optimum they are."""
     counts, design = mix.counts, mix.information
     whole = np.array(list(counts.values()), dtype=np.float64)
@@ -97,7 +98,7 @@ def _mixed(mix: Mix) -> list[Diagnostic]:
     return found
 
 
-def _planned(mix: Mix, plan: Plan, recording: Recording) -> list[Diagnostic]:
+def _planned(mix: Mix, plan: Plan, recording: Recording) -> list[Finding]:
     """Length of the plan, and how the vessel kept to it."""
     waters = mix.route.waters
     sailed, meant = recording.eta[:, :2], plan.poses[: len(recording), :2]
@@ -144,7 +145,7 @@ def _waters_series(mix: Mix) -> Series:
     return Series("waters", columns, {"polygon": "", "x": "m", "y": "m", "clearance": "m"})
 
 
-def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
+def excitation_report(reports: Iterable[Persistence]) -> list[Finding]:
     """What the training data can tell apart of the nominal model's terms."""
     found = []
     for one in reports:
@@ -155,13 +156,13 @@ def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
             "spectral_lines": float(one.lines),
         }
         found += [
-            Diagnostic(name, one.dof, None, None, None, number, "")
+            Finding(name, one.dof, number)
             for name, number in numbers.items()
             if np.isfinite(number)
         ]
         groups = [(name,) for name in one.unexcited] + list(one.inseparable)
         found += [
-            Diagnostic("inseparable_terms", one.dof, i, None, " ".join(group), 1.0 * len(group), "")
+            Finding("inseparable_terms", one.dof, 1.0 * len(group), i=i, label=" ".join(group))
             for i, group in enumerate(groups)
         ]
     return found

@@ -3,12 +3,13 @@
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit
 from seatrial.models.identification.validation import AHEAD, Ahead, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.database.records import Diagnostic, Metric
+from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
 
 
@@ -73,7 +74,7 @@ UNKNOWN = Ahead(np.array(np.nan), float("nan"))  # of a model that cannot predic
 
 def prediction_metrics(
     problem: Problem, identified: Identified, truth: Vessel | None
-) -> tuple[list[Metric], list[Diagnostic]]:
+) -> tuple[list[Metric], list[Finding]]:
     """Root mean square error of pose and velocity on the held-out part, of every model.
 
     One step and ten steps after every measured state, and a free run. A model that cannot predict
@@ -84,14 +85,14 @@ def prediction_metrics(
         models["plant"] = truth
     held_out, dofs = problem.validation, problem.validation.dofs
     found: list[Metric] = []
-    reasons: list[Diagnostic] = []
+    reasons: list[Finding] = []
     for model, table in models.items():
         try:
             ready = prediction(table, held_out, problem.thruster)
             errors = {name: ready.ahead(steps) for name, steps in AHEAD.items()}
         except IdentificationError as error:
             reason = f"{model} model: {error}"
-            reasons.append(Diagnostic("no_prediction", "all", None, None, reason, 1.0, ""))
+            reasons.append(Finding("no_prediction", "all", 1.0, label=reason))
             errors = dict.fromkeys(AHEAD, UNKNOWN)
         for name, (rmse, limited) in errors.items():
             halves = np.split(np.broadcast_to(rmse, 2 * len(dofs)), 2)

@@ -13,11 +13,11 @@ import pytest
 
 from seatrial.models.errors import SeatrialError
 from seatrial.models.excitation.candidates import Believed
-from seatrial.models.excitation.guidance import Timetable
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.table import Vessel
 from tests.trials import composed

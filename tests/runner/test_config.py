@@ -15,13 +15,35 @@ LAG = {
     "natural_frequency_rad_s": 2,
     "damping": 0.8,
 }
+VESSEL = {
+    "_target_": "seatrial.models.vessel.parameters.VesselParameters",
+    "name": "buoy",
+    "dofs": ["surge"],
+    "inertia": [[10.0]],
+    "derivatives": {"X_u": -1.0},
+    "velocity_limits": [5.0],
+}
+PARTS = {
+    "vessel": VESSEL,
+    "disturbance": {"_target_": "seatrial.models.weather.disturbance.Disturbance"},
+    "excitation": {
+        "_target_": "seatrial.models.excitation.setpoints.Setpoints",
+        "schedule": "stay",
+        "schedules": {"stay": [[0.0, 0.0, 0.0]]},
+        "scale": 1.0,
+        "duration_s": 10.0,
+        "reference_filter": {"_target_": "seatrial.models.excitation.setpoints.Step"},
+    },
+    "identifier": {"_target_": "seatrial.models.identification.problem.NoIdentifier"},
+}
 NAMES = dict.fromkeys(GROUPS, "none")
 
 
 def configuration(**changes: Any) -> dict[str, Any]:
-    """A whole configuration with empty groups; `changes` by name, None removes."""
+    """A whole configuration that sails no evaluation; `changes` by name, None removes."""
     whole: dict[str, Any] = {
         **{group: {} for group in GROUPS},
+        **PARTS,
         "seed": 0,
         "sample_time_s": 0.1,
         "integration_step_s": 0.05,
@@ -53,16 +75,6 @@ def test_an_empty_node_is_none() -> None:
 def test_a_node_inside_a_node() -> None:
     vessel = build(VESSEL | {"thruster": LAG}, "vessel")
     assert isinstance(vessel.thruster, SecondOrderLag)
-
-
-VESSEL = {
-    "_target_": "seatrial.models.vessel.parameters.VesselParameters",
-    "name": "buoy",
-    "dofs": ["surge"],
-    "inertia": [[10.0]],
-    "derivatives": {"X_u": -1.0},
-    "velocity_limits": [5.0],
-}
 
 
 def test_names_the_key_inside_a_node() -> None:
@@ -159,6 +171,8 @@ def test_builds_a_trial() -> None:
         ({"database": {"url": 3}}, "database.url: got 3, expected text"),
         ({"results_dir": ""}, "results_dir: got '', expected a path"),
         ({"vessel": "ferry"}, "vessel: got 'ferry', expected a group of options"),
+        ({"vessel": {}}, "vessel: got none, expected an option of the group"),
+        ({"identifier": {}}, "identifier: got none, expected an option of the group"),
     ],
 )
 def test_refuses_a_trial(changes: dict[str, Any], message: str) -> None:

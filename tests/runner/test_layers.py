@@ -19,6 +19,7 @@ FLOORS = (
     "models.elementary",
     "models.packs",
     "models.notation",
+    "models.findings",
     "models.vessel",
     "models.recording",
     "models.planning",
@@ -35,7 +36,7 @@ FLOORS = (
     "runner",
 )
 # The comparison reads the database alone; the database holds rows, whatever they mean.
-GROUND = ("models.errors", "models.notation", "runner.vocabulary")
+GROUND = ("models.errors", "models.notation", "models.findings", "runner.vocabulary")
 NAMES = (*GROUND, "runner.record.catalogue")
 ONLY = {
     "runner.vocabulary": GROUND,

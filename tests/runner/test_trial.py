@@ -1,5 +1,6 @@
 """What a trial refuses before any work, and what it keeps when a deployment runs away."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,13 @@ from tests.trials import asked_for, composed
 def test_refused_before_any_work(overrides: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         trials.check(composed(*overrides))
+
+
+@pytest.mark.parametrize("group", ["vessel", "excitation", "identifier", "controller"])
+def test_a_class_of_another_role_is_refused(group: str) -> None:
+    trial = composed()
+    with pytest.raises(ConfigurationError, match=rf"{group}\._target_: got Disturbance"):
+        trials.check(replace(trial, **{group: trial.disturbance}))
 
 
 def test_without_evaluation_nothing_is_deployed() -> None:

@@ -6,10 +6,11 @@ import numpy as np
 
 from seatrial.models.control.estimator import Kalman
 from seatrial.models.control.lqi import Lqi
-from seatrial.models.control.mpc import MpcCondensed, MpcIntegral, MpcReduced, MpcStandard
-from seatrial.models.excitation.guidance import Step, Timetable
+from seatrial.models.control.mpc import Mpc
+from seatrial.models.excitation.setpoints import Step
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch, sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage, outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
@@ -24,7 +25,6 @@ INCREMENT_WEIGHT = (4e3, 1.6e4, 1e4)
 INPUT_WEIGHT = (70.0, 100.0, 50.0)
 WINDAGE = Windage(500.0, 1100.0, 73.2, 0.6, 0.8, 0.1, 1.23)
 KALMAN = Kalman((2e-3, 2e-3, 2e-5), (0.05, 0.05, 5e-4), (1e3, 1e3, 1e5), estimate_bias=False)
-MPCS = {"standard": MpcStandard, "reduced": MpcReduced, "condensed": MpcCondensed}
 
 
 def ship(drag: float = 1.0) -> Vessel:
@@ -47,16 +47,17 @@ def lqi(**changes: Any) -> Lqi:
     return Lqi(**{**options, **changes})
 
 
-def mpc(kind: str, **changes: Any) -> Any:
+def mpc(kind: str, **changes: Any) -> Mpc:
     options: dict[str, Any] = {
+        "formulation": kind,
         "horizon": 10, "preview": "setpoint_and_wind", "error_weight": ERROR_WEIGHT,
         "input_weight": INPUT_WEIGHT, "limits": LIMITS, "limited": True, "period_s": None,
         "estimator": "kalman", "kalman": KALMAN, "wind": WINDAGE,
     }  # fmt: skip
     if kind == "integral":
         integral = {"input_weight": INCREMENT_WEIGHT, "horizon": 40, "rate_limits": None}
-        return MpcIntegral(**{**options, **integral, **changes})
-    return MPCS[kind](**{**options, **changes})
+        return Mpc(**{**options, **integral, **changes})
+    return Mpc(**{**options, **changes})
 
 
 def weather(n: int, n_dof: int = 3, **parts: Array) -> Weather:
@@ -86,9 +87,8 @@ def voyage(
     craft = Plant(true, None, limits[:n_dof], change)
     start = np.zeros(n_dof) if start is None else start
     parameters, state = controller.build(ship() if model is None else model, period_s)
-    if hasattr(controller, "foresee"):
-        ahead = outlook(craft, met, guidance, reference, start)
-        parameters = controller.foresee(parameters, ahead)
+    ahead = outlook(craft, met, guidance, reference, start)
+    parameters = controller.foresee(parameters, ahead)
     sailed = sail(
         craft, met, (guidance, np.zeros(1)), reference, (parameters, state), start, period_s,
         period_s, watch=watch,

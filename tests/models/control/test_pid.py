@@ -9,7 +9,7 @@ from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import CONTROLLERS
-from seatrial.models.simulation.voyage import Log, Voyage
+from seatrial.models.simulation.voyage import NO_OUTLOOK, Log, Voyage
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
@@ -88,7 +88,10 @@ def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> N
     log.eta_d[:], log.nu_d[:], log.nu_dot_d[:] = reference
     parameters, state = pid.build(milliampere, 0.1)
     step, commands = CONTROLLERS[type(parameters)], []
-    for table in (parameters, pid.adapt(parameters, state, 0.5 * milliampere, log, 4)):
+    for table in (
+        parameters,
+        pid.adapt(parameters, state, 0.5 * milliampere, 0.1, NO_OUTLOOK, log, 4),
+    ):
         tau, tau_fb, here = np.empty(3), np.empty(3), state.copy()
         step(table, here, eta, nu, *reference, tau, tau_fb)
         commands.append(tau)

@@ -9,7 +9,6 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.forcing import Forcing
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
 from seatrial.models.excitation.signals import Multisine, Prbs, Pulses, Sines, multisine, prbs
 from seatrial.models.notation import PLANAR
 from tests.trials import composed
@@ -131,9 +130,9 @@ def test_time_can_run_slower_and_an_offset_be_added() -> None:
 
 def test_amplitudes_are_checked_against_the_thrusters() -> None:
     mission = forcing(Prbs(5.0, 12.0), offset={"sway": 5.0})
-    check_limits(mission, {"surge": 10.0, "sway": 25.0, "yaw": 30.0}, 0.1)
+    mission.check_limits({"surge": 10.0, "sway": 25.0, "yaw": 30.0}, 0.1)
     with pytest.raises(ConfigurationError, match=r"amplitude\.sway: the signal reaches 25"):
-        check_limits(mission, {"sway": 24.0}, 0.1)
+        mission.check_limits({"sway": 24.0}, 0.1)
 
 
 def test_what_does_not_suit_is_refused() -> None:
@@ -169,16 +168,16 @@ def test_wrong_signals_are_refused(signal: Callable[[], Any]) -> None:
 
 def test_a_closed_loop_keeps_its_controller_and_gets_the_force_as_well() -> None:
     mission = forcing(Prbs(5.0, 12.0), loop="closed")
-    assert not is_open_loop(mission)
-    assert steering(mission, PLANAR, 0.1) is None
+    assert not mission.open_loop
+    assert mission.steering(PLANAR, 0.1) is None
     parameters, _ = mission.guidance(T, np.array([1.0, 2.0, 0.3]))
     np.testing.assert_array_equal(parameters.setpoints[7], [1.0, 2.0, 0.3])  # type: ignore[attr-defined]
-    force = added_force(mission, T, PLANAR, rng())
+    force = mission.force(T, PLANAR, rng())
     assert force is not None
     assert np.all(force[:, 0] != 0.0)
     waypoints = composed().excitation
-    assert added_force(waypoints, T, PLANAR, rng()) is None
-    assert not is_open_loop(waypoints)
+    assert waypoints.force(T, PLANAR, rng()) is None
+    assert not waypoints.open_loop
 
 
 def test_a_signal_beside_way_points_lasts_as_long_as_these() -> None:

@@ -10,15 +10,13 @@ from scipy.signal import lti, step
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import (
-    AccelerationLimited,
     LineOfSight,
     ReferenceFilter,
-    Setpoints,
-    Step,
     step_setpoints,
     straight_line_setpoints,
 )
 from seatrial.models.excitation.missions import Operation, Replay, Waypoints
+from seatrial.models.excitation.setpoints import AccelerationLimited, Setpoints, Step
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import GUIDANCE, REFERENCES
 from seatrial.models.simulation.voyage import outlook

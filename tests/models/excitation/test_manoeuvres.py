@@ -7,7 +7,6 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
-from seatrial.models.excitation.missions import added_force, check_limits
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.runner.closed_loop import sail_mission, streams
@@ -117,7 +116,7 @@ def test_what_does_not_suit_is_refused(excitation: str) -> None:
         check(composed("vessel=surge_linear", f"excitation={excitation}"))
     mission = composed(f"excitation={excitation}").excitation
     with pytest.raises(ConfigurationError, match="at most the thrusters' 100 in yaw"):
-        check_limits(mission, {"yaw": 100.0}, 0.1)
+        mission.check_limits({"yaw": 100.0}, 0.1)
     with pytest.raises(ConfigurationError, match="approach_s"):
         composed(f"excitation={excitation}", "excitation.approach_s=400")
     with pytest.raises(ConfigurationError, match="turn_deg"):
@@ -125,7 +124,8 @@ def test_what_does_not_suit_is_refused(excitation: str) -> None:
 
 
 def test_an_open_loop_needs_no_controller_and_cannot_be_replayed() -> None:
-    from seatrial.runner.trial import NO_REFERENCE, skipped
+    from seatrial.models.excitation.missions import NO_REFERENCE
+    from seatrial.runner.trial import skipped
 
     trial, voyage = sailed("excitation=prbs", "controller=none", "evaluation=none")
     assert np.all(np.abs(voyage.log.tau[:, 0]) == 100.0)
@@ -190,7 +190,7 @@ def test_every_excitation_takes_an_offset(excitation: str) -> None:
     def force(*more: str) -> np.ndarray:
         mission = composed(f"excitation={excitation}", *more).excitation
         t = 0.1 * np.arange(round(mission.duration_s / 0.1))
-        found = added_force(mission, t, PLANAR, np.random.default_rng(3))
+        found = mission.force(t, PLANAR, np.random.default_rng(3))
         return np.zeros((len(t), 3)) if found is None else found
 
     moved = force("excitation.offset={surge: 30.0, yaw: -7.0}") - force()
@@ -200,7 +200,7 @@ def test_every_excitation_takes_an_offset(excitation: str) -> None:
         mission.check(PLANAR)
     mission = composed(f"excitation={excitation}", "excitation.offset={sway: 2000.0}").excitation
     with pytest.raises(ConfigurationError, match=r"sway.*the thrusters' 1000"):
-        check_limits(mission, {"sway": 1000.0}, 0.1)
+        mission.check_limits({"sway": 1000.0}, 0.1)
 
 
 def test_an_offset_beside_way_points_pushes_the_vessel_aside() -> None:
@@ -239,12 +239,12 @@ def test_what_a_zigzag_stands_beside_can_be_adapted_while_sailing() -> None:
             seen.append((k, parameters, state))
             return "better"
 
-    from seatrial.models.excitation.manoeuvres import Beside, zigzag
+    from seatrial.models.excitation.open_loop import Beside, ZigZag
 
     found = watch_of(Looker(), alone=False)  # type: ignore[arg-type]
     assert found is not None
-    table, own = zigzag(2, 1.0, 0.1, 0)
-    both = found.look(20, None, Beside("old", table), ("state", own))  # type: ignore[arg-type]
+    table = ZigZag(2, 1.0, 0.1, 0)
+    both = found.look(20, None, Beside("old", table), ("state", np.zeros(3)))  # type: ignore[arg-type]
     assert both == Beside("better", table)
     assert seen == [(20, "old", "state")]
     assert watch_of(None, alone=True) is None

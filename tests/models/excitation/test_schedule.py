@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.manoeuvres import open_loop, zigzag
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.excitation.open_loop import ZigZag
 from seatrial.models.excitation.schedule import (
     FOLLOW,
     OPEN,
@@ -23,7 +24,7 @@ GAINS = Gains((10.0, 10.0, 5.0), (20.0, 30.0, 4.0))
 LIMITS = np.array([3.0, 4.0, 2.0])
 
 
-class Push:
+class Push(Mission):
     """A steady force ahead, with or without a zig-zag's moment after two instants."""
 
     def __init__(self, swinging: bool) -> None:
@@ -32,10 +33,11 @@ class Push:
     def force(self, t, dofs, rng) -> np.ndarray:
         return np.tile([1.0, 0.0, 0.0], (len(t), 1))
 
-    def steering(self, dofs, period_s):
-        return zigzag(2, 0.5, 0.3, 2) if self.swinging else open_loop()
+    def zigzag(self, dofs, period_s):
+        return ZigZag(2, 0.5, 0.3, 2) if self.swinging else None
 
-    def check(self, dofs) -> None: ...
+    def guidance(self, t, start):
+        raise NotImplementedError
 
 
 def schedule() -> Schedule:

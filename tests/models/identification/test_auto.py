@@ -7,13 +7,13 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto, one_standard_error
-from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.runner import trial as trials
 from tests.trials import composed
 
 
 @dataclass(frozen=True)
-class Given:
+class Given(Identifier):
     """An identifier that returns a factor of the nominal model, whatever the data."""
 
     factor: float
@@ -24,7 +24,7 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Failing:
+class Failing(Identifier):
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         raise IdentificationError("always")
 

@@ -31,11 +31,7 @@ def found(one: Identified, name: str) -> list[float]:
 
 
 def matrix(one: Identified, name: str) -> np.ndarray:
-    entries = [finding for finding in one.findings if finding.name == name]
-    filled = np.zeros((max(e.i for e in entries), max(e.j for e in entries)))
-    for entry in entries:
-        filled[entry.i - 1, entry.j - 1] = entry.value
-    return filled
+    return np.asarray(getattr(one.state_space, name))
 
 
 def moved_by(vessel: Vessel, tau: np.ndarray, period_s: float, wind=None) -> Recording:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.pid import PidFeedforward
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table, from_derivatives

@@ -13,7 +13,6 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.missions import added_force, check_limits, is_open_loop, steering
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
@@ -86,12 +85,12 @@ def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
             continue
         mission = objects(vessel, "excitation", excitation)
         mission.check(dofs)
-        check_limits(mission, parameters.limits_by_dof, PERIOD_S)
+        mission.check_limits(parameters.limits_by_dof, PERIOD_S)
         t = PERIOD_S * np.arange(round(mission.duration_s / PERIOD_S), dtype=np.float64)
         split = mission.split(t)
         assert 0.05 < np.mean(split.train) < 0.95
         assert not np.any(split.train & split.test)
-        force = added_force(mission, t, dofs, np.random.default_rng(0))
+        force = mission.force(t, dofs, np.random.default_rng(0))
         for disturbance in options("disturbance"):
             if not suits(vessel, "disturbance", disturbance):
                 continue
@@ -102,11 +101,11 @@ def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
             voyage = sail(
                 parameters.plant(parameters.plant_scale * table + case.aerodynamics(dofs)),
                 weather, mission.guidance(t, start), mission.reference_filter.table(PERIOD_S),
-                steering(mission, dofs, PERIOD_S) or pid.build(table, PERIOD_S), start, PERIOD_S,
+                mission.steering(dofs, PERIOD_S) or pid.build(table, PERIOD_S), start, PERIOD_S,
                 0.05, added=None if force is None else force[:ROWS],
             )  # fmt: skip
             what = f"{vessel} {disturbance} {excitation}"
             assert np.all(np.isfinite(voyage.log.nu_dot)), what
             assert len(recording_of(voyage, weather)) == ROWS
-            if is_open_loop(mission):
+            if mission.open_loop:
                 np.testing.assert_array_equal(voyage.log.tau_fb, 0.0)

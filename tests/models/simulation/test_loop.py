@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.lqi import LqiTable
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch
@@ -48,13 +49,13 @@ CONTROLLERS[Given] = lean_kernel(_give)
 CONTROLLERS[GivenInPython] = _give
 
 
-class Commands:
+class Commands(Controller):
     """A controller that says what it was told to."""
 
     def __init__(self, table: type, commands: Array) -> None:
         self.table, self.commands = table, commands
 
-    def build(self, model: Vessel, period_s: float) -> tuple[Any, Array]:
+    def build(self, model: Model, period_s: float) -> tuple[Any, Array]:
         return self.table(self.commands), np.zeros(1)
 
 

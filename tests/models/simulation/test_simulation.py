@@ -11,10 +11,16 @@ import pytest
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.guidance import LineOfSight, ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import LineOfSight, ReferenceFilter
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, control_step, guide_step
+from seatrial.models.simulation.registry import (
+    CONTROLLERS,
+    GUIDANCE,
+    Timetable,
+    control_step,
+    guide_step,
+)
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives

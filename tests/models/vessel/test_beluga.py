@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
+from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.notation import DOFS
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import RigidBody, coriolis, from_derivatives

@@ -7,10 +7,11 @@ import pytest
 from scipy.signal import lti, step
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import ReferenceFilter, Timetable
-from seatrial.models.excitation.manoeuvres import open_loop
+from seatrial.models.excitation.guidance import ReferenceFilter
+from seatrial.models.excitation.open_loop import open_loop
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import (

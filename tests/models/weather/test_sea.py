@@ -1,5 +1,6 @@
 """Current, waves and process noise: their statistics and limits."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from scipy.signal import welch
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.weather.current import Current
-from seatrial.models.weather.noise import ProcessNoise, gauss_markov
+from seatrial.models.weather.disturbance import ConstantForce, Disturbance
+from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise, gauss_markov
 from seatrial.models.weather.waves import Waves
+from seatrial.models.weather.weather import Force
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -110,3 +113,35 @@ def test_wrong_waves_are_refused(name: str) -> None:
     options = {"position_m": 0.1, "heading_deg": 1.0, "peak_period_s": 6.0, "damping": 0.1}
     with pytest.raises(ConfigurationError, match=name):
         Waves(**(options | {name: -1.0}))
+
+
+@dataclass(frozen=True)
+class Gusts(Force):
+    """White forces: a part from outside."""
+
+    size: float
+
+    def realise(self, n, dofs, period_s, rng) -> np.ndarray:
+        return self.size * rng.standard_normal((n, len(dofs)))
+
+
+def test_a_part_of_ones_own_leaves_the_others_as_they_are() -> None:
+    named = {
+        "noise": MeasurementNoise(0.1, 1.0, 0.1, 1.0, 0.1, 1.0),
+        "force": ConstantForce(30.0, -20.0, 5.0),
+        "current": Current(0.3, 0.0, "slow", 0.05, 60.0, 5.0),
+        "waves": Waves(0.2, 2.0, 8.0, 0.1),
+    }
+    plain, more = (
+        Disturbance(**named, others=others).realise(500, PLANAR, rng(1), rng(2), 0.5)
+        for others in (
+            None,
+            {"gusts": Gusts(10.0), "flood": Current(1.0, 90.0, "constant", 0.0, 1.0, 2.0)},
+        )
+    )
+    for name in ("pose_noise", "velocity_noise", "acceleration_noise", "wave_motion"):
+        np.testing.assert_array_equal(getattr(more, name), getattr(plain, name))
+    np.testing.assert_array_equal(plain.force_ned, np.tile([30.0, -20.0, 5.0], (500, 1)))
+    assert np.std(more.force_ned - plain.force_ned, axis=0) == pytest.approx(10.0, rel=0.15)
+    expected = np.tile([0.0, 1.0], (500, 1))
+    np.testing.assert_allclose(more.current_ned - plain.current_ned, expected, atol=1e-12)

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from seatrial.models.findings import Finding
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import (
     Coefficient,
-    Diagnostic,
     Metric,
     Results,
     RunStart,
@@ -96,7 +96,7 @@ def finish(
     begin: RunStart,
     metrics: Sequence[Metric] = (),
     coefficients: Sequence[Coefficient] = (),
-    diagnostics: Sequence[Diagnostic] = (),
+    diagnostics: Sequence[Finding] = (),
     series: Sequence[Series] = (),
     rerun: bool = False,
 ) -> int:
@@ -155,16 +155,16 @@ def fill_sailed(logbook: Logbook) -> None:
     finish(logbook, start("iv", "calm"), diagnostics=_mix(), series=[_quality(), *_planned()])
 
 
-def _excitation() -> list[Diagnostic]:
+def _excitation() -> list[Finding]:
     """Of surge one pair of terms cannot be told apart."""
     numbers = {"regressor_rank": (2.0, 2.0), "regressor_unknowns": (3.0, 2.0)}
     numbers["spectral_lines"] = (1.0, 1.0)
     found = [
-        Diagnostic(name, dof, None, None, None, value, "")
+        Finding(name, dof, value)
         for name, values in numbers.items()
         for dof, value in zip(("surge", "yaw"), values, strict=True)
     ]
-    return [*found, Diagnostic("inseparable_terms", "surge", 0, None, "u |u|u", 2.0, "")]
+    return [*found, Finding("inseparable_terms", "surge", 2.0, i=0, label="u |u|u")]
 
 
 def _recording() -> Series:
@@ -193,14 +193,14 @@ def _coefficients(seed: int) -> list[Coefficient]:
     ]
 
 
-def _orders(seed: int) -> list[Diagnostic]:
+def _orders(seed: int) -> list[Finding]:
     found = []
     for dof in ("surge", "yaw"):
         unit = "N^2" if dof == "surge" else "(Nm)^2"
         for order in range(1, 9):
             value = 3000.0 / order + 10.0 * (order - 4) ** 2 + seed
-            found.append(Diagnostic("order_mse", dof, order, None, "blocked", value, unit))
-        found.append(Diagnostic("selected_order", dof, None, None, "blocked", 4.0 + seed, ""))
+            found.append(Finding("order_mse", dof, value, unit, i=order, label="blocked"))
+        found.append(Finding("selected_order", dof, 4.0 + seed, label="blocked"))
     return found
 
 
@@ -245,62 +245,62 @@ def _voyage(model: str, error: float) -> Series:
     return Series(f"deployment_{model}", columns, units)
 
 
-def _pareto() -> list[Diagnostic]:
-    found = [Diagnostic("pareto_chosen", "all", 7, None, None, 1.0, "")]
+def _pareto() -> list[Finding]:
+    found = [Finding("pareto_chosen", "all", 1.0, i=7)]
     for point in range(20):
         for j, (name, unit) in enumerate((("position MAE", "m"), ("velocity MAE", "m/s"))):
             value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
-            found.append(Diagnostic("pareto_objective", "all", point, j, name, value, unit))
+            found.append(Finding("pareto_objective", "all", value, unit, i=point, j=j, label=name))
     return found
 
 
-def _topology() -> list[Diagnostic]:
+def _topology() -> list[Finding]:
     """A bowl whose lowest point of 5 x 4 is i = 3, j = 1."""
     found = [
-        Diagnostic("topology_first", "surge", i, None, "surge.u_dot", 900.0 + 100.0 * i, "kg")
+        Finding("topology_first", "surge", 900.0 + 100.0 * i, "kg", i=i, label="surge.u_dot")
         for i in range(5)
     ]
     found += [
-        Diagnostic("topology_second", "surge", j, None, "surge.u", 10.0 * j, "kg/s")
+        Finding("topology_second", "surge", 10.0 * j, "kg/s", i=j, label="surge.u")
         for j in range(4)
     ]
     return found + [
-        Diagnostic("topology", "all", i, j, None, 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, "")
+        Finding("topology", "all", 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, i=i, j=j)
         for i in range(5)
         for j in range(4)
     ]
 
 
-def _times() -> list[Diagnostic]:
+def _times() -> list[Finding]:
     return [
-        Diagnostic(name, "all", n, None, way, first + each * n, "s")
+        Finding(name, "all", first + each * n, "s", i=n, label=way)
         for way, compilation, each in (("without JIT", 0.0, 0.1), ("with JIT", 5.0, 1e-4))
         for name, first in (("prediction_time", compilation), ("prediction_time_compiled", 0.0))
         for n in (1, 10, 100)
     ]
 
 
-def _surface() -> list[Diagnostic]:
+def _surface() -> list[Finding]:
     found = [
-        Diagnostic("selected_order", "surge", None, None, None, 3.0, ""),
-        Diagnostic("selected_variables", "surge", None, None, None, 6.0, ""),
+        Finding("selected_order", "surge", 3.0),
+        Finding("selected_variables", "surge", 6.0),
     ]
     for order in range(1, 9):
         for variables in range(order, 9):
             value = 100.0 + 1e4 / order + 50.0 * (variables - 6) ** 2
-            found.append(Diagnostic("surface_mse", "surge", order, variables, None, value, "N^2"))
+            found.append(Finding("surface_mse", "surge", value, "N^2", i=order, j=variables))
     return found
 
 
-def _mix() -> list[Diagnostic]:
+def _mix() -> list[Finding]:
     """Two manoeuvres that are sailed, one that is not, and how the plan was kept to."""
     counts = {"zigzag_10": 2.0, "circle": 0.0, "multisine": 1.0}
     found = [
-        Diagnostic("mix_count", "all", i, None, name, n, "")
+        Finding("mix_count", "all", n, i=i, label=name)
         for i, (name, n) in enumerate(counts.items())
     ]
     kept = {"plan_deviation": 0.25, "sailed_clearance": 1.5}
-    return found + [Diagnostic(k, "all", None, None, None, v, "m") for k, v in kept.items()]
+    return found + [Finding(k, "all", v, "m") for k, v in kept.items()]
 
 
 def _planned() -> list[Series]:
@@ -322,14 +322,14 @@ def _planned() -> list[Series]:
     ]
 
 
-def _spectrum() -> list[Diagnostic]:
-    found = [Diagnostic("selected_order", "all", None, None, None, 3.0, "")]
+def _spectrum() -> list[Finding]:
+    found = [Finding("selected_order", "all", 3.0)]
     for k in range(1, 9):
         value = float(np.exp(-k)) if k <= 3 else 0.01 / k
-        found.append(Diagnostic("singular_value", "all", k, None, None, value, ""))
+        found.append(Finding("singular_value", "all", value, i=k))
     for k, z in enumerate((0.9 + 0.2j, 0.9 - 0.2j, 0.5 + 0.0j)):
-        found.append(Diagnostic("eigenvalue_real", "all", k, None, None, z.real, ""))
-        found.append(Diagnostic("eigenvalue_imag", "all", k, None, None, z.imag, ""))
+        found.append(Finding("eigenvalue_real", "all", z.real, i=k))
+        found.append(Finding("eigenvalue_imag", "all", z.imag, i=k))
     return found
 
 

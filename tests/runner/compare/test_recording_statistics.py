@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from seatrial.models.findings import Finding
 from seatrial.runner.compare.__main__ import run
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Diagnostic, Results
+from seatrial.runner.database.records import Results
 from tests.runner.database.samples import make_start
 
 NAMES = ("count", "mean", "std", "median", "minimum", "maximum")
@@ -20,7 +21,7 @@ def database(tmp_path: Path) -> str:
         "force_x": (7961, 3, 9, 2, -30, 29),
     }
     found = [
-        Diagnostic(f"statistic_{name}", "all", i, None, column, float(value), "")
+        Finding(f"statistic_{name}", "all", float(value), i=i, label=column)
         for i, (column, figures) in enumerate(values.items())
         for name, value in zip(NAMES, figures, strict=True)
     ]

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from seatrial.models.findings import Finding
 from seatrial.runner.compare.report import ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.database.records import Diagnostic
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
@@ -155,7 +155,7 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_
     text = "identified model: the closed loop's spectral radius is 1.0245, expected less than 1"
     with stored.logbook_at(tmp_path) as logbook:
         for seed in range(2):
-            warning = Diagnostic("warning", "all", None, None, text, None, "")
+            warning = Finding("warning", "all", None, label=text)
             figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
             stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:

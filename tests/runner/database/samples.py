@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from seatrial.runner.database import Coefficient, Diagnostic, Metric, Results, RunStart, Series
+from seatrial.models.findings import Finding
+from seatrial.runner.database import Coefficient, Metric, Results, RunStart, Series
 
 
 def make_start(trial: int = 0, **changes: object) -> RunStart:
@@ -41,9 +42,7 @@ def make_results(scale: float = 1.0) -> Results:
             for dof in ("surge", "sway")
             for k in range(50)
         ],
-        diagnostics=[
-            Diagnostic("order_mse", "surge", i, None, None, scale / i, "N^2") for i in (1, 2, 3)
-        ],
+        diagnostics=[Finding("order_mse", "surge", scale / i, "N^2", i=i) for i in (1, 2, 3)],
         series=[Series("recording", {"t": t, "u": scale * np.sin(t)}, {"t": "s", "u": "m/s"})],
         note="deployment skipped",
     )

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Diagnostic, Logbook, Metric, Reader, Results, Series
+from seatrial.models.findings import Finding
+from seatrial.runner.database import Logbook, Metric, Reader, Results, Series
 from seatrial.runner.database.tables import Run
 from tests.runner.database.samples import make_results, make_start
 
@@ -52,9 +53,9 @@ def test_not_a_number_is_null_and_infinity_stays(logbook: Logbook) -> None:
 
 def test_numbers_of_numpy_are_stored_as_numbers(logbook: Logbook) -> None:
     run = logbook.begin_run(make_start(seed=np.int64(3))).run_id
-    one = Diagnostic("surface", "yaw", np.int64(2), np.int32(5), None, np.float32(0.5), "N^2")  # type: ignore[arg-type]
+    one = Finding("surface", "yaw", np.float32(0.5), "N^2", i=np.int64(2), j=np.int32(5))  # type: ignore[arg-type]
     logbook.finish_run(run, Results(diagnostics=[one]))
-    assert logbook.diagnostics(run) == [Diagnostic("surface", "yaw", 2, 5, None, 0.5, "N^2")]
+    assert logbook.diagnostics(run) == [Finding("surface", "yaw", 0.5, "N^2", i=2, j=5)]
     assert logbook.run(run).summary.seed == 3
 
 

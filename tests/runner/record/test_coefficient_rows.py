@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import LogbookError
+from seatrial.models.identification.problem import Identified
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
 from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.database.records import RunStart
-from seatrial.runner.record.coefficient_rows import stored_vessel
+from seatrial.runner.record.coefficient_rows import state_space_coefficients, stored_vessel
 from tests.trials import composed
 
 
@@ -38,3 +41,20 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
                 )
         with pytest.raises(LogbookError, match="no coefficients"):
             stored_vessel(reader, begun.run_id, "unknown")
+
+
+def test_a_state_space_model_can_be_made_again_from_its_rows() -> None:
+    rng = np.random.default_rng(0)
+    shapes = {"A": (2, 2), "B": (2, 1), "C": (3, 2), "D": (3, 1), "K": (2, 3), "x0": (2,)}
+    parts = {name: rng.normal(size=shape) for name, shape in shapes.items()}
+    table = Vessel("none", ("surge",), (), np.zeros((0, 1)))
+    model = StateSpace(**parts, period_s=0.5)
+    rows = state_space_coefficients(Identified(table, table, state_space=model))
+    again = {name: np.zeros(shape) for name, shape in shapes.items()}
+    for row in rows:
+        name, _, place = row.term.rstrip("]").partition("[")
+        again[name][tuple(int(i) - 1 for i in place.split(","))] = row.value
+    assert len(rows) == sum(part.size for part in parts.values())  # none of F
+    for name, part in parts.items():
+        np.testing.assert_array_equal(again[name], part)
+    assert state_space_coefficients(Identified(table, table)) == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.control.linear_design import Remark
+from seatrial.models.findings import Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.weather.weather import Weather
@@ -28,7 +28,7 @@ def sailed() -> Sailed:
     log.held[3, 1] = 1.0
     calm = Weather(*(np.zeros((N, 3)) for _ in range(4)))
     voyage = Voyage(H * np.arange(N), log, PLANAR, calm, 1e-6 * np.array([1.0, 9, 3, 9, 5, 9]))
-    remarks = (Remark("spectral_radius", "all", 1.01), Remark("model_order", "all", 6.0))
+    remarks = (Finding("spectral_radius", "all", 1.01), Finding("model_order", "all", 6.0))
     design = Design(
         PLANAR, needed=np.array([50.0, 500.0, 1.0]), limits=(100.0, 400.0, 8.0), every=2,
         remarks=remarks,

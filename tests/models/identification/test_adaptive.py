@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.adaptive import Update
 from seatrial.runner import trial as trials
-from seatrial.runner.adaptive import Update
 from seatrial.runner.database.records import Results
 from tests.trials import composed
 

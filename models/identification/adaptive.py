@@ -10,20 +10,21 @@ coefficient must not let it run away. The controller takes it over without a bum
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.problem import Problem, lack_of_fit
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Identifier, Problem, lack_of_fit
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import Watch
+from seatrial.models.simulation.registry import Parameters, State
 from seatrial.models.simulation.voyage import Log, Voyage, recording_of
-from seatrial.models.vessel.table import Vessel, coefficient_unit
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.database.records import Coefficient, Diagnostic
 
 TINY = 1e-300  # a force of nothing
 HELD_OUT = 0.25  # of a window, its end: what a candidate is judged on
@@ -57,14 +58,14 @@ class Adapter:
     """
 
     update: Update
-    identifier: Any
+    identifier: Identifier
     thruster: SecondOrderLag | None
     weather: Weather
     dofs: tuple[str, ...]
     period_s: float
     model: Vessel
     rng: np.random.Generator
-    adapt: Callable[[Any, Any, Vessel, Log, int], Any]
+    adapt: Callable[[Parameters, State, Vessel, Log, int], Parameters]
     versions: list[tuple[float, Vessel, float]] = field(
         default_factory=list
     )  # time, model, trigger
@@ -76,7 +77,7 @@ class Adapter:
         """What the simulation calls."""
         return Watch(max(1, round(self.update.every_s / self.period_s)), self.look)
 
-    def look(self, k: int, log: Log, parameters: Any, state: Any) -> Any:
+    def look(self, k: int, log: Log, parameters: Parameters, state: State) -> Parameters:
         """Parameters for a better model, where the trigger asks for one and there is one."""
         window = round(self.update.window_s / self.period_s)
         if k - self._since < window:
@@ -138,29 +139,14 @@ class Adapter:
             return "it explains the whole past no better than no model"
         return None
 
-    def coefficients(self) -> list[Coefficient]:
-        """Every version of the model, named adaptive_1 and so on."""
-        return [
-            Coefficient(
-                f"adaptive_{i}", dof, one.name, float(value), None, None,
-                coefficient_unit(one, dof),
-            )
-            for i, (_, model, _) in enumerate(self.versions, start=1)
-            for one, row in zip(model.terms, model.theta, strict=True)
-            for dof, value in zip(model.dofs, row, strict=True)
-            if value
-        ]  # fmt: skip
-
-    def diagnostics(self) -> list[Diagnostic]:
+    def findings(self) -> list[Finding]:
         """When the model was replaced, by what trigger, and when a candidate was refused."""
         found = []
         for i, (time, _, size) in enumerate(self.versions, start=1):
-            found.append(Diagnostic("update", "all", i, None, "adaptive", time, "s"))
-            found.append(
-                Diagnostic("update_trigger", "all", i, None, self.update.trigger, size, "")
-            )
+            found.append(Finding("update", "all", time, "s", i=i, label="adaptive"))
+            found.append(Finding("update_trigger", "all", size, i=i, label=self.update.trigger))
         for i, (time, why) in enumerate(self.refused, start=1):
-            found.append(Diagnostic("update_refused", "all", i, None, why, time, "s"))
+            found.append(Finding("update_refused", "all", time, "s", i=i, label=why))
         return found
 
 

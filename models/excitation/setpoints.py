@@ -1,0 +1,154 @@
+"""Positioning missions: set-points on a timetable, and how the reference gets from one to the next.
+
+A reference model stands between set-point and controller. `ReferenceFilter` (Jervan) is linear;
+`AccelerationLimited` moves every axis with a limited speed and acceleration and arrives without
+overshoot; `Step` takes the set-point as it is, one control period later.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import Reference, step_setpoints
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.simulation.registry import REFERENCES, Timetable
+from seatrial.models.vessel.basis import Array
+
+
+class StepTable(NamedTuple):
+    """The reference is the set-point times a gain of one."""
+
+    gain: float
+
+
+@lean_kernel
+def _take(table: StepTable, state: Array, setpoint: Array) -> None:
+    for i in range(state.shape[0]):
+        state[i, 0], state[i, 1], state[i, 2] = table.gain * setpoint[i], 0.0, 0.0
+
+
+REFERENCES[StepTable] = _take
+
+
+class LimitTable(NamedTuple):
+    """Limits of every axis, shape (n_dof,), and the control period [s]."""
+
+    speed: Array
+    acceleration: Array
+    period_s: float
+
+
+@lean_kernel
+def _approach(table: LimitTable, state: Array, setpoint: Array) -> None:
+    """x <- x + h v with the largest v that still stops in time; state (x, v, v_dot).
+
+    Braking with a in steps of h from v takes h (v + (v - a h) + (v - 2 a h) + ...). With m whole
+    steps that is the distance d for v = d / ((m + 1) h) + m a h / 2, the largest m for which
+    a h^2 m (m + 1) / 2 <= d.
+    """
+    h = table.period_s
+    for i in range(state.shape[0]):
+        a, distance, v = table.acceleration[i], setpoint[i] - state[i, 0], state[i, 1]
+        m = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * abs(distance) / (a * h * h)) - 1.0))
+        wanted = min(abs(distance) / ((m + 1.0) * h) + 0.5 * m * a * h, table.speed[i])
+        wanted = wanted if distance > 0.0 else -wanted
+        change = min(max(wanted - v, -a * h), a * h)
+        state[i, 1] = v + change
+        state[i, 0] += h * state[i, 1]
+        state[i, 2] = change / h
+
+
+REFERENCES[LimitTable] = _approach
+
+
+@dataclass(frozen=True)
+class Step(Reference):
+    """The set-point as it is: what a positioning controller with a preview is asked for."""
+
+    def table(self, period_s: float) -> StepTable:
+        """Parameters of the compiled step."""
+        return StepTable(1.0)
+
+
+@dataclass(frozen=True)
+class AccelerationLimited(Reference):
+    """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
+
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "acceleration"):
+            values = getattr(self, name)
+            if len(values) != len(self.speed) or min(values, default=0.0) <= 0.0:
+                raise ConfigurationError(
+                    f"{name} must be {len(self.speed)} positive numbers, got {list(values)}"
+                )
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """A limit for every axis."""
+        if len(self.speed) != len(dofs):
+            raise ConfigurationError(
+                f"evaluation.reference_filter.speed: got {len(self.speed)} numbers, "
+                f"expected {len(dofs)} for {', '.join(dofs)}"
+            )
+
+    def table(self, period_s: float) -> LimitTable:
+        """Parameters of the compiled step for a control period [s]."""
+        return LimitTable(np.array(self.speed), np.array(self.acceleration), period_s)
+
+
+@dataclass(frozen=True)
+class Setpoints(Mission):
+    """A pose (north [m], east [m], heading [deg], unwrapped) at each share of the duration.
+
+    `schedules` are lists of poses by name, `schedule` the one that is sailed: its poses share the
+    duration equally. Positions are multiplied by `scale`. A vessel that moves in surge alone is
+    given the northward part.
+    """
+
+    schedule: str
+    schedules: dict[str, tuple[tuple[float, ...], ...]]
+    scale: Positive
+    duration_s: Positive
+    reference_filter: Reference
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.schedule not in self.schedules:
+            raise ConfigurationError(
+                f"schedule: got {self.schedule!r}, expected one of {', '.join(self.schedules)}"
+            )
+        points = self.schedules[self.schedule]
+        if not points or any(len(point) != 3 for point in points):
+            raise ConfigurationError(
+                f"schedules.{self.schedule}: expected a list of (north, east, heading)"
+            )
+
+    def poses(self, n_dof: int) -> Array:
+        """The poses of the schedule, shape (n, n_dof) [m, rad]: in the plane, or north alone."""
+        points = np.array(self.schedules[self.schedule], dtype=np.float64)
+        points[:, :2] *= self.scale
+        points[:, 2] = np.radians(points[:, 2])
+        return points[:, :n_dof]
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The set-points as a timetable."""
+        poses = self.poses(len(start))
+        interval = self.duration_s / len(poses)
+        return Timetable(np.ascontiguousarray(step_setpoints(poses, interval, t))), np.zeros(1)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Poses are in the plane, or along the way; the reference model is of as many axes."""
+        if tuple(dofs) not in (PLANAR, ("surge",)):
+            raise ConfigurationError(
+                f"evaluation={self.schedule} needs a vessel in surge, or in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(dofs)}"
+            )
+        self.reference_filter.check(dofs)
