@@ -15,6 +15,7 @@ import hydra
 from hydra._internal.utils import get_args_parser
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.database.mask import learn, masked_output
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.sweep import Session, register
 
@@ -24,6 +25,13 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 
 def main() -> int:
     """Run the command in sys.argv; the answer is its exit code."""
+    for text in (*sys.argv, os.environ.get("SEATRIAL_DATABASE", "")):
+        learn(text)
+    with masked_output():
+        return _main()
+
+
+def _main() -> int:
     traceback_wanted = os.environ.get(FULL_ERROR) == "1"
     session = Session()
     overrides: Sequence[str] = ()

@@ -10,6 +10,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from seatrial.runner.database.mask import without_address
 from seatrial.runner.fingerprint import source_digest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,7 +38,7 @@ class Provenance:
     git_commit: str | None
     git_dirty: bool | None
     versions: dict[str, str]  # of packages; with python, platform and the number of cpus
-    command: str  # as typed
+    command: str  # as typed, without the address of the logbook
     sources: str  # digest of the code that computes results
 
 
@@ -50,7 +51,7 @@ def collect() -> Provenance:
         git_commit=commit,
         git_dirty=None if changes is None else changes != "",
         versions=_versions(),
-        command=shlex.join(sys.orig_argv),
+        command=shlex.join(without_address(sys.orig_argv)),
         sources=source_digest(),
     )
 

@@ -1,5 +1,6 @@
 """What keeps a logbook in order: repeating what failed, deleting what is old, checking the rest."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import CHOICES
-from seatrial.runner.compare.grid import Grid, grid_of, one_line
+from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.runs import repeat_command, runs_of
 from seatrial.runner.database.engine import Address
@@ -38,13 +39,20 @@ def retry_commands(results: Results, where: str | None, statuses: Sequence[str])
     ]
 
 
-def execute_all(commands: Sequence[str]) -> int:
-    """Starts the commands one after the other; 0 where all succeeded, else 1."""
+def execute_all(commands: Sequence[str], address: Address) -> int:
+    """Starts the commands one after the other; 0 where all succeeded, else 1.
+
+    They find the address of a PostgreSQL logbook in SEATRIAL_DATABASE.
+    """
+    environment = dict(os.environ)
+    if not address.sqlite:
+        environment["SEATRIAL_DATABASE"] = address.url.render_as_string(hide_password=False)
     failed = 0
     for number, line in enumerate(commands, 1):
         print(f"{number} of {len(commands)}: {line}", file=sys.stderr, flush=True)
         arguments = shlex.split(line)
-        failed += subprocess.run([sys.executable, *arguments[1:]], check=False).returncode != 0
+        command = [sys.executable, *arguments[1:]]
+        failed += subprocess.run(command, check=False, env=environment).returncode != 0
     print(f"{len(commands) - failed} of {len(commands)} finished", file=sys.stderr)
     return 1 if failed else 0
 
@@ -64,7 +72,9 @@ def prunable(
 ) -> tuple[list[int], Grid]:
     """The numbers of the runs that would be deleted, and a table of them."""
     if older_than is None and not statuses and where is None:
-        raise ConfigurationError("prune: expected --older-than, --status or --where, got none")
+        raise ConfigurationError(
+            "prune: expected --older-than, --status or --where, or --orphans; got none"
+        )
     _only(statuses, PRUNED)
     condition = results.where(where)
     clauses = [] if condition is None else [results.names.clause(condition)]
@@ -89,8 +99,7 @@ def _runs_grid(found: Sequence[RunSummary]) -> Grid:
 
 def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
     """Deletes runs with their rows and files; what was done, in a line."""
-    url = address.url.render_as_string(hide_password=False)
-    with Logbook.open(url, results_dir=results_dir, create=False) as logbook:
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         pruned = logbook.prune(run_ids)
     kept = len(run_ids) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
@@ -98,6 +107,18 @@ def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
     if pruned.left:
         raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
     return text
+
+
+def scrub(address: Address, results_dir: Path) -> str:
+    """Removes the passwords that older versions stored; what was done, in a line."""
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+        rows = logbook.scrub()
+    if not rows:
+        return "no password is stored in any row"
+    return (
+        f"removed passwords from {rows} rows; backups and exports made before still hold them:"
+        " change the password"
+    )
 
 
 def verification(results: Results) -> Grid:

@@ -1,4 +1,4 @@
-"""Commands on the whole logbook: report, published, retry, export, prune, verify, browse."""
+"""Commands on the whole logbook: report, published, retry, export, prune, verify, scrub, browse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -71,10 +71,11 @@ def retry(
     statuses = split(status) or ("failed", "interrupted")
     with open_results(database) as results:
         commands = retry_commands(results, where, statuses)
+        address = results.reader.address
     if not commands:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
     elif execute:
-        raise typer.Exit(execute_all(commands))
+        raise typer.Exit(execute_all(commands, address))
     for line in commands:
         typer.echo(line)
 
@@ -135,6 +136,17 @@ def verify(
     show_grid(grid, form)
     if grid.rows:
         raise typer.Exit(1)
+
+
+@app.command()
+def scrub(database: Database = DEFAULT_DATABASE, results_dir: ResultsDir = None) -> None:
+    """Remove the passwords of database addresses that older versions stored."""
+    from seatrial.runner.compare import housekeeping
+    from seatrial.runner.compare.results import open_results
+
+    with open_results(database, results_dir) as results:
+        address, folder = results.reader.address, results.reader.results_dir
+    typer.echo(housekeeping.scrub(address, folder), err=True)
 
 
 @app.command()

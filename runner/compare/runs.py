@@ -13,6 +13,7 @@ from seatrial.runner.compare.factors import CHOICES, flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.where import Comparison
+from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.tables import STATUSES
 from seatrial.runner.database.views import run_overview
@@ -42,7 +43,7 @@ SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
 PROGRAM = ("python", "-m", "runner")
-PLACES = ("results_dir=", "database.url=", "database=")
+PLACES = ("results_dir=", "database=")
 
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
@@ -211,13 +212,15 @@ def repeat_command(
 ) -> list[str]:
     """The command that does a trial again, its results going to the same logbook.
 
-    `database` is the SQLite file; None (PostgreSQL) keeps the overrides' own choice, because a
-    URL with its password does not belong on a command line.
+    `database` is the SQLite file; with None (PostgreSQL) the command takes the address from
+    SEATRIAL_DATABASE, because a URL with its password does not belong on a command line.
     """
-    kept = list(overrides)
+    kept = without_address(overrides)
     if database is not None:
         kept = [one for one in kept if not one.startswith(PLACES)]
         kept += _location(database)
+    elif "database=postgresql" not in kept:
+        kept.append("database=postgresql")
     kept = [one for one in kept if not one.startswith("rerun=")]
     if any(one.startswith("experiment=") for one in kept):
         kept.append("hydra.mode=RUN")  # an experiment may hold a sweep

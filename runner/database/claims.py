@@ -16,13 +16,17 @@ from sqlalchemy import ColumnElement, Connection, Row, select, update
 from sqlalchemy.dialects import sqlite
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.engine import without_passwords
 from seatrial.runner.database.liveness import (
     STALE_AFTER_S,
     database_now,
     identity,
     is_gone,
     is_stale,
+)
+from seatrial.runner.database.mask import (
+    command_without_address,
+    without_address,
+    without_passwords,
 )
 from seatrial.runner.database.records import Begun, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
@@ -119,11 +123,11 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         **{name: getattr(start, name) for name in _CHOICES},
         "seed": int(start.seed),
         "config": clean(start.config),
-        "overrides": clean(start.overrides),
+        "overrides": clean(without_address(start.overrides)),
         "git_commit": start.git_commit,
         "git_dirty": start.git_dirty,
         "versions": clean(start.versions),
-        "command": clean(start.command),
+        "command": command_without_address(start.command),
         "host": socket.gethostname(),
         "pid": pid,
         "started_at": datetime.now(UTC),

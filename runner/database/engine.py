@@ -32,12 +32,14 @@ from sqlalchemy.exc import (
 from sqlalchemy.pool import QueuePool
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.mask import learn, without_passwords
 
 # Database URLs: what may be asked for, and how they are shown without their password.
 
 
-_PASSWORD_IN_URL = re.compile(r"(?P<user>\b[\w+.-]+://[^\s:/@?#]*:)[^\s/?#]*@")
-_PASSWORD_OPTION = re.compile(r"(?P<name>\b(?:ssl)?password=)[^\s&'\"]+", re.IGNORECASE)
+# A SQLite address is a path as it stands, whatever it holds; options would be NAME=VALUE.
+_SQLITE = re.compile(r"sqlite(?:\+pysqlite)?:///(?P<file>.+)", re.DOTALL)
+_OPTIONS = re.compile(r"\?\w+=[^/&?]*(?:&\w+=[^/&?]*)*$")
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,10 @@ class Address:
         return str(self.path or display_url(self.url.set(drivername="postgresql")))
 
 
-def parse(url: str) -> Address:
+def parse(url: str | URL) -> Address:
     """The address that `url` names; LogbookError where it names none."""
     try:
-        parsed = make_url(url)
+        parsed = _parsed(url)
     except (ArgumentError, ValueError, TypeError):
         raise LogbookError(
             f"database.url is not a database URL: got {without_passwords(str(url))!r};"
@@ -77,6 +79,17 @@ def parse(url: str) -> Address:
     )
 
 
+def _parsed(url: str | URL) -> URL:
+    if isinstance(url, URL):
+        learn(url.render_as_string(hide_password=False))
+        return url
+    learn(str(url))
+    found = _SQLITE.fullmatch(url)
+    if found and not _OPTIONS.search(found["file"]):
+        return URL.create("sqlite", database=found["file"])
+    return make_url(url)
+
+
 def _sqlite_file(url: URL) -> Path:
     if url.host or url.query or not url.database or url.database == ":memory:":
         raise LogbookError(
@@ -88,17 +101,10 @@ def _sqlite_file(url: URL) -> Path:
 
 def display_url(url: str | URL) -> str:
     """`url` with every password replaced by three stars."""
-    if isinstance(url, str):
-        try:
-            url = make_url(url)
-        except (ArgumentError, ValueError, TypeError):
-            return without_passwords(str(url))
-    return without_passwords(url.render_as_string(hide_password=True))
-
-
-def without_passwords(text: str) -> str:
-    """`text` with the passwords of the URLs in it replaced by three stars."""
-    return _PASSWORD_OPTION.sub(r"\g<name>***", _PASSWORD_IN_URL.sub(r"\g<user>***@", text))
+    if isinstance(url, URL):
+        return without_passwords(url.render_as_string(hide_password=True))
+    learn(str(url))
+    return without_passwords(str(url))
 
 
 BUSY_TIMEOUT_S = 30.0

@@ -16,14 +16,16 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, insert, select, update
+from sqlalchemy.engine import URL
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, tables
+from seatrial.runner.database import maintenance, schema, scrub, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import claim, clean, give_up
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.mask import command_without_address, without_address
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,
@@ -47,7 +49,7 @@ class Logbook(Reader):
         self._began: dict[int, float] = {}  # run: time.monotonic() at its start
 
     @classmethod
-    def open(cls, url: str, *, results_dir: Path, create: bool = True) -> "Logbook":
+    def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "Logbook":
         """Open the logbook at `url`; it is made (unless not `create`) or upgraded as needed.
 
         Raises LogbookError, and changes nothing, where the database is not ours, of a newer
@@ -81,8 +83,8 @@ class Logbook(Reader):
         """Note the start of a sweep of `planned` trials; the answer is its id."""
         row = {
             "name": name,
-            "command": clean(command),
-            "overrides": clean(overrides),
+            "command": command_without_address(command),
+            "overrides": clean(without_address(overrides)),
             "planned": planned,
             "started_at": datetime.now(UTC),
             "host": socket.gethostname(),
@@ -178,6 +180,15 @@ class Logbook(Reader):
             gone, paths = maintenance.delete_runs(connection, run_ids)
         left = maintenance.remove(self.results_dir, paths)
         return Pruned(gone, len(paths) - len(left), left)
+
+    def scrub(self) -> int:
+        """Remove passwords that older versions stored; the answer is how many rows held one."""
+        with self._writing() as connection:
+            rows = scrub.scrub(connection)
+        if rows:
+            with engines.explained(self.address):
+                scrub.reclaim(self.address)
+        return rows
 
     def remove_orphans(self) -> list[Path]:
         """Delete the series files that no row points to; the answer names them."""

@@ -30,6 +30,7 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import Problem, SeriesFile, Verification
+from seatrial.runner.database.scrub import stored_passwords
 from seatrial.runner.database.tables import Base, Run, Series
 
 _OF_RUN = re.compile(r"\.?run-(?P<run>\d+)-")
@@ -43,6 +44,7 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
+        problems += stored_passwords(connection)
         runs = connection.scalar(select(func.count()).select_from(Run)) or 0
         rows = connection.execute(select(Series.__table__).order_by(Series.id)).all()
         stored = len(rows)

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from sqlalchemy import (
+    URL,
     ColumnElement,
     Connection,
     Engine,
@@ -23,6 +24,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, sql_query, tables
 from seatrial.runner.database import series_files as files
+from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
@@ -53,7 +55,7 @@ class Reader:
         self._engine = engine
 
     @classmethod
-    def read(cls, url: str, *, results_dir: Path | None = None) -> "Reader":
+    def read(cls, url: str | URL, *, results_dir: Path | None = None) -> "Reader":
         """Open the logbook at `url`; `results_dir` is the folder of a SQLite file by default.
 
         Raises LogbookError where there is none, or none that this version can read.
@@ -86,7 +88,8 @@ class Reader:
     def sql(self, query: str) -> Answer:
         """The answer to one query in SQL; LogbookError where it fails, or would write."""
         with engines.explained(self.address), self._engine.connect() as connection:
-            return sql_query.ask(connection, query)
+            answer = sql_query.ask(connection, query)
+        return Answer(answer.columns, [tuple(map(_shown, row)) for row in answer.rows])
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
@@ -102,7 +105,10 @@ class Reader:
     def sweeps(self) -> list[SweepSummary]:
         """The sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
-        return [SweepSummary(**row._asdict()) for row in rows]
+        return [
+            SweepSummary(**{name: _shown(value) for name, value in row._asdict().items()})
+            for row in rows
+        ]
 
     def run(self, run_id: int) -> RunDetail:
         """One run with its configuration; LogbookError where there is no such run."""
@@ -113,7 +119,7 @@ class Reader:
         return RunDetail(
             summary=found[0],
             **{
-                name: getattr(row, name)
+                name: _shown(getattr(row, name))
                 for name in RunDetail.__dataclass_fields__
                 if name != "summary"
             },
@@ -238,6 +244,7 @@ def _summary(row: Row[Any]) -> RunSummary:
         **values
         | {
             "status": _status(row),
+            "error": _shown(values["error"]),
             "superseded": bool(values["superseded"]),
             "started_at": _utc(values["started_at"]),
             "finished_at": _utc(values["finished_at"]),
@@ -249,6 +256,11 @@ def _status(row: Row[Any]) -> str:
     """The status that the view shows; a run whose process died here is known to be interrupted."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
+
+
+def _shown(value: Any) -> Any:
+    """A cell of an answer, without the passwords that older versions stored."""
+    return clean(value) if isinstance(value, str | dict | list) else value
 
 
 def _utc(time: datetime | None) -> datetime | None:
