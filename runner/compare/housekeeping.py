@@ -121,13 +121,41 @@ def scrub(address: Address, results_dir: Path) -> str:
     )
 
 
-def verification(results: Results) -> Grid:
-    """A table of what is wrong, empty where all is whole; its title says what was checked."""
+def require_no_choice(*choices: object) -> None:
+    """Raises ConfigurationError where --orphans is given with a choice of runs."""
+    if any(choices):
+        raise ConfigurationError(
+            "prune: expected --orphans alone, or --older-than, --status and --where"
+        )
+
+
+def leftovers(results: Results) -> tuple[int, Grid]:
+    """How many series files no run knows, and a table of them."""
+    found = results.reader.orphans()
+    rows: list[list[Scalar]] = [[str(path), path.stat().st_size] for path in found if path.exists()]
+    title = f"{len(found)} files that no run knows"
+    return len(found), grid_of(title, ("file", "bytes"), rows, labels=2)
+
+
+def delete_leftovers(address: Address, results_dir: Path) -> str:
+    """Deletes the series files that no run knows; what was done, in a line."""
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+        return f"deleted {len(logbook.remove_orphans())} files"
+
+
+def verification(results: Results) -> tuple[bool, Grid]:
+    """Whether all is whole, and a table of what is not, and of what killed programs have left.
+
+    Its title says what was checked.
+    """
     found = results.reader.verify()
     rows = [[problem.where, problem.what] for problem in found.problems]
-    verdict = f"{len(rows)} problems" if rows else "all whole"
+    rows += [[str(path), "left over: no run knows this file"] for path in found.leftovers]
+    verdict = f"{len(found.problems)} problems" if found.problems else "all whole"
+    if found.leftovers:
+        verdict += f", {len(found.leftovers)} files left over (prune --orphans)"
     title = f"checked {found.runs} runs and {found.series} series files: {verdict}"
-    return grid_of(title, ("where", "problem"), rows, labels=2)
+    return not found.problems, grid_of(title, ("where", "problem"), rows, labels=2)
 
 
 def _only(statuses: Sequence[str], known: Sequence[str]) -> None:

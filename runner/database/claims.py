@@ -9,6 +9,7 @@ whose process has just finished it, and ended.
 import os
 import socket
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -43,6 +44,8 @@ def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: 
         if begun is None and _lost_are_given_up(connection, attempts):
             attempt = 1 + max((run.attempt for run in attempts), default=0)
             begun = _insert(connection, start, sweep_id, attempt)
+            lost = sum(run.status == "running" for run in attempts)
+            begun = replace(begun, lost=lost) if begun is not None else None
         if begun is not None:
             if begun.state != "new" and sweep_id is not None:
                 _note_reuse(connection, sweep_id, begun.run_id)

@@ -10,7 +10,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from seatrial.runner.database.records import (
     Pruned,
     Results,
     RunStart,
+    Series,
     SeriesFile,
     integer,
     number,
@@ -56,7 +57,7 @@ class Logbook(Reader):
         version, damaged or out of reach.
         """
         address = parse(url)
-        schema.prepare(address, create=create)
+        schema.prepare(address, create=create, results_dir=results_dir)
         return cls(address, results_dir.absolute())
 
     def close(self) -> None:
@@ -92,6 +93,7 @@ class Logbook(Reader):
         }
         with self._writing() as connection:
             key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
+        self._remove_leftovers()
         assert key is not None
         return int(key[0])
 
@@ -119,6 +121,8 @@ class Logbook(Reader):
         if begun.state == "new":
             self._began[begun.run_id] = time.monotonic()
             self._heartbeat.watch(begun.run_id)
+        if begun.lost:
+            self._remove_leftovers()
         return begun
 
     def finish_run(
@@ -135,7 +139,7 @@ class Logbook(Reader):
 
         Raises LogbookError, and leaves the run as it was, where the results cannot be stored.
         """
-        written = files.write(self.results_dir, run_id, results.series)
+        written = self._write_series(run_id, results.series)
         ending = {
             "status": status,
             "error_type": error_type,
@@ -191,12 +195,38 @@ class Logbook(Reader):
         return rows
 
     def remove_orphans(self) -> list[Path]:
-        """Delete the series files that no row points to; the answer names them."""
-        with self._reading() as connection:
-            found = maintenance.orphans(connection, self.results_dir)
+        """Delete the series files that no row points to; the answer names them.
+
+        Raises LogbookError where one cannot be deleted.
+        """
+        found = self.orphans()
         for path in found:
-            path.unlink(missing_ok=True)
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
         return found
+
+    def _remove_leftovers(self) -> None:
+        """Delete what runs that were given up have left, as far as that can be done."""
+        with self._reading() as connection:
+            found = maintenance.leftovers(connection, self.results_dir)
+        for path in found:
+            with suppress(OSError):  # then `verify` names it
+                path.unlink(missing_ok=True)
+
+    def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
+        if not series:
+            return []
+        run = tables.Run
+        with self._reading() as connection:
+            row = connection.execute(
+                select(run.fingerprint, run.attempt, run.started_at).where(run.id == run_id)
+            ).one_or_none()
+        if row is None:
+            raise LogbookError(f"{self.address}: there is no run {run_id}")
+        run_mark = files.mark(row.fingerprint, row.attempt, row.started_at)
+        return files.write(self.results_dir, run_id, run_mark, series)
 
     def _duration(self, run_id: int) -> float | None:
         began = self._began.get(run_id)

@@ -181,6 +181,12 @@ class Reader:
             finished_at=sweep.finished_at,
         )
 
+    def orphans(self) -> list[Path]:
+        """The series files that no row points to, and that nobody is about to name in one."""
+        with self._reading() as connection:
+            found = maintenance.orphans(connection, self.results_dir)
+        return [path for path in found if files.owner(path)]
+
     def verify(self) -> Verification:
         """Look at the database, every foreign key and every series file."""
         with self._reading() as connection:
