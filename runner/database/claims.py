@@ -64,6 +64,15 @@ def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElem
     return marked.scalar() is not None
 
 
+def give_up_gone(connection: Connection, sweep_id: int) -> None:
+    """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
+    columns = (Run.id, Run.process, Run.host, Run.pid)
+    under_way = (Run.sweep_id == sweep_id, Run.status == "running")
+    for run in connection.execute(select(*columns).where(*under_way)).all():
+        if is_gone(run.process):
+            _is_given_up(connection, run)
+
+
 def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
     stale = is_stale(Run.heartbeat_at).label("stale")
     return connection.execute(

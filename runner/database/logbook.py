@@ -22,7 +22,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, scrub, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, clean, give_up
+from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
 from seatrial.runner.database.mask import command_without_address, without_address
@@ -108,6 +108,12 @@ class Logbook(Reader):
         if self.address.path is not None:
             with engines.explained(self.address):
                 engines.checkpoint(self.address.path)
+
+    def give_up_sweep(self, sweep_id: int) -> None:
+        """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
+        with self._writing() as connection:
+            give_up_gone(connection, sweep_id)
+        self._remove_leftovers()
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
