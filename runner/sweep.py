@@ -126,9 +126,14 @@ class SweepJob:
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial; what the logbook cannot take is lost, and said so."""
+        from seatrial.runner.database.engine import parse
+        from seatrial.runner.database.outage import expect
+
         order = order_of(config, HydraConfig.get())
         try:
-            return self.carry_out(build_trial(order.config, order.names), order)
+            trial = build_trial(order.config, order.names)
+            expect(str(parse(trial.database_url)))  # the sweep is in it
+            return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
 

@@ -10,7 +10,7 @@ import os
 import socket
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, select, update
@@ -36,14 +36,19 @@ _TRIES = 10  # each further one needs another process to have come between
 _CHOICES = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
 
-def claim(connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool) -> Begun:
-    """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for."""
+def claim(
+    connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
+) -> Begun:
+    """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for.
+
+    A run that this process began at that `moment` is this one: the answer to it was lost.
+    """
     for _ in range(_TRIES):
         attempts = _attempts(connection, start.fingerprint)
-        begun = _done_already(attempts, rerun)
+        begun = _own(attempts, moment) or _done_already(attempts, rerun)
         if begun is None and _lost_are_given_up(connection, attempts):
             attempt = 1 + max((run.attempt for run in attempts), default=0)
-            begun = _insert(connection, start, sweep_id, attempt)
+            begun = _insert(connection, _row(start, sweep_id, attempt, moment))
             lost = sum(run.status == "running" for run in attempts)
             begun = replace(begun, lost=lost) if begun is not None else None
         if begun is not None:
@@ -66,9 +71,9 @@ def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElem
 
 def give_up_gone(connection: Connection, sweep_id: int) -> None:
     """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
-    columns = (Run.id, Run.process, Run.host, Run.pid)
-    under_way = (Run.sweep_id == sweep_id, Run.status == "running")
-    for run in connection.execute(select(*columns).where(*under_way)).all():
+    columns: list[Any] = [Run.id, Run.process, Run.host, Run.pid]
+    under_way = select(*columns).where(Run.sweep_id == sweep_id, Run.status == "running")
+    for run in connection.execute(under_way).all():
         if is_gone(run.process):
             _is_given_up(connection, run)
 
@@ -76,10 +81,21 @@ def give_up_gone(connection: Connection, sweep_id: int) -> None:
 def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
     stale = is_stale(Run.heartbeat_at).label("stale")
     return connection.execute(
-        select(Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, stale)
+        select(
+            *(Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, Run.started_at),
+            stale,
+        )
         .where(Run.fingerprint == fingerprint)
         .order_by(Run.attempt)
     ).all()
+
+
+def _own(attempts: Sequence[Row[Any]], moment: datetime) -> Begun | None:
+    own = (socket.gethostname(), os.getpid(), moment, "running")
+    for run in attempts:
+        if (run.host, run.pid, run.started_at, run.status) == own:
+            return Begun(run.id, "new")
+    return None
 
 
 def _done_already(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
@@ -106,12 +122,9 @@ def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
     return give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
 
 
-def _insert(
-    connection: Connection, start: RunStart, sweep_id: int | None, attempt: int
-) -> Begun | None:
+def _insert(connection: Connection, row: dict[str, Any]) -> Begun | None:
     """The new run, or None where another process came first."""
     statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
-    row = _row(start, sweep_id, attempt)
     run_id = connection.execute(statement.returning(Run.id), row).scalar()
     return Begun(run_id, "new") if run_id is not None else None
 
@@ -125,7 +138,7 @@ def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
     return postgresql.insert(table).on_conflict_do_nothing()
 
 
-def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
+def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) -> dict[str, Any]:
     pid = os.getpid()
     return {
         "sweep_id": sweep_id,
@@ -142,7 +155,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int) -> dict[str, Any]:
         "command": command_without_address(start.command),
         "host": socket.gethostname(),
         "pid": pid,
-        "started_at": datetime.now(UTC),
+        "started_at": moment,
         "process": identity(pid),
     }
 

@@ -33,6 +33,7 @@ from sqlalchemy.pool import QueuePool
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.mask import learn, without_passwords
+from seatrial.runner.database.outage import wait_for_server
 
 # Database URLs: what may be asked for, and how they are shown without their password.
 
@@ -259,7 +260,7 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         ) from error
     # Compiling a query takes longer than answering any of ours.
     options = {} if "options" in address.url.query else {"options": "-c jit=off"}
-    return create_engine(
+    engine = create_engine(
         address.url,
         pool_pre_ping=True,
         json_serializer=_to_json,
@@ -270,3 +271,5 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         },
         execution_options={"postgresql_readonly": True} if read_only else {},
     )
+    wait_for_server(engine, str(address))
+    return engine

@@ -43,7 +43,7 @@ def _postgresql_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str
 
 
 class is_stale(FunctionElement[Any]):  # noqa: N801
-    """Whether a heartbeat column is empty or older than STALE_AFTER_S by the database's clock."""
+    """Whether a heartbeat column is empty, or STALE_AFTER_S off the database's clock."""
 
     type = Boolean()
     inherit_cache = True
@@ -51,15 +51,24 @@ class is_stale(FunctionElement[Any]):  # noqa: N801
 
 @compiles(is_stale)
 def _is_stale(element: Any, compiler: Any, **options: Any) -> str:
-    column = compiler.process(element.clauses, **options)
-    return f"({column} IS NULL OR {column} < {stale_before(compiler.dialect.name)})"
+    return stale(compiler.process(element.clauses, **options), compiler.dialect.name)
 
 
-def stale_before(dialect: str) -> str:
-    """SQL of the time before which a heartbeat is stale, on `sqlite` or `postgresql`."""
+def stale(column: str, dialect: str) -> str:
+    """SQL of whether a heartbeat is stale, on `sqlite` or `postgresql`.
+
+    So is one from the future: the clock was put back, and no beat has come since. A PostgreSQL
+    server that has just come back gives the runs that were alive when it left time for a beat.
+    """
+    patience = f"{STALE_AFTER_S:.0f} seconds"
     if dialect == "sqlite":
-        return f"strftime('%Y-%m-%d %H:%M:%f000', 'now', '-{STALE_AFTER_S:.0f} seconds')"
-    return f"timezone('utc', clock_timestamp()) - interval '{STALE_AFTER_S:.0f} seconds'"
+        past, future = (f"strftime('%Y-%m-%d %H:%M:%f000', 'now', '{s}{patience}')" for s in "-+")
+        return f"({column} IS NULL OR {column} < {past} OR {column} > {future})"
+    now, interval = "timezone('utc', clock_timestamp())", f"interval '{patience}'"
+    came = "timezone('utc', pg_postmaster_start_time())"
+    back = f"{came} > {now} - {interval} AND {column} > {came} - 2 * {interval}"
+    silent = f"{column} < {now} - {interval} AND NOT ({back})"
+    return f"({column} IS NULL OR {column} > {now} + {interval} OR {silent})"
 
 
 @cache

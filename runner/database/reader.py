@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -28,6 +29,7 @@ from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
+from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
     Coefficient,
@@ -93,7 +95,11 @@ class Reader:
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
-        with self._reading() as connection:
+        with engines.explained(self.address):
+            return repeated(partial(self._rows, statement))
+
+    def _rows(self, statement: Select[Any]) -> Sequence[Row[Any]]:
+        with self._engine.connect() as connection:
             return connection.execute(statement).all()
 
     def runs(
@@ -161,13 +167,11 @@ class Reader:
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
         """How far a sweep is; LogbookError where there is no such sweep."""
-        with self._reading() as connection:
-            sweep = connection.execute(
-                select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id)
-            ).one_or_none()
-            trials = connection.execute(_trials(sweep_id)).all()
-        if sweep is None:
+        sweeps = self.select(select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id))
+        trials = self.select(_trials(sweep_id))
+        if not sweeps:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
+        (sweep,) = sweeps
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
         status = {trial.run_id: _status(trial) for trial in last.values()}
         lost = [run_id for run_id, ending in status.items() if ending in _FAILED]

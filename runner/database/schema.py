@@ -9,15 +9,17 @@ import sqlite3
 from contextlib import closing
 from datetime import UTC, datetime
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, Engine
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database import views
 from seatrial.runner.database.engine import Address
+from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.tables import Base
 
 VERSION_TABLE = "seatrial_version"
@@ -88,10 +90,15 @@ def inspect(address: Address) -> Condition:
             return Condition.EMPTY  # zero bytes are no logbook
     engine = engines.reader(address)
     try:
-        with engines.explained(address), engine.connect() as connection:
-            return condition(connection, address)
+        with engines.explained(address):
+            return repeated(partial(_condition, engine, address))
     finally:
         engine.dispose()
+
+
+def _condition(engine: Engine, address: Address) -> Condition:
+    with engine.connect() as connection:
+        return condition(connection, address)
 
 
 def condition(connection: Connection, address: Address) -> Condition:
