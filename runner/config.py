@@ -124,8 +124,16 @@ def _optional(node: Any, cls: type | str, key: str) -> Any:
 
 
 def database_url(config: Node) -> str:
-    """Where the logbook is; the one option of the group `database`."""
+    """Where the logbook is; the one option of the group `database`.
+
+    Where it is null, in the folder of results.
+    """
     database = _section(config, "database", ("url",))
+    if "url" in database and database["url"] is None:
+        from seatrial.runner.database.engine import file_url  # slow to import
+
+        folder: Path = coerce(_given(config, "results_dir"), Path, "results_dir")
+        return file_url(folder / "results.db")
     url: str = coerce(_given(database, "url", "database."), str, "database.url")
     return url
 

@@ -13,6 +13,7 @@ from seatrial.runner.compare.factors import CHOICES, flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.where import Comparison
+from seatrial.runner.database.engine import file_url
 from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.tables import STATUSES
@@ -233,7 +234,7 @@ def _location(database: Path) -> list[str]:
     folder = file.parent.relative_to(here) if file.parent.is_relative_to(here) else file.parent
     found = [] if folder == Path("results") else [f"results_dir={_quoted(str(folder))}"]
     if file.name != "results.db":
-        found.append(f"database.url={_quoted(f'sqlite:///{folder / file.name}')}")
+        found.append(f"database.url={_quoted(file_url(folder / file.name))}")
     return found
 
 

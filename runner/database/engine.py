@@ -8,7 +8,6 @@ opened read-only.
 
 import json
 import os
-import re
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, create_engine, event
@@ -36,11 +35,6 @@ from seatrial.runner.database.mask import learn, without_passwords
 from seatrial.runner.database.outage import wait_for_server
 
 # Database URLs: what may be asked for, and how they are shown without their password.
-
-
-# A SQLite address is a path as it stands, whatever it holds; options would be NAME=VALUE.
-_SQLITE = re.compile(r"sqlite(?:\+pysqlite)?:///(?P<file>.+)", re.DOTALL)
-_OPTIONS = re.compile(r"\?\w+=[^/&?]*(?:&\w+=[^/&?]*)*$")
 
 
 @dataclass(frozen=True)
@@ -85,18 +79,28 @@ def _parsed(url: str | URL) -> URL:
         learn(url.render_as_string(hide_password=False))
         return url
     learn(str(url))
-    found = _SQLITE.fullmatch(url)
-    if found and not _OPTIONS.search(found["file"]):
-        return URL.create("sqlite", database=found["file"])
-    return make_url(url)
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite" and "?" in url:  # SQLAlchemy drops "?x" silently
+        _refuse_sqlite(url)
+    return parsed
+
+
+def file_url(path: Path) -> str:
+    """The URL of a SQLite file, whatever its name holds; no more is escaped than must be."""
+    escaped = str(path).replace("%", "%25").replace("?", "%3F")
+    return f"sqlite:///{escaped}"
+
+
+def _refuse_sqlite(url: str | URL) -> NoReturn:
+    raise LogbookError(
+        f"database.url: got {display_url(url)}; expected sqlite:///FILE"
+        " (a file of its own, without options; % and ? in its name are %25 and %3F)"
+    )
 
 
 def _sqlite_file(url: URL) -> Path:
     if url.host or url.query or not url.database or url.database == ":memory:":
-        raise LogbookError(
-            f"database.url: got {display_url(url)}; expected sqlite:///FILE"
-            " (a file of its own, without options)"
-        )
+        _refuse_sqlite(url)
     return Path(url.database).absolute()
 
 

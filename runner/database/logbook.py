@@ -235,7 +235,7 @@ class Logbook(Reader):
         if not series:
             return []
         run = tables.Run
-        columns = [run.fingerprint, run.attempt, run.started_at]
+        columns: list[Any] = [run.fingerprint, run.attempt, run.started_at]
         rows = self.select(select(*columns).where(run.id == run_id))
         if not rows:
             raise LogbookError(f"{self.address}: there is no run {run_id}")

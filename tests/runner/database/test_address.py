@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from sqlalchemy.engine import URL, make_url
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import Logbook, display_url, without_passwords
-from seatrial.runner.database.engine import parse
+from seatrial.runner.database.engine import file_url, parse
 from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres
@@ -30,6 +31,7 @@ from tests.runner.postgres import Postgres
         ("sqlite:///:memory:", "expected sqlite:///FILE"),
         ("sqlite://host/file.db", "expected sqlite:///FILE"),
         ("sqlite:///file.db?mode=rwc&uri=true", "expected sqlite:///FILE"),
+        ("sqlite:///a?b/results.db", "expected sqlite:///FILE"),  # not in a
     ],
 )
 def test_urls_that_name_no_logbook_are_refused(tmp_path: Path, url: str, match: str) -> None:
@@ -45,7 +47,8 @@ def test_urls_that_name_no_logbook_are_refused(tmp_path: Path, url: str, match: 
 )
 def test_a_folder_with_any_name_holds_its_own_database(tmp_path: Path, folder: str) -> None:
     place = tmp_path / folder
-    url = f"sqlite:///{place}/results.db"
+    url = file_url(place / "results.db")
+    assert make_url(url) == URL.create("sqlite", database=f"{place}/results.db")
     with Logbook.open(url, results_dir=place) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     assert [path.name for path in tmp_path.iterdir()] == [folder]
