@@ -193,12 +193,12 @@ class SeatrialSweeper(Sweeper):
             )
             job = SweepJob(sweep_id, provenance)
             outcomes, todo = _finished_before(plans, job)
-            try:
-                with console.shown(url, sweep_id):
+            with console.shown(url, sweep_id):
+                try:
                     launched = self._launch(todo, job)
-            except KeyboardInterrupt:
-                logbook.give_up_sweep(sweep_id)
-                raise
+                except KeyboardInterrupt:
+                    logbook.give_up_sweep(sweep_id)
+                    raise
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched.outcomes

@@ -120,10 +120,15 @@ class Logbook(Reader):
                 engines.checkpoint(self.address.path)
 
     def give_up_sweep(self, sweep_id: int) -> None:
-        """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
-        with self._writing() as connection:
-            give_up_gone(connection, sweep_id)
-        self._remove_leftovers()
+        """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone.
+
+        The program is about to end: a server that is away is not waited for.
+        """
+        hurry(str(self.address))
+        with suppress(LogbookError):  # without a heartbeat they are found all the same
+            with self._writing() as connection:
+                give_up_gone(connection, sweep_id)
+            self._remove_leftovers()
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False

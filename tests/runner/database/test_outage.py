@@ -1,5 +1,7 @@
 """A PostgreSQL server that goes away and comes back; heartbeats when clocks were changed."""
 
+import os
+import signal
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
@@ -13,6 +15,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import Logbook, engine, outage
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import Run
+from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres
 from tests.runner.programs import METRICS, ended, sweep, wait
@@ -154,6 +157,26 @@ def test_a_sweep_goes_on_when_the_server_comes_back(
         assert [run.attempt for run in logbook.runs()] == [1] * 8
         assert logbook.verify().problems == []
         assert len({row[2] for row in logbook.sql(METRICS).rows}) == 8
+
+
+def test_who_is_stopped_does_not_wait_for_the_server(
+    seatrial: Command, server: Postgres, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = seatrial.pretend()
+    monkeypatch.setenv("SEATRIAL_DATABASE", server.new_database())
+
+    class Leaving(set[int]):
+        def __contains__(self, seed: object) -> bool:
+            server.leave()
+            os.kill(os.getpid(), signal.SIGTERM)
+            return False
+
+    fake.interrupted = Leaving()
+    began = time.monotonic()
+    answer = seatrial("-m", "seed=1,2", "database=postgresql")
+    assert answer.code == 143
+    assert answer.err.splitlines()[-1].startswith("seatrial: interrupted")
+    assert time.monotonic() - began < 0.5 * outage.PATIENCE_S
 
 
 def pretend(url: str, run_id: int, **values: object) -> None:
