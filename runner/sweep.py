@@ -132,7 +132,7 @@ class SweepJob:
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
-            expect(str(parse(trial.database_url)))  # the sweep is in it
+            expect(parse(trial.database_url).url)  # the sweep is in it
             return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")

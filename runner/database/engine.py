@@ -275,5 +275,5 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         },
         execution_options={"postgresql_readonly": True} if read_only else {},
     )
-    wait_for_server(engine, str(address))
+    wait_for_server(engine)
     return engine

@@ -68,7 +68,7 @@ class Logbook(Reader):
         """Give up the runs that have not ended, and close every connection."""
         try:
             if self._began:
-                hurry(str(self.address))
+                hurry(self.address.url)
                 with self._writing() as connection:
                     for run_id in self._began:
                         give_up(connection, run_id, "the program ended before the run did")
@@ -124,7 +124,7 @@ class Logbook(Reader):
 
         The program is about to end: a server that is away is not waited for.
         """
-        hurry(str(self.address))
+        hurry(self.address.url)
         with suppress(LogbookError):  # without a heartbeat they are found all the same
             with self._writing() as connection:
                 give_up_gone(connection, sweep_id)

@@ -15,7 +15,8 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 _STARS = "***"
-_IN_URL = re.compile(r"(?P<before>:\\*/\\*/[^\s:/@?#]*:)[^\s]*@")
+# Bounded, so that text made to be slow is not: a longer password is hidden once it is known.
+_IN_URL = re.compile(r"(?P<before>:\\*/\\*/[^\s:/@?#]{0,200}:)[^\s]{0,1000}@")
 _OPTION = re.compile(
     r"(?P<before>\b(?:ssl|pg)?password(?:\\*=|\\*['\"]\s*:\s*)[\\'\"]*)[^\s&'\"]+", re.IGNORECASE
 )

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from sqlalchemy import Engine, event
+from sqlalchemy import URL, Engine, event
 from sqlalchemy.exc import DBAPIError
 
 from seatrial.models.errors import LogbookError
@@ -17,18 +17,18 @@ from seatrial.runner.database.mask import without_passwords
 PATIENCE_S = 60.0
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
-_worth_waiting: dict[str, bool] = {}  # by address
+_worth_waiting: dict[URL, bool] = {}  # with the password: a wrong one never reaches anything
 T = TypeVar("T")
 
 
-def expect(address: str) -> None:
-    """Wait for the server at `address` from the first: another process has reached it."""
-    _worth_waiting.setdefault(address, True)
+def expect(url: URL) -> None:
+    """Wait for the server at `url` from the first: another process has reached it."""
+    _worth_waiting.setdefault(url, True)
 
 
-def hurry(address: str) -> None:
-    """Do not wait for the server at `address` until it has been reached again."""
-    _worth_waiting[address] = False
+def hurry(url: URL) -> None:
+    """Do not wait for the server at `url` until it has been reached again."""
+    _worth_waiting[url] = False
 
 
 def repeated(task: Callable[[], T]) -> T:
@@ -46,7 +46,7 @@ def repeated(task: Callable[[], T]) -> T:
     return task()
 
 
-def wait_for_server(engine: Engine, address: str) -> None:
+def wait_for_server(engine: Engine) -> None:
     """Let `engine` wait where the server cannot be connected to, if it has been before.
 
     A connection is made when it is needed, so that whoever needs one waits.
@@ -54,24 +54,27 @@ def wait_for_server(engine: Engine, address: str) -> None:
 
     @event.listens_for(engine, "do_connect")
     def _connect(dialect: Any, record: Any, args: list[Any], options: dict[str, Any]) -> Any:
-        connection = _connected(lambda: dialect.connect(*args, **options), address)
-        _worth_waiting[address] = True
+        connection = _connected(lambda: dialect.connect(*args, **options), engine.url)
+        _worth_waiting[engine.url] = True
         return connection
 
 
-def _connected(connect: Callable[[], T], address: str) -> T:
+def _connected(connect: Callable[[], T], url: URL) -> T:
     import psycopg
 
     for wait_s in _waits():
         try:
             return connect()
         except psycopg.OperationalError as error:
-            if not _worth_waiting.get(address):
+            if not _worth_waiting.get(url):
                 raise
             said = without_passwords(str(error).strip().partition("\n")[0])
         time.sleep(wait_s)
-    _worth_waiting[address] = False
-    raise LogbookError(f"{address}: {said}; the server did not come back in {PATIENCE_S:.0f} s")
+    _worth_waiting[url] = False
+    shown = url.set(drivername="postgresql").render_as_string(hide_password=True)
+    raise LogbookError(
+        f"{without_passwords(shown)}: {said}; the server did not come back in {PATIENCE_S:.0f} s"
+    )
 
 
 def _waits() -> Iterator[float]:

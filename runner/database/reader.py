@@ -23,7 +23,7 @@ from sqlalchemy import (
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, sql_query, tables
+from seatrial.runner.database import maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
@@ -35,6 +35,7 @@ from seatrial.runner.database.records import (
     Coefficient,
     Diagnostic,
     Metric,
+    Problem,
     RunDetail,
     RunSummary,
     Series,
@@ -190,6 +191,11 @@ class Reader:
         with self._reading() as connection:
             found = maintenance.orphans(connection, self.results_dir)
         return [path for path in found if files.owner(path)]
+
+    def stored_passwords(self) -> list[Problem]:
+        """The cells in which an older version stored a password."""
+        with self._reading() as connection:
+            return scrub.stored_passwords(connection)
 
     def verify(self) -> Verification:
         """Look at the database, every foreign key and every series file."""

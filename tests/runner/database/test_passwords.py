@@ -4,6 +4,7 @@ import os
 import shlex
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -208,6 +209,8 @@ def test_an_old_logbook_is_found_out_shown_masked_and_scrubbed(
     assert "hunter2" not in (tmp_path / "report.html").read_text()
     assert "run 1" in said.out
     assert "password" in said.out
+    assert compare(["browse", "--database", old]) == 2
+    assert ("scrub removes" if old.startswith("sqlite") else "SQLite") in capsys.readouterr().err
     assert compare(["scrub", *place]) == 0
     assert "2 rows" in capsys.readouterr().err
     assert compare(["verify", *place]) == 0
@@ -242,3 +245,9 @@ def test_retry_hands_the_address_over_in_the_environment(
     ((command, address),) = calls
     assert PASSWORD not in " ".join(command)
     assert parse(address).url.password == PASSWORD
+
+
+def test_text_that_is_made_to_be_slow_is_not() -> None:
+    began = time.perf_counter()
+    Mask()("://a:" * 20_000)
+    assert time.perf_counter() - began < 2.0  # without a bound on its length, ten times as long
