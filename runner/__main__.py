@@ -1,8 +1,8 @@
 """The command line: `python -m runner`, installed as `seatrial`.
 
 Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
-option, an unreadable file, an unusable database); 130 interrupted. What is wrong is said in one
-line; HYDRA_FULL_ERROR=1 shows the traceback as well.
+option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
+What is wrong is said in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
 Two parts of Hydra 1.3.8 that are not public are used, here alone. Its parser of the command line:
 Hydra itself would print a usage message and end the process, where one line is wanted. And its
@@ -11,9 +11,11 @@ from the name space `hydra_plugins` only, and seatrial installs no name beside i
 """
 
 import os
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from types import FrameType
 from typing import NoReturn
 
 import hydra
@@ -21,6 +23,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.plugins import Plugins
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.database.mask import learn, masked_output
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.sweep import SeatrialSweeper, Session
 
@@ -29,8 +32,23 @@ FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 
 
+class Stopped(KeyboardInterrupt):
+    """Another signal than that of Ctrl-C, which ends the program in the same way."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
 def main() -> int:
     """Run the command in sys.argv; the answer is its exit code."""
+    for text in (*sys.argv, os.environ.get("SEATRIAL_DATABASE", "")):
+        learn(text)
+    with masked_output(), _stoppable():
+        return _main()
+
+
+def _main() -> int:
     traceback_wanted = os.environ.get(FULL_ERROR) == "1"
     session = Session()
     overrides: Sequence[str] = ()
@@ -39,8 +57,9 @@ def main() -> int:
         with _raising():
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
-    except KeyboardInterrupt:
-        return _complain(INTERRUPTED, 130)
+    except KeyboardInterrupt as stop:
+        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        return _complain(INTERRUPTED, 128 + number)
     except EXPECTED as error:
         if traceback_wanted:
             raise
@@ -75,6 +94,27 @@ def _checked_arguments() -> list[str]:
 
 def _refuse(message: str) -> NoReturn:
     raise ConfigurationError(f"{message} (flags come before or after all options, see --help)")
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise Stopped, once; one that is ignored (nohup) stays so."""
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)}
+    caught = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        for other in caught:  # a second one must not break off what the first one ends
+            signal.signal(other, signal.SIG_IGN)
+        raise Stopped(number)
+
+    for number in caught:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, before[number])
 
 
 @contextmanager

@@ -91,9 +91,9 @@ class Plant:
 
 @dataclass(frozen=True)
 class Database:
-    """Where the logbook is."""
+    """The address of the logbook; None: a SQLite file in the folder of results."""
 
-    url: str
+    url: str | None
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         whole["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     settings = build_as(Settings, whole, "")
+    from seatrial.runner.database.engine import file_url  # slow to import
+
     return Trial(
         **{group: getattr(settings, group) for group in GROUPS},
         sample_time_s=settings.sample_time_s,
@@ -142,7 +144,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         metrics=settings.metrics,
         seed=settings.seed,
         results_dir=settings.results_dir,
-        database_url=settings.database.url,
+        database_url=settings.database.url or file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
         dry_run=settings.dry_run,
         names=dict(names),

@@ -32,9 +32,8 @@ def results_program() -> str:
     return "python -m runner.compare" if _modules() else "seatrial-results"
 
 
-def typed_command() -> str:
-    """The command line of this process, as a shell takes it again."""
-    typed = sys.orig_argv
+def typed_command(typed: Sequence[str]) -> str:
+    """A command line, as in `sys.orig_argv`, as a shell takes it again."""
     return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from seatrial.models.errors import Diverged
 from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
@@ -51,9 +52,7 @@ class Outcome:
 
 def shown(overrides: Sequence[str]) -> str:
     """How a trial is named to people: by what was asked for, without passwords."""
-    from seatrial.runner.database import without_passwords
-
-    asked = [one for one in overrides if not one.startswith("dry_run=")]
+    asked = [one for one in without_address(overrides) if not one.startswith("dry_run=")]
     return without_passwords(" ".join(asked)) or "the default trial"
 
 
@@ -109,7 +108,7 @@ def _keep(
 ) -> Outcome:
     """Store a run that did not finish, with its error."""
     kind = type(error).__name__
-    message = " ".join(str(error).split()) or kind
+    message = without_passwords(" ".join(str(error).split())) or kind
     trace = "".join(traceback.format_exception(error))
     logbook.fail_run(
         run_id, status, error_type=kind, error=message, traceback=trace, results=results

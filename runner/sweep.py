@@ -136,9 +136,14 @@ class SweepJob:
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial; what the logbook cannot take is lost, and said so."""
+        from seatrial.runner.database.engine import parse
+        from seatrial.runner.database.outage import expect
+
         order = order_of(config, HydraConfig.get())
         try:
-            return self.carry_out(build_trial(order.config, order.names), order)
+            trial = build_trial(order.config, order.names)
+            expect(parse(trial.database_url).url)  # the sweep is in it
+            return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
 
@@ -199,7 +204,11 @@ class SeatrialSweeper(Sweeper):
             job = SweepJob(sweep_id, provenance)
             outcomes, todo = _finished_before(plans, job)
             with console.shown(url, sweep_id):
-                launched = self._launch(todo, job)
+                try:
+                    launched = self._launch(todo, job)
+                except KeyboardInterrupt:
+                    logbook.give_up_sweep(sweep_id)
+                    raise
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched.outcomes

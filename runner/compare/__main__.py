@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from seatrial.models.errors import SeatrialError
+from seatrial.runner.database.mask import masked_output
 
 PROGRAM = "seatrial-results"
 
@@ -19,6 +20,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """The exit code of one command line; None stands for the arguments of this process."""
+    with masked_output():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     from typer.main import get_command
 
     from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - they add their commands

@@ -109,8 +109,14 @@ def browse_database(database: str, port: int, open_browser: bool) -> int:
     with open_results(database) as results:
         path = results.reader.address.path
         known = columns_of(path) if path else {}
+        found = results.reader.stored_passwords()
     if path is None:
         raise ConfigurationError("browse: Datasette reads SQLite; PostgreSQL has its own browsers")
+    if found:  # Datasette shows rows as they are
+        raise ConfigurationError(
+            f"browse: {found[0].where}: {found[0].what}; expected a logbook without passwords:"
+            " seatrial-results scrub removes them"
+        )
     if find_spec("datasette") is None:
         raise ConfigurationError("browse: Datasette is missing: pip install 'seatrial[browse]'")
     with TemporaryDirectory(prefix="seatrial-browse-") as folder:

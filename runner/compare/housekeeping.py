@@ -1,5 +1,6 @@
 """What keeps a logbook in order: repeating what failed, deleting what is old, checking the rest."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -9,7 +10,7 @@ from datetime import timedelta
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.grid import Grid, grid_of, one_line
+from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.runs import repeat_command, runs_of
 from seatrial.runner.database.engine import Address
@@ -34,14 +35,22 @@ def retry_commands(results: Results, where: str | None, statuses: Sequence[str])
     ]
 
 
-def execute_all(commands: Sequence[str]) -> int:
-    """Starts the commands one after the other; 0 where all succeeded, else 1."""
+def execute_all(commands: Sequence[str], address: Address) -> int:
+    """Starts the commands one after the other; 0 where all succeeded, else 1.
+
+    They find the address of a PostgreSQL logbook in SEATRIAL_DATABASE.
+    """
+    environment = dict(os.environ)
+    if not address.sqlite:
+        environment["SEATRIAL_DATABASE"] = address.url.render_as_string(hide_password=False)
     failed = 0
     for number, line in enumerate(commands, 1):
         print(f"{number} of {len(commands)}: {line}", file=sys.stderr, flush=True)
         arguments = shlex.split(line.removeprefix(trial_program()))
         program = [sys.executable, "-m", "seatrial.runner"]
-        failed += subprocess.run([*program, *arguments], check=False).returncode != 0
+        failed += (
+            subprocess.run([*program, *arguments], check=False, env=environment).returncode != 0
+        )
     print(f"{len(commands) - failed} of {len(commands)} finished", file=sys.stderr)
     return 1 if failed else 0
 
@@ -61,7 +70,9 @@ def prunable(
 ) -> tuple[list[int], Grid]:
     """The numbers of the runs that would be deleted, and a table of them."""
     if older_than is None and not statuses and where is None:
-        raise ConfigurationError("prune: expected --older-than, --status or --where, got none")
+        raise ConfigurationError(
+            "prune: expected --older-than, --status or --where, or --orphans; got none"
+        )
     _only(statuses, PRUNED)
     condition = results.where(where)
     clauses = [] if condition is None else [results.names.clause(condition)]
@@ -86,8 +97,7 @@ def _runs_grid(found: Sequence[RunSummary]) -> Grid:
 
 def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
     """Deletes runs with their rows and files; what was done, in a line."""
-    url = address.url.render_as_string(hide_password=False)
-    with Logbook.open(url, results_dir=results_dir, create=False) as logbook:
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         pruned = logbook.prune(run_ids)
     kept = len(run_ids) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
@@ -97,13 +107,53 @@ def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
     return text
 
 
-def verification(results: Results) -> Grid:
-    """A table of what is wrong, empty where all is whole; its title says what was checked."""
+def scrub(address: Address, results_dir: Path) -> str:
+    """Removes the passwords that older versions stored; what was done, in a line."""
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+        rows = logbook.scrub()
+    if not rows:
+        return "no password is stored in any row"
+    return (
+        f"removed passwords from {rows} rows; backups and exports made before still hold them:"
+        " change the password"
+    )
+
+
+def require_no_choice(*choices: object) -> None:
+    """Raises ConfigurationError where --orphans is given with a choice of runs."""
+    if any(choices):
+        raise ConfigurationError(
+            "prune: expected --orphans alone, or --older-than, --status and --where"
+        )
+
+
+def leftovers(results: Results) -> tuple[int, Grid]:
+    """How many series files no run knows, and a table of them."""
+    found = results.reader.orphans()
+    rows: list[list[Scalar]] = [[str(path), path.stat().st_size] for path in found if path.exists()]
+    title = f"{len(found)} files that no run knows"
+    return len(found), grid_of(title, ("file", "bytes"), rows, labels=2)
+
+
+def delete_leftovers(address: Address, results_dir: Path) -> str:
+    """Deletes the series files that no run knows; what was done, in a line."""
+    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+        return f"deleted {len(logbook.remove_orphans())} files"
+
+
+def verification(results: Results) -> tuple[bool, Grid]:
+    """Whether all is whole, and a table of what is not, and of what killed programs have left.
+
+    Its title says what was checked.
+    """
     found = results.reader.verify()
     rows = [[problem.where, problem.what] for problem in found.problems]
-    verdict = f"{len(rows)} problems" if rows else "all whole"
+    rows += [[str(path), "left over: no run knows this file"] for path in found.leftovers]
+    verdict = f"{len(found.problems)} problems" if found.problems else "all whole"
+    if found.leftovers:
+        verdict += f", {len(found.leftovers)} files left over (prune --orphans)"
     title = f"checked {found.runs} runs and {found.series} series files: {verdict}"
-    return grid_of(title, ("where", "problem"), rows, labels=2)
+    return not found.problems, grid_of(title, ("where", "problem"), rows, labels=2)
 
 
 def _only(statuses: Sequence[str], known: Sequence[str]) -> None:

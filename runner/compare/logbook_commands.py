@@ -1,6 +1,7 @@
-"""Commands on the whole logbook: report, published, retry, export, prune, verify, browse."""
+"""Commands on the whole logbook: report, published, retry, export, prune, verify, scrub, browse."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -71,10 +72,11 @@ def retry(
     statuses = split(status) or ("failed", "interrupted")
     with open_results(database) as results:
         commands = retry_commands(results, where, statuses)
+        address = results.reader.address
     if not commands:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
     elif execute:
-        raise typer.Exit(execute_all(commands))
+        raise typer.Exit(execute_all(commands, address))
     for line in commands:
         typer.echo(line)
 
@@ -102,22 +104,33 @@ def prune(
         Several, typer.Option(help="failed, diverged, interrupted, finished.")
     ] = None,
     where: Where = None,
+    orphans: Annotated[
+        bool, typer.Option("--orphans", help="Series files that no run knows, instead of runs.")
+    ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Delete; else it is only shown.")] = False,
     form: Form = Format.RICH,
     results_dir: ResultsDir = None,
 ) -> None:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    from seatrial.runner.compare.housekeeping import delete, prunable
+    from seatrial.runner.compare import housekeeping
     from seatrial.runner.compare.results import open_results
 
     with open_results(database, results_dir) as results:
-        found, grid = prunable(results, older_than, split(status), where)
         address, folder = results.reader.address, results.reader.results_dir
+        if orphans:
+            housekeeping.require_no_choice(older_than, status, where)
+            found, grid = housekeeping.leftovers(results)
+            delete = partial(housekeeping.delete_leftovers, address, folder)
+        else:
+            runs, grid = housekeeping.prunable(results, older_than, split(status), where)
+            found = len(runs)
+            delete = partial(housekeeping.delete, address, folder, runs)
     show_grid(grid, form)
     if found and yes:
-        typer.echo(delete(address, folder, found), err=True)
+        typer.echo(delete(), err=True)
     elif found:
-        typer.echo("nothing is deleted yet: --yes deletes these runs and their files", err=True)
+        what = "files" if orphans else "runs and their files"
+        typer.echo(f"nothing is deleted yet: --yes deletes these {what}", err=True)
 
 
 @app.command()
@@ -131,10 +144,21 @@ def verify(
     from seatrial.runner.compare.results import open_results
 
     with open_results(database, results_dir) as results:
-        grid = verification(results)
+        whole, grid = verification(results)
     show_grid(grid, form)
-    if grid.rows:
+    if not whole:
         raise typer.Exit(1)
+
+
+@app.command()
+def scrub(database: Database = DEFAULT_DATABASE, results_dir: ResultsDir = None) -> None:
+    """Remove the passwords of database addresses that older versions stored."""
+    from seatrial.runner.compare import housekeeping
+    from seatrial.runner.compare.results import open_results
+
+    with open_results(database, results_dir) as results:
+        address, folder = results.reader.address, results.reader.results_dir
+    typer.echo(housekeeping.scrub(address, folder), err=True)
 
 
 @app.command()

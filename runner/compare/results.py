@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import Names, flat
@@ -96,7 +97,7 @@ def open_results(database: str, results_dir: Path | None = None) -> Iterator["Re
 
     `results_dir` is where its series are: by default the folder of a SQLite file, or `results`.
     """
-    url = database if "://" in database else f"sqlite:///{database}"
+    url = database if "://" in database else URL.create("sqlite", database=database)
     with Reader.read(url, results_dir=results_dir) as reader:
         yield Results(reader)
 

@@ -13,6 +13,8 @@ from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.where import Comparison
+from seatrial.runner.database.engine import file_url
+from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.invocation import trial_program
@@ -42,7 +44,7 @@ COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
-PLACES = ("results_dir=", "database.url=", "database=")
+PLACES = ("results_dir=", "database=")
 
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
@@ -209,13 +211,15 @@ def answer(results: Results, query: str) -> Grid:
 def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
     """One line for a shell that repeats a trial, its results going to the same logbook.
 
-    `database` is the SQLite file; None (PostgreSQL) keeps the overrides' own choice, because a
-    URL with its password does not belong on a command line.
+    `database` is the SQLite file; with None (PostgreSQL) the command takes the address from
+    SEATRIAL_DATABASE, because a URL with its password does not belong on a command line.
     """
-    kept = list(overrides)
+    kept = without_address(overrides)
     if database is not None:
         kept = [one for one in kept if not one.startswith(PLACES)]
         kept += _location(database)
+    elif "database=postgresql" not in kept:
+        kept.append("database=postgresql")
     kept = [one for one in kept if not one.startswith("rerun=")]
     if any(one.startswith("experiment=") for one in kept):
         kept.append("hydra.mode=RUN")  # an experiment may hold a sweep
@@ -230,7 +234,7 @@ def _location(database: Path) -> list[str]:
     folder = file.parent.relative_to(here) if file.parent.is_relative_to(here) else file.parent
     found = [] if folder == Path("results") else [f"results_dir={_quoted(str(folder))}"]
     if file.name != "results.db":
-        found.append(f"database.url={_quoted(f'sqlite:///{folder / file.name}')}")
+        found.append(f"database.url={_quoted(file_url(folder / file.name))}")
     return found
 
 

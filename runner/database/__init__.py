@@ -7,8 +7,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from seatrial.runner.database.engine import display_url, without_passwords
+    from seatrial.runner.database.engine import display_url
     from seatrial.runner.database.logbook import Logbook
+    from seatrial.runner.database.mask import without_passwords
     from seatrial.runner.database.reader import Reader
     from seatrial.runner.database.records import (
         Answer,
@@ -33,7 +34,7 @@ _HOMES = {
     "Logbook": "logbook",
     "Reader": "reader",
     "display_url": "engine",
-    "without_passwords": "engine",
+    "without_passwords": "mask",
 }
 __all__ = [
     "Answer",

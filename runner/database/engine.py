@@ -8,7 +8,6 @@ opened read-only.
 
 import json
 import os
-import re
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, create_engine, event
@@ -32,12 +31,10 @@ from sqlalchemy.exc import (
 from sqlalchemy.pool import QueuePool
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.mask import learn, without_passwords
+from seatrial.runner.database.outage import wait_for_server
 
 # Database URLs: what may be asked for, and how they are shown without their password.
-
-
-_PASSWORD_IN_URL = re.compile(r"(?P<user>\b[\w+.-]+://[^\s:/@?#]*:)[^\s/?#]*@")
-_PASSWORD_OPTION = re.compile(r"(?P<name>\b(?:ssl)?password=)[^\s&'\"]+", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -57,10 +54,10 @@ class Address:
         return str(self.path or display_url(self.url.set(drivername="postgresql")))
 
 
-def parse(url: str) -> Address:
+def parse(url: str | URL) -> Address:
     """The address that `url` names; LogbookError where it names none."""
     try:
-        parsed = make_url(url)
+        parsed = _parsed(url)
     except (ArgumentError, ValueError, TypeError):
         raise LogbookError(
             f"database.url is not a database URL: got {without_passwords(str(url))!r};"
@@ -77,28 +74,42 @@ def parse(url: str) -> Address:
     )
 
 
+def _parsed(url: str | URL) -> URL:
+    if isinstance(url, URL):
+        learn(url.render_as_string(hide_password=False))
+        return url
+    learn(str(url))
+    parsed = make_url(url)
+    if parsed.get_backend_name() == "sqlite" and "?" in url:  # SQLAlchemy drops "?x" silently
+        _refuse_sqlite(url)
+    return parsed
+
+
+def file_url(path: Path) -> str:
+    """The URL of a SQLite file, whatever its name holds; no more is escaped than must be."""
+    escaped = str(path).replace("%", "%25").replace("?", "%3F")
+    return f"sqlite:///{escaped}"
+
+
+def _refuse_sqlite(url: str | URL) -> NoReturn:
+    raise LogbookError(
+        f"database.url: got {display_url(url)}; expected sqlite:///FILE"
+        " (a file of its own, without options; % and ? in its name are %25 and %3F)"
+    )
+
+
 def _sqlite_file(url: URL) -> Path:
     if url.host or url.query or not url.database or url.database == ":memory:":
-        raise LogbookError(
-            f"database.url: got {display_url(url)}; expected sqlite:///FILE"
-            " (a file of its own, without options)"
-        )
+        _refuse_sqlite(url)
     return Path(url.database).absolute()
 
 
 def display_url(url: str | URL) -> str:
     """`url` with every password replaced by three stars."""
-    if isinstance(url, str):
-        try:
-            url = make_url(url)
-        except (ArgumentError, ValueError, TypeError):
-            return without_passwords(str(url))
-    return without_passwords(url.render_as_string(hide_password=True))
-
-
-def without_passwords(text: str) -> str:
-    """`text` with the passwords of the URLs in it replaced by three stars."""
-    return _PASSWORD_OPTION.sub(r"\g<name>***", _PASSWORD_IN_URL.sub(r"\g<user>***@", text))
+    if isinstance(url, URL):
+        return without_passwords(url.render_as_string(hide_password=True))
+    learn(str(url))
+    return without_passwords(str(url))
 
 
 BUSY_TIMEOUT_S = 30.0
@@ -253,7 +264,7 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         ) from error
     # Compiling a query takes longer than answering any of ours.
     options = {} if "options" in address.url.query else {"options": "-c jit=off"}
-    return create_engine(
+    engine = create_engine(
         address.url,
         pool_pre_ping=True,
         json_serializer=_to_json,
@@ -264,3 +275,5 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         },
         execution_options={"postgresql_readonly": True} if read_only else {},
     )
+    wait_for_server(engine)
+    return engine

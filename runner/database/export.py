@@ -1,14 +1,16 @@
 """Every table as Parquet and CSV, from one snapshot of the database."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, select
+from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, select
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.claims import clean
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
@@ -62,7 +64,7 @@ def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]
     statement = select(table).order_by(*order).execution_options(yield_per=_BATCH)
     for rows in connection.execute(statement).partitions():
         arrays = [
-            pa.array(map(_json, values) if isinstance(column.type, JSON) else values, field.type)
+            pa.array(_texts(column.type, values), field.type)
             for column, field, values in zip(
                 table.columns, schema, zip(*rows, strict=True), strict=True
             )
@@ -70,8 +72,15 @@ def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]
         yield pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _json(value: Any) -> str | None:
-    return None if value is None else json.dumps(value, ensure_ascii=False)
+def _texts(column: TypeEngine[Any], values: Sequence[Any]) -> Sequence[Any]:
+    """The values of a column; JSON as text, and text without the passwords of older versions."""
+    if isinstance(column, JSON):
+        return [
+            None if one is None else json.dumps(clean(one), ensure_ascii=False) for one in values
+        ]
+    if isinstance(column, Text):
+        return [one and without_passwords(one) for one in values]
+    return values
 
 
 def _arrow(pa: Any, column: TypeEngine[Any]) -> Any:

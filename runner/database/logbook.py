@@ -9,31 +9,39 @@ with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) a
 import os
 import socket
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, insert, select, update
+from sqlalchemy.engine import URL
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, tables
+from seatrial.runner.database import maintenance, schema, scrub, tables
 from seatrial.runner.database import series_files as files
+from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import Heartbeat, claim, clean, give_up
+from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.mask import command_without_address, without_address
+from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     Begun,
     Pruned,
     Results,
     RunStart,
+    Series,
     SeriesFile,
     integer,
     number,
 )
 from seatrial.runner.vocabulary import Ending
+
+T = TypeVar("T")
 
 
 class Logbook(Reader):
@@ -46,27 +54,28 @@ class Logbook(Reader):
         self._began: dict[int, float] = {}  # run: time.monotonic() at its start
 
     @classmethod
-    def open(cls, url: str, *, results_dir: Path, create: bool = True) -> "Logbook":
+    def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "Logbook":
         """Open the logbook at `url`; it is made (unless not `create`) or upgraded as needed.
 
         Raises LogbookError, and changes nothing, where the database is not ours, of a newer
         version, damaged or out of reach.
         """
         address = parse(url)
-        schema.prepare(address, create=create)
+        schema.prepare(address, create=create, results_dir=results_dir)
         return cls(address, results_dir.absolute())
 
     def close(self) -> None:
         """Give up the runs that have not ended, and close every connection."""
-        self._heartbeat.stop()
         try:
             if self._began:
+                hurry(self.address.url)
                 with self._writing() as connection:
                     for run_id in self._began:
                         give_up(connection, run_id, "the program ended before the run did")
         except LogbookError:
             pass  # a run without a heartbeat is found to be interrupted all the same
         finally:
+            self._heartbeat.stop()
             self._began.clear()
             super().close()
             self._writer.dispose()  # last: the last writer of a SQLite file tidies up its log
@@ -76,33 +85,50 @@ class Logbook(Reader):
         with engines.explained(self.address), self._writer.begin() as connection:
             yield connection
 
+    def _write(self, task: Callable[[Connection], T]) -> T:
+        """What `task` gives in one transaction; repeated where the server goes away meanwhile."""
+
+        def once() -> T:
+            with self._writer.begin() as connection:
+                return task(connection)
+
+        with engines.explained(self.address):
+            return repeated(once)
+
     def begin_sweep(self, name: str, command: str, overrides: Sequence[str], planned: int) -> int:
         """Note the start of a sweep of `planned` trials; the answer is its id."""
         row = {
             "name": name,
-            "command": clean(command),
-            "overrides": clean(overrides),
+            "command": command_without_address(command),
+            "overrides": clean(without_address(overrides)),
             "planned": planned,
             "started_at": datetime.now(UTC),
             "host": socket.gethostname(),
             "pid": os.getpid(),
         }
-        with self._writing() as connection:
-            key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
-        assert key is not None
-        return int(key[0])
+        sweep_id = self._write(partial(_insert_sweep, row=row))
+        self._remove_leftovers()
+        return sweep_id
 
     def end_sweep(self, sweep_id: int) -> None:
         """Note the end of a sweep; the file of a SQLite logbook is whole then, without its log."""
-        with self._writing() as connection:
-            connection.execute(
-                update(tables.Sweep)
-                .where(tables.Sweep.id == sweep_id)
-                .values(finished_at=datetime.now(UTC))
-            )
+        ended = update(tables.Sweep).where(tables.Sweep.id == sweep_id)
+        now = datetime.now(UTC)
+        self._write(lambda connection: connection.execute(ended.values(finished_at=now)))
         if self.address.path is not None:
             with engines.explained(self.address):
                 engines.checkpoint(self.address.path)
+
+    def give_up_sweep(self, sweep_id: int) -> None:
+        """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone.
+
+        The program is about to end: a server that is away is not waited for.
+        """
+        hurry(self.address.url)
+        with suppress(LogbookError):  # without a heartbeat they are found all the same
+            with self._writing() as connection:
+                give_up_gone(connection, sweep_id)
+            self._remove_leftovers()
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
@@ -111,11 +137,13 @@ class Logbook(Reader):
 
         From then on the run has a heartbeat, until it is finished or failed.
         """
-        with self._writing() as connection:
-            begun = claim(connection, start, sweep_id, rerun)
+        now = datetime.now(UTC)
+        begun = self._write(partial(claim, start=start, sweep_id=sweep_id, rerun=rerun, moment=now))
         if begun.state == "new":
             self._began[begun.run_id] = time.monotonic()
             self._heartbeat.watch(begun.run_id)
+        if begun.lost:
+            self._remove_leftovers()
         return begun
 
     def finish_run(
@@ -132,7 +160,7 @@ class Logbook(Reader):
 
         Raises LogbookError, and leaves the run as it was, where the results cannot be stored.
         """
-        written = files.write(self.results_dir, run_id, results.series)
+        written = self._write_series(run_id, results.series)
         ending = {
             "status": status,
             "error_type": error_type,
@@ -143,9 +171,9 @@ class Logbook(Reader):
             "duration_s": self._duration(run_id),
         }
         try:
-            with self._writing() as connection:
-                self._end(connection, run_id, ending)
-                _insert_results(connection, run_id, results, written)
+            self._write(
+                partial(self._end, run_id=run_id, ending=ending, results=results, written=written)
+            )
         except BaseException:
             files.discard(self.results_dir, written)
             raise
@@ -178,21 +206,87 @@ class Logbook(Reader):
         left = maintenance.remove(self.results_dir, paths)
         return Pruned(gone, len(paths) - len(left), left)
 
+    def scrub(self) -> int:
+        """Remove passwords that older versions stored; the answer is how many rows held one."""
+        with self._writing() as connection:
+            rows = scrub.scrub(connection)
+        if rows:
+            with engines.explained(self.address):
+                scrub.reclaim(self.address)
+        return rows
+
+    def remove_orphans(self) -> list[Path]:
+        """Delete the series files that no row points to; the answer names them.
+
+        Raises LogbookError where one cannot be deleted.
+        """
+        found = self.orphans()
+        for path in found:
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
+        return found
+
+    def _remove_leftovers(self) -> None:
+        """Delete what runs that were given up have left, as far as that can be done."""
+        with self._reading() as connection:
+            found = maintenance.leftovers(connection, self.results_dir)
+        for path in found:
+            with suppress(OSError):  # then `verify` names it
+                path.unlink(missing_ok=True)
+
+    def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
+        if not series:
+            return []
+        run = tables.Run
+        columns: list[Any] = [run.fingerprint, run.attempt, run.started_at]
+        rows = self.select(select(*columns).where(run.id == run_id))
+        if not rows:
+            raise LogbookError(f"{self.address}: there is no run {run_id}")
+        (row,) = rows
+        run_mark = files.mark(row.fingerprint, row.attempt, row.started_at)
+        return files.write(self.results_dir, run_id, run_mark, series)
+
     def _duration(self, run_id: int) -> float | None:
         began = self._began.get(run_id)
         return time.monotonic() - began if began is not None else None
 
-    def _end(self, connection: Connection, run_id: int, ending: dict[str, Any]) -> None:
-        under_way = (tables.Run.id == run_id, tables.Run.status == "running")
-        ended = connection.execute(update(tables.Run).where(*under_way), ending)
-        if ended.rowcount != 1:
-            status = connection.execute(
-                select(tables.Run.status).where(tables.Run.id == run_id)
-            ).scalar()
+    def _end(
+        self,
+        connection: Connection,
+        run_id: int,
+        ending: dict[str, Any],
+        results: Results,
+        written: Sequence[SeriesFile],
+    ) -> None:
+        run = tables.Run
+        under_way = (run.id == run_id, run.status == "running")
+        if connection.execute(update(run).where(*under_way), ending).rowcount == 1:
+            _insert_results(connection, run_id, results, written)
+            return
+        now = connection.execute(
+            select(run.status, run.finished_at).where(run.id == run_id)
+        ).one_or_none()
+        if now is None or (now.status, now.finished_at) != (
+            ending["status"],
+            ending["finished_at"],
+        ):
             raise LogbookError(
-                f"{self.address}: run {run_id} cannot be ended: it is {status or 'not there'},"
-                " expected running"
+                f"{self.address}: run {run_id} cannot be ended: it is"
+                f" {now.status if now else 'not there'}, expected running"
             )
+
+
+def _insert_sweep(connection: Connection, row: dict[str, Any]) -> int:
+    """The id of a new sweep, or of this one, where the answer to its first insert was lost."""
+    own = [getattr(tables.Sweep, name) == row[name] for name in ("host", "pid", "started_at")]
+    there = connection.scalar(select(tables.Sweep.id).where(*own))
+    if there is not None:
+        return there
+    key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
+    assert key is not None
+    return int(key[0])
 
 
 def _insert_results(

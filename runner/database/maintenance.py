@@ -1,10 +1,10 @@
 """Keeping a logbook in order: is everything there and right, and what may go.
 
 Series files are removed after their rows, never before, so that no row points to nothing; what a
-program that died in between leaves over is an orphan, which `verify` names.
+program that died in between leaves over is an orphan, which `verify` names. Those of runs that
+were given up are removed when that is done, and when a sweep starts.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
@@ -30,30 +30,29 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import Problem, SeriesFile, Verification
+from seatrial.runner.database.scrub import stored_passwords
 from seatrial.runner.database.tables import Base, Run, Series
 
-_OF_RUN = re.compile(r"\.?run-(?P<run>\d+)-")
 _CHUNK = 500  # ids in one statement
 
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
     """Look at every page, foreign key and series file; `connection` may be read-only."""
     problems: list[Problem] = []
+    left: list[Path] = []
     runs = stored = 0
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
+        problems += stored_passwords(connection)
         runs = connection.scalar(select(func.count()).select_from(Run)) or 0
         rows = connection.execute(select(Series.__table__).order_by(Series.id)).all()
         stored = len(rows)
         problems += [found for row in rows if (found := _wrong_file(row, results_dir))]
-        problems += [
-            Problem(str(path), "no run knows this file")
-            for path in orphans(connection, results_dir)
-        ]
+        left = orphans(connection, results_dir)
     except DatabaseError as error:
         problems.append(Problem("database", one_line(error)))
-    return Verification(runs, stored, problems)
+    return Verification(runs, stored, problems, left)
 
 
 def _damage(connection: Connection) -> Iterator[Problem]:
@@ -99,20 +98,36 @@ def _wrong_file(row: Row[Any], results_dir: Path) -> Problem | None:
 
 def orphans(connection: Connection, results_dir: Path) -> list[Path]:
     """Series files that no row points to, but for those of runs that are under way."""
-    folder = results_dir / files.FOLDER
-    if not folder.is_dir():
+    found = files.listed(results_dir)  # before the rows are read
+    if not found:
         return []
-    found = sorted(path for path in folder.iterdir() if path.is_file())  # before the rows are read
     known = {Path(path).name for path in connection.scalars(select(Series.path))}
     alive = and_(Run.status == "running", ~is_stale(Run.heartbeat_at))
     claimed = connection.execute(select(Run.id, Run.process).where(alive))
     busy = {run_id for run_id, process in claimed if not is_gone(process)}
-    return [path for path in found if path.name not in known and _run_of(path) not in busy]
+    return [
+        path
+        for path in found
+        if path.name not in known and (files.owner(path) or (None,))[0] not in busy
+    ]
 
 
-def _run_of(path: Path) -> int | None:
-    match = _OF_RUN.match(path.name)
-    return int(match["run"]) if match else None
+def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
+    """Files of runs that were given up, or whose process is gone: nobody will name them.
+
+    Only files with the mark of such a run, so that none of another logbook is among them.
+    """
+    found = files.listed(results_dir)
+    if not found:
+        return []
+    lost = Run.status.in_(("interrupted", "running"))
+    columns = (Run.id, Run.status, Run.process, Run.fingerprint, Run.attempt, Run.started_at)
+    owners = {
+        (row.id, files.mark(row.fingerprint, row.attempt, row.started_at))
+        for row in connection.execute(select(*columns).where(lost))
+        if row.status == "interrupted" or is_gone(row.process)
+    }
+    return [path for path in found if files.owner(path) in owners]
 
 
 def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[ColumnElement[bool]]:

@@ -1,20 +1,16 @@
-"""Everything that can be asked of a logbook, on a connection that cannot write.
+"""Everything that can be asked of a logbook, on a connection that cannot write."""
 
-SQL from people is one query, which cannot write, whatever it says. The connection is read-only
-already. What that alone would leave open is closed here: on SQLite ATTACH and VACUUM INTO (they
-write other files), on PostgreSQL COPY ... TO and several statements in one.
-"""
-
-import sqlite3
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from sqlalchemy import (
+    URL,
     ColumnElement,
     Connection,
     Engine,
@@ -26,17 +22,19 @@ from sqlalchemy import (
 )
 
 from seatrial.models.errors import LogbookError
-from seatrial.models.findings import Finding
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, tables
+from seatrial.runner.database import maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.engine import Address, one_line, parse
+from seatrial.runner.database.claims import clean
+from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
+from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
     Coefficient,
     Metric,
+    Problem,
     RunDetail,
     RunSummary,
     Series,
@@ -45,75 +43,9 @@ from seatrial.runner.database.records import (
     SweepSummary,
     Verification,
 )
+from seatrial.runner.database.tables import Diagnostic
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import LOST
-
-_READING = {
-    sqlite3.SQLITE_SELECT,
-    sqlite3.SQLITE_READ,
-    sqlite3.SQLITE_RECURSIVE,
-}
-_PRAGMAS = {"table_info", "table_xinfo", "table_list", "index_list", "index_info"}
-_REFUSED = "only one query that reads is answered (SELECT, WITH, VALUES)"
-
-
-def ask(connection: Connection, query: str) -> Answer:
-    """The answer to `query` over a read-only `connection`."""
-    if not query.strip():
-        raise LogbookError(f"sql: got an empty query; {_REFUSED}")
-    raw = connection.connection.dbapi_connection
-    if isinstance(raw, sqlite3.Connection):
-        return _ask_sqlite(raw, query)
-    return _ask_postgresql(raw, query)
-
-
-def _permit(action: int, first: str | None, second: str | None, *_: str | None) -> int:
-    allowed = (
-        action in _READING
-        or (action == sqlite3.SQLITE_FUNCTION and second != "load_extension")
-        or (action == sqlite3.SQLITE_PRAGMA and first in _PRAGMAS)
-        # how SQLite itself declares pragma_table_info(...); it lets no UPDATE near this table
-        or (action == sqlite3.SQLITE_UPDATE and first == "sqlite_master")
-    )
-    return sqlite3.SQLITE_OK if allowed else sqlite3.SQLITE_DENY
-
-
-def _ask_sqlite(raw: sqlite3.Connection, query: str) -> Answer:
-    raw.set_authorizer(_permit)
-    cursor = raw.cursor()
-    try:
-        rows = cursor.execute(query).fetchall()
-        described = cursor.description
-    except (sqlite3.Error, sqlite3.Warning) as error:
-        said = one_line(error)
-        if "not authorized" in said or "prohibited" in said or "readonly" in said:
-            raise LogbookError(
-                f"sql: refused: the logbook is open to be read; {_REFUSED}"
-            ) from None
-        raise LogbookError(f"sql: {said}") from None
-    finally:
-        cursor.close()
-        raw.set_authorizer(None)
-    if described is None:
-        raise LogbookError(f"sql: no rows come of this; {_REFUSED}")
-    return Answer(tuple(column[0] for column in described), rows)
-
-
-def _ask_postgresql(raw: Any, query: str) -> Answer:
-    import psycopg
-
-    # DECLARE ... CURSOR FOR takes nothing but a query, and a named cursor sends just one.
-    cursor = raw.cursor(name="question")
-    try:
-        rows = cursor.execute(query.strip().rstrip(";")).fetchall()
-        return Answer(tuple(column.name for column in cursor.description or ()), rows)
-    except psycopg.Error as error:
-        said = one_line(error)
-        if isinstance(error, psycopg.errors.ReadOnlySqlTransaction | psycopg.errors.SyntaxError):
-            said = f"{said}; {_REFUSED}"
-        raise LogbookError(f"sql: {said}") from None
-    finally:
-        cursor.close()
 
 
 class Reader:
@@ -125,7 +57,7 @@ class Reader:
         self._engine = engine
 
     @classmethod
-    def read(cls, url: str, *, results_dir: Path | None = None) -> "Reader":
+    def read(cls, url: str | URL, *, results_dir: Path | None = None) -> "Reader":
         """Open the logbook at `url`; `results_dir` is the folder of a SQLite file by default.
 
         Raises LogbookError where there is none, or none that this version can read.
@@ -158,11 +90,16 @@ class Reader:
     def sql(self, query: str) -> Answer:
         """The answer to one query in SQL; LogbookError where it fails, or would write."""
         with engines.explained(self.address), self._engine.connect() as connection:
-            return ask(connection, query)
+            answer = sql_query.ask(connection, query)
+        return Answer(answer.columns, [tuple(map(_shown, row)) for row in answer.rows])
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
-        with self._reading() as connection:
+        with engines.explained(self.address):
+            return repeated(partial(self._rows, statement))
+
+    def _rows(self, statement: Select[Any]) -> Sequence[Row[Any]]:
+        with self._engine.connect() as connection:
             return connection.execute(statement).all()
 
     def runs(
@@ -174,7 +111,10 @@ class Reader:
     def sweeps(self) -> list[SweepSummary]:
         """The sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
-        return [SweepSummary(**row._asdict()) for row in rows]
+        return [
+            SweepSummary(**{name: _shown(value) for name, value in row._asdict().items()})
+            for row in rows
+        ]
 
     def run(self, run_id: int) -> RunDetail:
         """One run with its configuration; LogbookError where there is no such run."""
@@ -185,7 +125,7 @@ class Reader:
         return RunDetail(
             summary=found[0],
             **{
-                name: getattr(row, name)
+                name: _shown(getattr(row, name))
                 for name in RunDetail.__dataclass_fields__
                 if name != "summary"
             },
@@ -204,9 +144,9 @@ class Reader:
         """The coefficients of a run's models, in the order they were stored in."""
         return self._facts(Coefficient, tables.Coefficient, run_id)
 
-    def diagnostics(self, run_id: int) -> list[Finding]:
-        """The findings of a run, in the order they were stored in."""
-        return self._facts(Finding, tables.Diagnostic, run_id)
+    def diagnostics(self, run_id: int) -> list[Diagnostic]:
+        """The diagnostics of a run's identification, in the order they were stored in."""
+        return self._facts(Diagnostic, tables.Diagnostic, run_id)
 
     def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
         columns = table.__table__.c
@@ -227,13 +167,11 @@ class Reader:
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
         """How far a sweep is; LogbookError where there is no such sweep."""
-        with self._reading() as connection:
-            sweep = connection.execute(
-                select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id)
-            ).one_or_none()
-            trials = connection.execute(_trials(sweep_id)).all()
-        if sweep is None:
+        sweeps = self.select(select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id))
+        trials = self.select(_trials(sweep_id))
+        if not sweeps:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
+        (sweep,) = sweeps
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
         status = {trial.run_id: _status(trial) for trial in last.values()}
         lost = [run_id for run_id, ending in status.items() if ending in LOST]
@@ -246,6 +184,17 @@ class Reader:
             failed=self.runs(tables.Run.id.in_(lost)) if lost else [],
             finished_at=sweep.finished_at,
         )
+
+    def orphans(self) -> list[Path]:
+        """The series files that no row points to, and that nobody is about to name in one."""
+        with self._reading() as connection:
+            found = maintenance.orphans(connection, self.results_dir)
+        return [path for path in found if files.owner(path)]
+
+    def stored_passwords(self) -> list[Problem]:
+        """The cells in which an older version stored a password."""
+        with self._reading() as connection:
+            return scrub.stored_passwords(connection)
 
     def verify(self) -> Verification:
         """Look at the database, every foreign key and every series file."""
@@ -310,6 +259,7 @@ def _summary(row: Row[Any]) -> RunSummary:
         **values
         | {
             "status": _status(row),
+            "error": _shown(values["error"]),
             "superseded": bool(values["superseded"]),
             "started_at": _utc(values["started_at"]),
             "finished_at": _utc(values["finished_at"]),
@@ -321,6 +271,11 @@ def _status(row: Row[Any]) -> str:
     """The status that the view shows; a run whose process died here is known to be interrupted."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
+
+
+def _shown(value: Any) -> Any:
+    """A cell of an answer, without the passwords that older versions stored."""
+    return clean(value) if isinstance(value, str | dict | list) else value
 
 
 def _utc(time: datetime | None) -> datetime | None:

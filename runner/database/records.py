@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -105,6 +106,7 @@ class Begun:
 
     run_id: int
     state: Literal["new", "finished", "busy"]
+    lost: int = 0  # earlier attempts that were given up for it
 
 
 @dataclass(frozen=True)
@@ -217,6 +219,7 @@ class Verification:
     runs: int
     series: int
     problems: list[Problem]
+    leftovers: list[Path]  # files that no row points to, of programs that were killed: no harm
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,17 @@ import sqlite3
 from contextlib import closing
 from datetime import UTC, datetime
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, Engine
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
+from seatrial.runner.database import series_files as files
 from seatrial.runner.database import views
 from seatrial.runner.database.engine import Address
+from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.tables import Base
 
 VERSION_TABLE = "seatrial_version"
@@ -45,17 +48,20 @@ class Condition(Enum):
     CURRENT = "current"
 
 
-def prepare(address: Address, *, create: bool) -> None:
+def prepare(address: Address, *, create: bool, results_dir: Path | None = None) -> None:
     """Make sure that a logbook of this version is at `address`: make it, or upgrade it.
 
     Raises LogbookError, and changes nothing, where the database is not ours, of a newer version,
-    damaged or out of reach, and where it is missing and not to be made.
+    damaged or out of reach, where it is missing and not to be made, and where it is missing but
+    its series, or another's, are in `results_dir`.
     """
     found = inspect(address)
     if found is Condition.CURRENT:
         return
     if found is Condition.EMPTY and not create:
         raise _missing(address)
+    if found is Condition.EMPTY and results_dir is not None:
+        _require_no_series(address, results_dir)
     if address.path is not None:
         _make_folder(address.path)
     _bring_up_to_date(address)
@@ -80,12 +86,19 @@ def inspect(address: Address) -> Condition:
             return Condition.EMPTY
         if not address.path.is_file():
             raise LogbookError(f"{address}: got a folder, expected a SQLite file")
+        if not address.path.stat().st_size:
+            return Condition.EMPTY  # zero bytes are no logbook
     engine = engines.reader(address)
     try:
-        with engines.explained(address), engine.connect() as connection:
-            return condition(connection, address)
+        with engines.explained(address):
+            return repeated(partial(_condition, engine, address))
     finally:
         engine.dispose()
+
+
+def _condition(engine: Engine, address: Address) -> Condition:
+    with engine.connect() as connection:
+        return condition(connection, address)
 
 
 def condition(connection: Connection, address: Address) -> Condition:
@@ -190,6 +203,17 @@ def _make_folder(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LogbookError(f"{path}: cannot make the folder: {error.strerror}") from error
+
+
+def _require_no_series(address: Address, results_dir: Path) -> None:
+    others = [path for path in files.listed(results_dir) if files.owner(path)]
+    # Looked at again, because another process may have made the logbook in between, and a run.
+    if others and inspect(address) is Condition.EMPTY:
+        raise LogbookError(
+            f"{address}: there is no logbook here, but {results_dir / files.FOLDER} holds"
+            f" {len(others)} series files of one; expected its database, or another results_dir;"
+            " nothing was changed"
+        )
 
 
 def _missing(address: Address) -> LogbookError:

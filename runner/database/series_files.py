@@ -1,12 +1,15 @@
 """Series files: Parquet beside the database, whole or not there at all.
 
 A file is written under a temporary name, flushed to the disk and renamed, before any row points
-to it. pyarrow is imported only when a file is written or read.
+to it. Its name holds the number of its run and a mark that no other run has, in this or another
+logbook, so that no file replaces another's. pyarrow is imported only when a file is written or
+read.
 """
 
 import os
 import re
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -20,9 +23,33 @@ from seatrial.runner.database.records import Series, SeriesFile
 FOLDER = "series"
 FORMAT = "parquet"
 _KIND = re.compile(r"[a-z][a-z0-9_]*")
+# run-NUMBER-KIND-MARK.parquet (older versions gave no mark); with a dot and .PID.tmp while written
+_NAME = re.compile(
+    r"\.?run-(?P<run>\d+)-[a-z][a-z0-9_]*(?:-(?P<mark>[0-9a-f]{12}))?\.parquet(?:\.\d+\.tmp)?"
+)
 
 
-def write(results_dir: Path, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
+def mark(fingerprint: str, attempt: int, started_at: datetime) -> str:
+    """What tells a run's files from those of any other run, of any logbook; from its row."""
+    run = f"{fingerprint} {attempt} {started_at.astimezone(UTC).isoformat()}"
+    return sha256(run.encode()).hexdigest()[:12]
+
+
+def owner(path: Path) -> tuple[int, str | None] | None:
+    """Run number and mark in the name of a file; None where it is no series file of ours."""
+    match = _NAME.fullmatch(path.name)
+    return (int(match["run"]), match["mark"]) if match else None
+
+
+def listed(results_dir: Path) -> list[Path]:
+    """Every file in the folder of series, those left under temporary names included."""
+    folder = results_dir / FOLDER
+    return sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+
+
+def write(
+    results_dir: Path, run_id: int, run_mark: str, series: Sequence[Series]
+) -> list[SeriesFile]:
     """Store each series as a file of run `run_id`; either all of them are there, or none.
 
     Raises LogbookError where the disk is full or the folder cannot be written.
@@ -30,18 +57,18 @@ def write(results_dir: Path, run_id: int, series: Sequence[Series]) -> list[Seri
     written: list[SeriesFile] = []
     try:
         for one in series:
-            written.append(_write_one(results_dir, run_id, one))
+            written.append(_write_one(results_dir, f"run-{run_id:06d}", run_mark, one))
     except BaseException:
         discard(results_dir, written)
         raise
     return written
 
 
-def _write_one(results_dir: Path, run_id: int, series: Series) -> SeriesFile:
+def _write_one(results_dir: Path, run: str, run_mark: str, series: Series) -> SeriesFile:
     if not _KIND.fullmatch(series.kind):
         raise ValueError(f"kind of series: got {series.kind!r}, expected a name like recording")
     content = _parquet(series)
-    relative = f"{FOLDER}/run-{run_id:06d}-{series.kind}.{FORMAT}"
+    relative = f"{FOLDER}/{run}-{series.kind}-{run_mark}.{FORMAT}"
     path = results_dir / relative
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ from sqlalchemy import (
     table,
 )
 
-from seatrial.runner.database.liveness import stale_before
+from seatrial.runner.database.liveness import stale
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.vocabulary import COMBINED, GROUPS
 
@@ -111,8 +111,7 @@ run_overview = table(
 def statements(dialect: str) -> tuple[str, ...]:
     """The CREATE VIEW statements for `sqlite` or `postgresql`."""
     parts = {
-        "status": "CASE WHEN run.status = 'running' AND (run.heartbeat_at IS NULL OR"
-        f" run.heartbeat_at < {stale_before(dialect)})"
+        "status": f"CASE WHEN run.status = 'running' AND {stale('run.heartbeat_at', dialect)}"
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
         "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),

@@ -8,8 +8,9 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,8 @@ class Postgres:
     """A server of our own on a free port of 127.0.0.1."""
 
     port: int
+    start: Callable[[int], subprocess.Popen[bytes]]
+    process: subprocess.Popen[bytes]
     made: int = 0
     used: int = 0  # by the current test
 
@@ -41,8 +44,21 @@ class Postgres:
                 connection.execute("CREATE SCHEMA public")
         return self.url(name)
 
+    def leave(self) -> None:
+        """End the server; what was committed is kept."""
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(30)
+
+    def come_back(self) -> None:
+        """Start it again, on the same port."""
+        self.process = self.start(self.port)
+
     def url(self, database: str) -> str:
-        return f"postgresql://sailor:anchor@127.0.0.1:{self.port}/{database}"
+        return _url(self.port, database)
+
+
+def _url(port: int, database: str) -> str:
+    return f"postgresql://sailor:anchor@127.0.0.1:{port}/{database}"
 
 
 def _binaries() -> Path | None:
@@ -92,22 +108,21 @@ def served() -> Iterator[Postgres]:
             check=True,
             capture_output=True,
         )
-        server, port = _start(binaries, folder, account)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port: int = probe.getsockname()[1]
+        start = partial(_start, binaries, folder, account)
+        server = Postgres(port, start, start(port))
         try:
-            yield Postgres(port)
+            yield server
         finally:
-            server.send_signal(signal.SIGQUIT)  # at once: nothing of it is kept
-            server.wait(30)
+            server.process.send_signal(signal.SIGQUIT)  # at once: nothing of it is kept
+            server.process.wait(30)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _start(
-    binaries: Path, folder: Path, account: str | None
-) -> tuple[subprocess.Popen[bytes], int]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
+def _start(binaries: Path, folder: Path, account: str | None, port: int) -> subprocess.Popen[bytes]:
     with (folder / "log").open("wb") as log:
         server = subprocess.Popen(
             [
@@ -122,11 +137,11 @@ def _start(
         )
     import psycopg
 
-    url = Postgres(port).url("postgres")
+    url = _url(port, "postgres")
     for _ in range(200):
         try:
             psycopg.connect(url).close()
-            return server, port
+            return server
         except psycopg.OperationalError:
             assert server.poll() is None, (folder / "log").read_text()
             time.sleep(0.05)

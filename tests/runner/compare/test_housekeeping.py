@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare import housekeeping
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -68,7 +68,9 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
 ) -> None:
     started: list[list[str]] = []
 
-    def start(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
+    def start(
+        command: list[str], check: bool, env: dict[str, str]
+    ) -> subprocess.CompletedProcess[str]:
         assert not check
         started.append(command)
         return subprocess.CompletedProcess(command, returncode=len(started) - 1)
@@ -192,5 +194,66 @@ def test_verify_names_what_is_damaged_missing_or_left_over(
     problems = json.loads(out)
     assert code == 1
     assert len(problems) == 4
+    assert sum("left over" in problem["problem"] for problem in problems) == 1
     assert {p["where"] for p in problems} >= {"run 1, series deployment_nominal"} or problems
     assert any("stray.parquet" in p["where"] for p in problems)
+
+
+def test_what_killed_programs_left_is_no_damage_and_can_be_deleted(
+    program: Program, voyage_copy: Path
+) -> None:
+    series = voyage_copy / "series"
+    whole = sorted(series.iterdir())
+    left = ["run-000009-recording.parquet", ".run-000001-recording-0123456789ab.parquet.7.tmp"]
+    for name in left:
+        (series / name).write_bytes(b"half")
+    code, out, _ = program("verify", *database(voyage_copy))
+    assert code == 0
+    assert "all whole, 2 files left over" in out
+    code, out, err = program("prune", "--orphans", *database(voyage_copy))
+    assert code == 0
+    assert all(name in out.replace("\n", "") for name in left)
+    assert "--yes deletes these files" in err
+    assert len(list(series.iterdir())) == len(whole) + 2
+    code, _, err = program("prune", "--orphans", "--yes", *database(voyage_copy))
+    assert (code, err) == (0, "deleted 2 files\n")
+    assert sorted(series.iterdir()) == whole
+    code, _, err = program("prune", "--orphans", "--where", "seed=1", *database(voyage_copy))
+    assert code == 2
+    assert "--orphans alone" in err
+
+
+def test_a_new_logbook_does_not_take_the_place_of_one_that_is_lost(
+    program: Program, voyage_copy: Path
+) -> None:
+    before = {path: path.read_bytes() for path in (voyage_copy / "series").iterdir()}
+    file = voyage_copy / "results.db"
+    kept = file.read_bytes()
+    for lost in (None, b""):  # gone, or zero bytes
+        file.unlink()
+        if lost is not None:
+            file.write_bytes(lost)
+        with pytest.raises(
+            LogbookError, match=r"results\.db: there is no logbook.* 20 series"
+        ) as e:
+            stored.logbook_at(voyage_copy)
+        assert "\n" not in str(e.value)
+        assert program("verify", *database(voyage_copy))[0] == 2
+        if lost is None:
+            assert not file.exists()
+            file.touch()
+    file.write_bytes(kept)
+    with stored.logbook_at(voyage_copy) as logbook:  # put back, it is taken up again
+        logbook.begin_run(stored.start("ls", seed=77))
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_file_of_zero_bytes_without_series_is_made_a_logbook(
+    program: Program, tmp_path: Path
+) -> None:
+    (tmp_path / "results.db").touch()  # as a program leaves it that is killed as it starts
+    code, _, err = program("verify", *database(tmp_path))
+    assert code == 2
+    assert "there is no logbook here" in err
+    with stored.logbook_at(tmp_path) as logbook:
+        assert logbook.runs() == []

@@ -84,7 +84,7 @@ def test_a_report_that_cannot_be_written_is_one_line(program: Program, plain: Pa
 
 def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(page.parent.parent, tmp_path / "copy"))
-    for file in (folder / "series").glob("*-residual.parquet"):
+    for file in (folder / "series").glob("*-residual-*.parquet"):
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
         text = render_report(results, ReportRequest())

@@ -1,15 +1,21 @@
 """What a database URL may be, and that its password is never shown."""
 
+import shlex
 import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from sqlalchemy.engine import URL, make_url
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.__main__ import run as compare
+from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import Logbook, display_url, without_passwords
-from seatrial.runner.database.engine import parse
+from seatrial.runner.database.engine import file_url, parse
+from tests.runner.command import Command
+from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres
 
 
@@ -25,6 +31,7 @@ from tests.runner.postgres import Postgres
         ("sqlite:///:memory:", "expected sqlite:///FILE"),
         ("sqlite://host/file.db", "expected sqlite:///FILE"),
         ("sqlite:///file.db?mode=rwc&uri=true", "expected sqlite:///FILE"),
+        ("sqlite:///a?b/results.db", "expected sqlite:///FILE"),  # not in a
     ],
 )
 def test_urls_that_name_no_logbook_are_refused(tmp_path: Path, url: str, match: str) -> None:
@@ -33,6 +40,37 @@ def test_urls_that_name_no_logbook_are_refused(tmp_path: Path, url: str, match: 
             use(url)  # type: ignore[operator]
         assert "secret" not in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "folder", ["a?b", "a?mode=ro", "50%", "a%41b", "a%2Fb", "a%00b", "a#b", "a&b=c", "a b", "é:@x"]
+)
+def test_a_folder_with_any_name_holds_its_own_database(tmp_path: Path, folder: str) -> None:
+    place = tmp_path / folder
+    url = file_url(place / "results.db")
+    assert make_url(url) == URL.create("sqlite", database=f"{place}/results.db")
+    with Logbook.open(url, results_dir=place) as logbook:
+        logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
+    assert [path.name for path in tmp_path.iterdir()] == [folder]
+    assert sorted(path.name for path in place.iterdir()) == ["results.db", "series"]
+    assert display_url(url) == url
+    assert str(parse(url)) == f"{place}/results.db"
+    for name in (url, f"{place}/results.db"):
+        with open_results(name) as results:
+            assert [run.run_id for run in results.reader.runs()] == [1]
+    again = parse(parse(url).url)  # an address that is handed on
+    assert again.path == place / "results.db"
+
+
+def test_the_command_line_takes_such_a_folder(seatrial: Command) -> None:
+    seatrial.pretend()
+    answer = seatrial("results_dir='a%41?b'", "seed=1")
+    assert answer.code == 0, answer.err
+    assert [path.name for path in seatrial.folder.iterdir()] == ["a%41?b"]
+    shown = shlex.split(answer.out.partition("see ")[2])
+    assert compare(shown[3:]) == 0
+    again = seatrial("results_dir='a%41?b'", "seed=1")
+    assert "already in the logbook" in again.out
 
 
 def test_postgresql_always_goes_through_psycopg_3() -> None:

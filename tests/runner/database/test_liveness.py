@@ -46,11 +46,13 @@ def test_a_run_with_a_fresh_heartbeat_is_busy(logbook: Logbook, elsewhere: int) 
     assert logbook.run(elsewhere).summary.status == "running"
 
 
-@pytest.mark.parametrize("heartbeat", [ago(liveness.STALE_AFTER_S + 5), None])
+@pytest.mark.parametrize("silent", [True, False])
 def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
-    logbook: Logbook, url: str, elsewhere: int, heartbeat: datetime | None
+    logbook: Logbook, url: str, elsewhere: int, silent: bool
 ) -> None:
-    pretend(url, elsewhere, heartbeat_at=heartbeat)
+    # The tests' PostgreSQL has just started, which gives younger beats a minute: test_outage.py.
+    age_s = liveness.STALE_AFTER_S * (1.0 if parse(url).sqlite else 3.0) + 5.0
+    pretend(url, elsewhere, heartbeat_at=ago(age_s) if silent else None)
     assert logbook.run(elsewhere).summary.status == "interrupted"
     begun = logbook.begin_run(make_start(1))
     assert begun.state == "new"

@@ -46,26 +46,36 @@ def test_a_sound_logbook_has_no_problems(filled: Logbook) -> None:
 
 def test_what_happened_to_series_files_is_found(filled: Logbook, results_dir: Path) -> None:
     folder = results_dir / "series"
-    (folder / "run-000001-recording.parquet").write_bytes(b"changed")
-    (folder / "run-000002-recording.parquet").unlink()
+    next(folder.glob("run-000001-recording-*.parquet")).write_bytes(b"changed")
+    next(folder.glob("run-000002-recording-*.parquet")).unlink()
     (folder / "run-000009-recording.parquet").touch()
     (folder / ".run-000004-recording.parquet.77.tmp").touch()
     (folder / "run-000005-recording.parquet").touch()  # run 5 may be about to name it
-    problems = filled.verify().problems
-    assert [problem.where for problem in problems[:2]] == [
+    (folder / "notes.txt").touch()  # not ours: named, and left alone
+    verified = filled.verify()
+    problems = verified.problems
+    assert [problem.where for problem in problems] == [
         "run 1, series recording",
         "run 2, series recording",
     ]
     assert "not what the run wrote: got SHA-256" in problems[0].what
     assert "cannot be read: No such file" in problems[1].what
-    assert [Path(problem.where).name for problem in problems[2:]] == [
+    assert [path.name for path in verified.leftovers] == [
         ".run-000004-recording.parquet.77.tmp",
+        "notes.txt",
         "run-000009-recording.parquet",
     ]
     with pytest.raises(LogbookError, match="not what the run wrote"):
         filled.series(1, "recording")
     with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
         filled.series(1, "other")
+    assert [path.name for path in filled.remove_orphans()] == [
+        ".run-000004-recording.parquet.77.tmp",
+        "run-000009-recording.parquet",
+    ]
+    verified = filled.verify()
+    assert len(verified.problems) == 2
+    assert [path.name for path in verified.leftovers] == ["notes.txt"]
 
 
 def test_rows_that_were_changed_are_found(filled: Logbook, url: str) -> None:
@@ -121,9 +131,9 @@ def test_prune_deletes_rows_with_their_files(filled: Logbook, results_dir: Path)
     assert (pruned.runs, pruned.files, pruned.left) == (2, 1, [])
     assert [run.run_id for run in filled.runs()] == [1, 4, 5]
     assert filled.sql("SELECT DISTINCT run_id FROM metric ORDER BY run_id").rows == [(1,), (4,)]
-    assert sorted(path.name for path in (results_dir / "series").iterdir()) == [
-        "run-000001-recording.parquet",
-        "run-000004-recording.parquet",
+    assert sorted(path.name[:20] for path in (results_dir / "series").iterdir()) == [
+        "run-000001-recording",
+        "run-000004-recording",
     ]
     assert filled.verify().problems == []
     assert filled.begin_run(make_start(2)).run_id == 6  # a number is never given twice

@@ -1,0 +1,177 @@
+"""Who gets to do a trial: of two processes that start it at once, exactly one.
+
+On SQLite the writers queue, so what a claim sees is so. On PostgreSQL two claims may both see
+nothing; then the unique indexes (fingerprint where the status is running; fingerprint and
+attempt) let one insert through, and the other looks again. So does one that takes a run for lost
+whose process has just finished it, and ended.
+"""
+
+import os
+import socket
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ColumnElement, Connection, Row, select, update
+from sqlalchemy.dialects import sqlite
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.database.liveness import (
+    STALE_AFTER_S,
+    database_now,
+    identity,
+    is_gone,
+    is_stale,
+)
+from seatrial.runner.database.mask import (
+    command_without_address,
+    without_address,
+    without_passwords,
+)
+from seatrial.runner.database.records import Begun, RunStart, plain
+from seatrial.runner.database.tables import Base, Reuse, Run
+from seatrial.runner.vocabulary import GROUPS
+
+_TRIES = 10  # each further one needs another process to have come between
+
+
+def claim(
+    connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
+) -> Begun:
+    """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for.
+
+    A run that this process began at that `moment` is this one: the answer to it was lost.
+    """
+    for _ in range(_TRIES):
+        attempts = _attempts(connection, start.fingerprint)
+        begun = _own(attempts, moment) or _done_already(attempts, rerun)
+        if begun is None and _lost_are_given_up(connection, attempts):
+            attempt = 1 + max((run.attempt for run in attempts), default=0)
+            begun = _insert(connection, _row(start, sweep_id, attempt, moment))
+            lost = sum(run.status == "running" for run in attempts)
+            begun = replace(begun, lost=lost) if begun is not None else None
+        if begun is not None:
+            if begun.state != "new" and sweep_id is not None:
+                _note_reuse(connection, sweep_id, begun.run_id)
+            return begun
+    raise LogbookError(f"trial {start.fingerprint[:12]}: could not be claimed in {_TRIES} tries")
+
+
+def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> bool:
+    """Mark a run as interrupted, if it still is under way and `where` holds; whether it was."""
+    marked = connection.execute(
+        update(Run)
+        .where(Run.id == run_id, Run.status == "running", *where)
+        .values(status="interrupted", error=reason)
+        .returning(Run.id)
+    )
+    return marked.scalar() is not None
+
+
+def give_up_gone(connection: Connection, sweep_id: int) -> None:
+    """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
+    columns: list[Any] = [Run.id, Run.process, Run.host, Run.pid]
+    under_way = select(*columns).where(Run.sweep_id == sweep_id, Run.status == "running")
+    for run in connection.execute(under_way).all():
+        if is_gone(run.process):
+            _is_given_up(connection, run)
+
+
+def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
+    stale = is_stale(Run.heartbeat_at).label("stale")
+    return connection.execute(
+        select(
+            *(Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, Run.started_at),
+            stale,
+        )
+        .where(Run.fingerprint == fingerprint)
+        .order_by(Run.attempt)
+    ).all()
+
+
+def _own(attempts: Sequence[Row[Any]], moment: datetime) -> Begun | None:
+    own = (socket.gethostname(), os.getpid(), moment, "running")
+    for run in attempts:
+        if (run.host, run.pid, run.started_at, run.status) == own:
+            return Begun(run.id, "new")
+    return None
+
+
+def _done_already(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
+    """The answer where nothing is to be done."""
+    finished = [run.id for run in attempts if run.status == "finished"]
+    if finished and not rerun:
+        return Begun(finished[-1], "finished")
+    for run in attempts:
+        if run.status == "running" and not (run.stale or is_gone(run.process)):
+            return Begun(run.id, "busy")
+    return None
+
+
+def _lost_are_given_up(connection: Connection, attempts: Sequence[Row[Any]]) -> bool:
+    """Give up the runs under way; False where one has ended, or stirred, since it was looked at."""
+    return all(_is_given_up(connection, run) for run in attempts if run.status == "running")
+
+
+def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
+    process = f"process {run.pid} on {run.host}"
+    if is_gone(run.process):
+        return give_up(connection, run.id, f"{process} is gone")
+    silent = f"{process} gave no sign of life for {STALE_AFTER_S:.0f} s"
+    return give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
+
+
+def _insert(connection: Connection, row: dict[str, Any]) -> Begun | None:
+    """The new run, or None where another process came first."""
+    statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
+    run_id = connection.execute(statement.returning(Run.id), row).scalar()
+    return Begun(run_id, "new") if run_id is not None else None
+
+
+def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
+    """A statement to be executed with a row, which is not in it: then it is compiled once."""
+    if connection.dialect.name == "sqlite":
+        return sqlite.insert(table).on_conflict_do_nothing()
+    from sqlalchemy.dialects import postgresql  # seldom needed
+
+    return postgresql.insert(table).on_conflict_do_nothing()
+
+
+def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) -> dict[str, Any]:
+    pid = os.getpid()
+    return {
+        "sweep_id": sweep_id,
+        "fingerprint": start.fingerprint,
+        "attempt": attempt,
+        "status": "running",
+        **{name: getattr(start, name) for name in GROUPS},
+        "seed": int(start.seed),
+        "config": clean(start.config),
+        "overrides": clean(without_address(start.overrides)),
+        "git_commit": start.git_commit,
+        "git_dirty": start.git_dirty,
+        "versions": clean(start.versions),
+        "command": command_without_address(start.command),
+        "host": socket.gethostname(),
+        "pid": pid,
+        "started_at": moment,
+        "process": identity(pid),
+    }
+
+
+def clean(value: Any) -> Any:
+    """What goes into the database of a configuration: plain JSON, and no password."""
+    value = plain(value)
+    if isinstance(value, str):
+        return without_passwords(value)
+    if isinstance(value, dict):
+        return {key: clean(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [clean(item) for item in value]
+    return value
+
+
+def _note_reuse(connection: Connection, sweep_id: int, run_id: int) -> None:
+    row = {"sweep_id": sweep_id, "run_id": run_id}
+    connection.execute(_insert_unless_there(connection, Reuse), row)

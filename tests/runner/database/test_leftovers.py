@@ -1,0 +1,106 @@
+"""Series files of programs that were killed: found, removed, and never another run's."""
+
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from sqlalchemy import update
+
+from seatrial.runner.database import Logbook, engine, liveness, series_files
+from seatrial.runner.database.engine import parse
+from seatrial.runner.database.tables import Run
+from tests.runner.database.samples import make_results, make_start
+
+
+def killed(logbook: Logbook, url: str, trial: int) -> int:
+    """A run whose process was killed while it wrote its series: all but the last is there."""
+    run_id = logbook.begin_run(make_start(trial)).run_id
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    gone = liveness.identity(child.pid)
+    child.wait()
+    assert gone is not None
+    written = logbook._write_series(run_id, make_results().series)
+    path = logbook.results_dir / written[0].path
+    path.with_name(f".{path.name}.{child.pid}.tmp").write_bytes(b"half")
+    writer = engine.writer(parse(url))
+    with writer.begin() as connection:
+        connection.execute(update(Run).where(Run.id == run_id).values(process=gone))
+    writer.dispose()
+    return run_id
+
+
+def names(results_dir: Path) -> list[str]:
+    return sorted(path.name[:20] for path in (results_dir / "series").iterdir())
+
+
+@pytest.fixture
+def busy(logbook: Logbook, url: str, results_dir: Path) -> Logbook:
+    """Run 1 finished, run 2 killed, run 3 under way and about to name its file."""
+    logbook.finish_run(logbook.begin_run(make_start(1)).run_id, make_results())
+    killed(logbook, url, 2)
+    logbook._write_series(logbook.begin_run(make_start(3)).run_id, make_results().series)
+    assert len(names(results_dir)) == 4
+    return logbook
+
+
+KEPT = ["run-000001-recording", "run-000003-recording"]
+
+
+def test_they_are_removed_when_a_sweep_starts(busy: Logbook, results_dir: Path) -> None:
+    busy.begin_sweep("s", "c", [], 1)
+    assert names(results_dir) == KEPT
+    assert busy.verify().leftovers == []
+
+
+def test_they_are_removed_when_their_run_is_given_up(busy: Logbook, results_dir: Path) -> None:
+    assert busy.begin_run(make_start(2)).state == "new"
+    assert names(results_dir) == KEPT
+
+
+def test_until_then_they_are_no_damage(busy: Logbook) -> None:
+    found = busy.verify()
+    assert found.problems == []
+    assert len(found.leftovers) == 2
+
+
+def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> None:
+    """Both begin before either has a series; then the numbers of their runs are the same."""
+    urls = [f"sqlite:///{tmp_path}/{name}.db" for name in ("one", "two")]
+    with (
+        Logbook.open(urls[0], results_dir=tmp_path) as one,
+        Logbook.open(urls[1], results_dir=tmp_path) as two,
+    ):
+        one.finish_run(one.begin_run(make_start(1)).run_id, make_results(1.0))
+        before = one.series(1, "recording")
+        assert killed(two, urls[1], 1) == 1
+        two.begin_sweep("s", "c", [], 1)
+        two.finish_run(two.begin_run(make_start(1)).run_id, make_results(2.0))
+        again = one.series(1, "recording")  # its checksum is right
+        assert (again.columns["u"] == before.columns["u"]).all()
+        assert one.verify().problems == two.verify().problems == []
+
+
+def test_a_file_of_an_older_version_is_not_removed_by_itself(
+    busy: Logbook, results_dir: Path
+) -> None:
+    old = results_dir / "series" / "run-000002-recording.parquet"
+    old.touch()  # without a mark: it might be another logbook's
+    busy.begin_sweep("s", "c", [], 1)
+    assert old.exists()
+    assert busy.remove_orphans() == [old]
+
+
+def test_a_mark_is_a_run_s_own() -> None:
+    start = make_start(1)
+    moment = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
+    marks = {
+        series_files.mark(start.fingerprint, 1, moment),
+        series_files.mark(start.fingerprint, 2, moment),
+        series_files.mark(make_start(2).fingerprint, 1, moment),
+        series_files.mark(start.fingerprint, 1, moment + timedelta(microseconds=1)),
+    }
+    assert len(marks) == 4
+    east = moment.astimezone(timezone(timedelta(hours=5)))
+    assert series_files.mark(start.fingerprint, 1, east) in marks

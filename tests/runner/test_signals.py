@@ -1,0 +1,74 @@
+"""SIGTERM and SIGHUP end a program as Ctrl-C does: one line, and the run marked interrupted."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner.database import Logbook
+from tests.runner.command import Command
+from tests.runner.programs import ended, program, rows, sweep, wait
+
+RUNNING = "SELECT id FROM run WHERE status = 'running'"
+LONG = ("excitation.interval_s=6000", "identifier=none", "evaluation=none")
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+
+
+@pytest.mark.parametrize("number", CODES)
+def test_a_trial_that_is_stopped_is_interrupted(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    fake = seatrial.pretend()
+    handlers = {one: signal.getsignal(one) for one in CODES}
+
+    class Fatal(set[int]):
+        def __contains__(self, seed: object) -> bool:
+            if seed == 3:
+                os.kill(os.getpid(), number)
+            return False
+
+    fake.interrupted = Fatal()
+    for mode in ((), ("-m",)):
+        answer = seatrial(*mode, "seed=3")
+        assert answer.code == CODES[number]
+        assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
+        assert "Traceback" not in answer.err
+    with Logbook.read("sqlite:///results/results.db") as logbook:
+        assert [run.status for run in logbook.runs()] == ["interrupted"] * 2
+        assert logbook.verify().leftovers == []
+    assert {one: signal.getsignal(one) for one in CODES} == handlers
+    fake.interrupted = set()
+    assert seatrial("seed=3").code == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+def test_a_program_that_is_stopped_ends_in_one_line(
+    tmp_path: Path, number: signal.Signals, launcher: str
+) -> None:
+    many = ("seed=0,1", f"hydra/launcher={launcher}", "hydra.sweep.dir=.")
+    process = sweep(*LONG, *many, folder=tmp_path)
+    wait(lambda: rows(tmp_path, RUNNING) or process.poll() is not None)
+    process.send_signal(number)
+    code, _, err = ended(process)
+    assert code == CODES[number], err
+    lines = [line for line in err.splitlines() if "seatrial: " in line]
+    assert lines == [
+        "seatrial: interrupted: finished runs are kept, the same command runs the rest"
+    ]
+    assert "Traceback" not in err
+    assert rows(tmp_path, RUNNING) == []
+    assert rows(tmp_path, "SELECT DISTINCT status FROM run") == [("interrupted",)]
+
+
+def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> None:
+    code = (
+        "import signal, sys, os; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
+        "os.execv(sys.executable, [sys.executable, '-m', 'runner', *sys.argv[1:]])"
+    )
+    process = program("-c", code, *LONG[1:], "excitation.interval_s=600", folder=tmp_path)
+    wait(lambda: rows(tmp_path, RUNNING) or process.poll() is not None)
+    process.send_signal(signal.SIGHUP)
+    assert ended(process)[0] == 0
+    assert rows(tmp_path, "SELECT status FROM run") == [("finished",)]
