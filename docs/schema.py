@@ -10,6 +10,8 @@ inherit from another, and an interpolation `${...}` may stand for any value.
 import inspect
 import json
 import re
+from dataclasses import is_dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,7 @@ def schema() -> Schema:
             whole["properties"][name] = {"$ref": f"#/$defs/{name}"}
         elif name != "_target_":
             declared.update(trial.get(name, {}))
-    update = _reference("seatrial.runner.adaptive.Update", classes)
+    update = _reference("seatrial.models.identification.adaptive.Update", classes)
     whole["properties"]["update"] = {"anyOf": [update, {"type": "null"}]}
     whole["properties"]["hydra"] = {"type": "object"}
     definitions = dict(classes)
@@ -119,9 +121,8 @@ def _resolved(part: Any, classes: dict[str, Schema]) -> Any:
         return part
     if CLASS in part:
         cls = part[CLASS]
-        if cls == "builtins.object" or _is_open(cls):
-            return {"anyOf": [NODE, INTERPOLATION]}
-        return {"anyOf": [_reference(cls, classes), NAMED, INTERPOLATION]}
+        ours = [_reference(name, classes) for name in _classes_of(cls)]
+        return {"anyOf": [*ours, NAMED, INTERPOLATION] if ours else [NODE, INTERPOLATION]}
     resolved = {key: _resolved(value, classes) for key, value in part.items()}
     if isinstance(part.get("title"), str):  # pydantic's own: the name once more
         del resolved["title"]
@@ -130,13 +131,16 @@ def _resolved(part: Any, classes: dict[str, Schema]) -> Any:
     return {"anyOf": [resolved, INTERPOLATION]}
 
 
-def _is_open(name: str) -> bool:
-    """Whether a class is a role, which others fill."""
-    try:
-        target(name)
-    except ValueError:
-        return True
-    return False
+def _classes_of(name: str) -> list[str]:
+    """The classes of ours that stand for a declared one: itself, or those that fill a role."""
+    module, _, attribute = name.rpartition(".")
+    pending, classes = [getattr(import_module(module), attribute)], []
+    while pending:
+        cls = pending.pop()
+        pending += cls.__subclasses__() if cls is not object else []
+        if is_dataclass(cls) and cls.__module__.startswith("seatrial."):
+            classes.append(f"{cls.__module__}.{cls.__qualname__}")
+    return sorted(classes)
 
 
 if __name__ == "__main__":

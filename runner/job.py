@@ -107,7 +107,7 @@ def _keep(
     results: "Results | None" = None,
 ) -> Outcome:
     """Store a run that did not finish, with its error."""
-    kind = type(error).__name__
+    kind = "Diverged" if status == "diverged" else type(error).__name__
     message = without_passwords(" ".join(str(error).split())) or kind
     trace = "".join(traceback.format_exception(error))
     logbook.fail_run(

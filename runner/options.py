@@ -37,7 +37,6 @@ from seatrial.models.ranges import in_words
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
 CLASS = "class"  # in a JSON schema: whose node is wanted here
-ROOTS = ("seatrial.models.", "seatrial.runner.")  # where the classes are that may be built
 EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a group of options",
@@ -92,16 +91,15 @@ def part(cls: type, node: Any) -> Any:
 def target(name: Any) -> type:
     """The dataclass that a `_target_` names; raises Refused."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
-    if not name or not module_name.startswith(ROOTS) or ".." in module_name:
-        raise Refused(("_target_",), f": got {name!r}, expected a class inside seatrial")
+    if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
+        raise Refused(("_target_",), f": got {name!r}, expected the name of a class")
     try:
         found = getattr(import_module(module_name), class_name, None)
     except ModuleNotFoundError as error:
         if error.name is None or not module_name.startswith(error.name):
             raise  # the module is there, something it imports is not: a bug, not an option
         found = None
-    inside = isinstance(found, type) and found.__module__.startswith(ROOTS)
-    if not (inside and isinstance(found, type) and is_dataclass(found)):
+    if not (isinstance(found, type) and is_dataclass(found)):
         raise Refused(("_target_",), f": got {name!r}, which is not a dataclass to build")
     return found
 

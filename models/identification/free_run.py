@@ -174,10 +174,10 @@ def _follow(
 @kernel
 def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
     """Predict one model: states (N, n_pose + n_dof) is written; the number of limited rates."""
-    n_dof = plant.inverse_inertia.shape[0]
+    n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
     n_pose = states.shape[1] - n_dof
-    size = scratch_size(n_dof, n_pose)
-    work = scratch_in(np.zeros(size), np.zeros((2, 3, 6)), n_dof, n_pose)
+    size = scratch_size(n_terms, n_dof, n_pose)
+    work = scratch_in(np.zeros(size), np.zeros((2, 3, 6)), n_terms, n_dof, n_pose)
     eta, nu = np.empty(n_pose), np.empty(n_dof)
     for k in range(states.shape[0]):
         _follow(plant, course, k, euler, eta, nu, work)
@@ -278,19 +278,19 @@ def prediction_errors(
     error is the magnitude of the mean.
     """
     n_entries, n_dof, n = entries.shape[0], inverse.shape[0], inverse.shape[2]
-    n_pose = course.reached.shape[1] - n_dof
+    n_pose, n_terms = course.reached.shape[1] - n_dof, structure.codes.shape[0]
     own_entries, own_inverse = (
         _aligned(n_entries),
         _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH)),
     )
     plant = PlantTable(
-        structure.codes, structure.first, as_packs(own_entries),
+        structure.codes, structure.term, structure.first, as_packs(own_entries),
         as_packs(own_inverse), structure.coupled, structure.velocity_index,
         structure.magnitudes, structure.aerodynamic, structure.turning,
     )  # fmt: skip
-    size = scratch_size(n_dof, n_pose)
+    size = scratch_size(n_terms, n_dof, n_pose)
     vectors, matrices = _aligned(size), _aligned(36).reshape((2, 3, 6, WIDTH))
-    work = scratch_in(as_packs(vectors), as_packs(matrices), n_dof, n_pose)
+    work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
     sums = _aligned(2 * n_dof + 1)
     total, state = as_packs(sums), as_packs(_aligned(n_pose + 2 * n_dof))
     eta, nu, e = state[:n_pose], state[n_pose : n_pose + n_dof], state[n_pose + n_dof :]

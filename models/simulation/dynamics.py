@@ -23,7 +23,7 @@ from numba.extending import overload, register_jitable
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import where
-from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array
+from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, features_kernel
 from seatrial.models.vessel.kinematics import (
     angle_rate_kernel,
     fill_attitude_kernel,
@@ -46,6 +46,7 @@ class Scratch(NamedTuple):
     """Work space of a step, of numbers or of packs."""
 
     z: Array
+    phi: Array
     frame: Array  # (3, 6), of which (3, 3) is the rotation from body to NED
     force: Array  # (3, 6), of which (3, n_dof) acts at the start, in the middle and at the end
     stream: Array  # (3,) velocity of the water in body axes
@@ -61,34 +62,35 @@ class Scratch(NamedTuple):
 
 
 @register_jitable
-def scratch_size(n_dof: int, n_pose: int) -> int:
+def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
     """Length of the array that holds the vectors of a work space."""
-    return 2 * N_VARIABLES + 4 + 5 * n_dof + 3 * n_pose
+    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose
 
 
 @register_jitable
-def scratch_in(vectors: Array, matrices: Array, n_dof: int, n_pose: int) -> Scratch:
+def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     """Work space in two arrays of zeros, shapes (scratch_size,) and (2, 3, 6).
 
-    For a plant of so many velocities and coordinates of the pose.
+    For a plant of so many terms, velocities and coordinates of the pose.
     """
     z = vectors[: 2 * N_VARIABLES]
     for i in (0, COS_PHI, COS_THETA, COS_PSI):  # level, and heading north
         z[i] = z[N_VARIABLES + i] = 1.0
-    rest = vectors[2 * N_VARIABLES :]
+    phi = vectors[2 * N_VARIABLES : 2 * N_VARIABLES + n_terms]
+    rest = vectors[2 * N_VARIABLES + n_terms :]
     of_nu, of_eta, n = rest[4:], rest[4 + 5 * n_dof :], n_dof
     return Scratch(
-        z, matrices[0], matrices[1], rest[:3], rest[3:4],
+        z, phi, matrices[0], matrices[1], rest[:3], rest[3:4],
         of_nu[:n], of_nu[n : 2 * n], of_nu[2 * n : 3 * n], of_nu[3 * n : 4 * n],
         of_nu[4 * n : 5 * n], of_eta[:n_pose], of_eta[n_pose : 2 * n_pose],
         of_eta[2 * n_pose : 3 * n_pose],
     )  # fmt: skip
 
 
-def scratch(n_dof: int, n_pose: int) -> Scratch:
+def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     """Work space of numbers."""
-    vectors = np.zeros(scratch_size(n_dof, n_pose))
-    return scratch_in(vectors, np.zeros((2, 3, 6)), n_dof, n_pose)
+    vectors = np.zeros(scratch_size(n_terms, n_dof, n_pose))
+    return scratch_in(vectors, np.zeros((2, 3, 6)), n_terms, n_dof, n_pose)
 
 
 def rates(
@@ -118,12 +120,11 @@ def _rates(
 @lean_kernel
 def _unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
     """rest = tau - F(0, nu_r, attitude, nu_q), of the variables that stand in the work space."""
-    z = work.z
+    features_kernel(plant.codes, work.z, work.phi)
     for i in range(work.rest.shape[0]):
         total = 0.0
         for entry in range(plant.first[i], plant.first[i + 1]):
-            a, b, c = plant.codes[entry, 0], plant.codes[entry, 1], plant.codes[entry, 2]
-            total += plant.entries[entry] * (z[a] * z[b] * z[c])
+            total += plant.entries[entry] * work.phi[plant.term[entry]]
         work.rest[i] = tau[i] - total
 
 

@@ -175,7 +175,7 @@ def sail(
         table = plant.at(first * period_s).plant_table()
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
-        work = scratch(n_dof, len(pose))
+        work = scratch(len(table.codes), n_dof, len(pose))
         begun = perf_counter()
         rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
         if rows < last:

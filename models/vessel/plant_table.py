@@ -21,7 +21,8 @@ Flags = NDArray[np.bool_]
 class PlantTable(NamedTuple):
     """Forward dynamics for the kernels; of one vessel, or in packs of many candidates."""
 
-    codes: Codes  # (n_entries, 3) the term of each entry, see `basis`; axis after axis
+    codes: Codes  # (n_terms, 3), see `basis`
+    term: Codes  # (n_entries,) term of each entry, axis after axis
     first: Codes  # (n_dof + 1,) first entry of each axis
     entries: Array  # (n_entries,) coefficients
     inverse_inertia: Array  # (n_dof, n_dof)
@@ -77,10 +78,12 @@ def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout
     walked = np.any(support, axis=1)
     walked[inertia] = False
     axes, rows = np.nonzero((support & walked[:, None]).T)  # axis after axis, terms in their order
-    codes = basis.codes(terms)[rows]
+    kept, term = np.unique(rows, return_inverse=True)
+    codes = basis.codes(terms)[kept]
     index = [INDEX[VELOCITIES[column]] for column in columns]
     structure = PlantTable(
         codes=codes.astype(np.uint64),  # numba asks of signed indices whether they are negative
+        term=term.astype(np.uint64),
         first=np.searchsorted(axes, np.arange(len(dofs) + 1)).astype(np.int64),
         entries=np.zeros(len(rows)),
         inverse_inertia=np.zeros((len(dofs), len(dofs))),

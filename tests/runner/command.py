@@ -15,6 +15,7 @@ from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.provenance import collect
+from seatrial.runner.trial import TrialDiverged
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,7 @@ class FakeTrial:
             raise ZeroDivisionError(f"seed {trial.seed}\nran aground")
         if trial.seed in self.diverging:
             error = Diverged("|r| = 11 rad/s exceeds 10 at t = 3.0 s", 3.0, "r")
-            error.results = results  # type: ignore[attr-defined]
-            raise error
+            raise TrialDiverged(error, results)
         return results
 
 
@@ -73,7 +73,9 @@ class Command:
 
     def pretend(self) -> FakeTrial:
         """From here on trials take no time."""
-        module = SimpleNamespace(check=self.fake.check, run=self.fake.run)
+        module = SimpleNamespace(
+            check=self.fake.check, run=self.fake.run, TrialDiverged=TrialDiverged
+        )
         self._monkeypatch.setattr(runner, "trial", module, raising=False)
         self._monkeypatch.setitem(sys.modules, "seatrial.runner.trial", module)
         return self.fake

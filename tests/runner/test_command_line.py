@@ -42,7 +42,7 @@ REFUSED = {
     "identifier.lowpass_hz=abc": "identifier.lowpass_hz: got 'abc', expected a number or null",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
     "identifier._target_=os.system": (
-        "identifier._target_: got 'os.system', expected a class inside seatrial"
+        "identifier._target_: got 'os.system', which is not a dataclass to build"
     ),
     "database=postgresql": "database.url: the environment variable SEATRIAL_DATABASE is not set",
     "database.url=3": "database.url: got 3, expected text",

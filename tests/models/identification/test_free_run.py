@@ -237,8 +237,10 @@ def test_one_step_at_high_pitch_is_that_of_quaternions():
         for k in steps:
             begun = as_state(recording.eta[k], recording.nu[k])
             expected = rk4_by_scipy(model, begun, course.force[k], course.step_s)
-            expected[3:7] *= np.sign(expected[3:7] @ after[k + 1, 3:7])
-            np.testing.assert_allclose(after[k + 1], expected, atol=1e-9)
+            after[k + 1, 3:7] *= np.sign(expected[3:7] @ after[k + 1, 3:7])
+            for part in (slice(0, 3), slice(3, 7), slice(7, 13)):  # within 0.1 % of the step
+                gap = np.linalg.norm((after[k + 1] - expected)[part])
+                assert gap < 1e-3 * np.linalg.norm((expected - begun)[part])
 
 
 INTERPRETED = """
