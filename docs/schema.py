@@ -31,6 +31,9 @@ COMMENT = re.compile(r"^ *(\w+):[^#\n]*# *(.+)$", re.MULTILINE)
 
 def schema() -> Schema:
     """The schema of all options."""
+    for path in CONF.rglob("*.yaml"):  # so that the classes of every role are known
+        for name in re.findall(r"_target_: (seatrial\.[\w.]+)", path.read_text()):
+            target(name)
     classes: dict[str, Schema] = {}
     whole = _described(Settings, classes)
     groups = {group: _group(group, classes) for group in (*GROUPS, "database")}
