@@ -25,6 +25,7 @@ from hydra.core.plugins import Plugins
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.database.mask import learn, masked_output
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
+from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.sweep import SeatrialSweeper, Session
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
@@ -49,6 +50,7 @@ def main() -> int:
 
 
 def _main() -> int:
+    import_from_working_folder()
     traceback_wanted = os.environ.get(FULL_ERROR) == "1"
     session = Session()
     overrides: Sequence[str] = ()

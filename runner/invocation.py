@@ -37,5 +37,12 @@ def typed_command(typed: Sequence[str]) -> str:
     return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
 
 
+def import_from_working_folder() -> None:
+    """Let the parts of the user's own be found, after everything that is installed."""
+    folder = str(Path.cwd())
+    if not {"", folder} & set(sys.path):
+        sys.path.append(folder)
+
+
 def _modules() -> bool:
     return in_checkout() and not by_script(sys.orig_argv)

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.database.mask import masked_output
+from seatrial.runner.invocation import import_from_working_folder
 
 PROGRAM = "seatrial-results"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit; errors that a user can cause are one line on stderr."""
+    import_from_working_folder()
     sys.exit(run(arguments))
 
 

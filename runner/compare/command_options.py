@@ -101,7 +101,7 @@ class PlotOptions:
     kind: Annotated[
         str,
         typer.Argument(
-            help="Kind of figure: a name below, or the dotted name of a module with a figure.",
+            help="Kind of figure: a name below, or the name of a module with a figure.",
             autocompletion=_completed,
         ),
     ]

@@ -3,7 +3,7 @@
 A file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
 figure; no list names it. The arguments are literals, which are read without importing the file:
 the command line shows them, and matplotlib is slow to import. A figure from elsewhere is any
-module with the same two names; it is asked for by its dotted name.
+module with the same two names; it is asked for by its module name.
 """
 
 import ast
@@ -70,19 +70,18 @@ def drawings_of(name: str) -> "Drawings":
 
 
 def _module(name: str) -> str:
-    """The module of a figure, by its name or by the dotted name of a module from elsewhere."""
+    """The module of a figure, by its name or by that of a module from elsewhere."""
     for figure, path in _files():
         if figure.name == name:
             return f"{__package__}.plots.{path.stem}"
     try:
-        if "." in name:
-            return import_module(name).__name__
+        return import_module(name).__name__
     except ModuleNotFoundError as error:
         if not f"{name}.".startswith(f"{error.name}."):
             raise  # of what the module itself imports
     expected = ", ".join(figures())
     raise ConfigurationError(
-        f"plot: got {name!r}, expected one of {expected}, or the dotted name of a module"
+        f"plot: got {name!r}, expected one of {expected}, or the name of a module"
     )
 
 

@@ -73,7 +73,9 @@ def test_a_figure_from_elsewhere_is_drawn_by_its_dotted_name(
 
 @pytest.mark.parametrize("name", ["pie", "no_such_module.figure", "seatrial.runner.pie"])
 def test_an_unknown_figure_is_refused_with_those_that_there_are(name: str) -> None:
-    with pytest.raises(ConfigurationError, match=r"expected one of bars, .*, or the dotted name"):
+    with pytest.raises(
+        ConfigurationError, match=r"expected one of bars, .*, or the name of a module"
+    ):
         figures.figure_of(name)
 
 
