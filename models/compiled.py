@@ -10,8 +10,9 @@ under `models/`: a change of code begins an empty one, a change of comments does
 import hashlib
 import logging
 import pickle
+import sys
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ from numba.core.caching import (
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
+from numba.core.types import BaseNamedTuple, BaseTuple
 
 from seatrial.models.compile_lock import CompileLock
 from seatrial.models.source_digest import MODELS, cache_home, folder_digest, source
@@ -126,15 +128,30 @@ class _Cache(FunctionCache):
         super().__init__(function)
         self._options = tuple(sorted(options.items()))
         name = self._impl.filename_base
-        self._cache_file = _Files(self._cache_path, name, self._impl.locator.get_source_stamp())
+        self._choose_files(())
         kernel = f"{function.__module__}.{function.__qualname__}"
         self.lock = CompileLock(cache_folder() / f"{name}.lock", kernel)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), self._options)
 
+    def _choose_files(self, sig: Any) -> None:
+        """Files of their own for a signature with types of modules outside `models/`.
+
+        The index holds the types of its signatures: a program without these modules could not
+        read it.
+        """
+        files = sorted({file for kind in sig for file in _outside(kind)})
+        stamp = self._impl.locator.get_source_stamp()
+        name = self._impl.filename_base
+        if files:
+            parts = [(str(file), source(file).digest) for file in files]
+            name += f".{hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
+        self._cache_file = _Files(self._cache_path, name, stamp)
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code from disk; None when this process is to compile it."""
+        self._choose_files(sig)
         result = super().load_overload(sig, target_context)
         if result is None:
             self.lock.acquire()
@@ -147,7 +164,20 @@ class _Cache(FunctionCache):
         """Write the machine code, unless the sources have changed since the folder was named."""
         with suppress(OSError):  # a full disk makes the next start slow, no more
             if _folder_name() == cache_folder().name:
+                self._choose_files(sig)
                 super().save_overload(sig, data)
+
+
+def _outside(kind: Any) -> Iterator[Path]:
+    """The files of the modules outside `models/` that define the named tuples of a type."""
+    if isinstance(kind, BaseNamedTuple):
+        file = getattr(sys.modules.get(tuple_of(kind).__module__), "__file__", None)
+        if file is not None and not Path(file).is_relative_to(MODELS):
+            yield Path(file)
+    if isinstance(kind, BaseTuple):
+        members: Any = kind
+        for member in members:
+            yield from _outside(member)
 
 
 @cache

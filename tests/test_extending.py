@@ -51,6 +51,9 @@ def test_a_trial_runs_with_each(folder: Path) -> None:
     run(folder, *trial, *SHORT, "disturbance=squalls", "identifier=scaling")
     controlled = ("excitation=circle", "excitation.duration_s=120", "controller=pd")
     run(folder, *trial, *controlled, "identifier=none", "metrics=[{_target_: speeds.LargestSpeed}]")
+    elsewhere = folder / "elsewhere"  # where nobody knows the types of these parts
+    elsewhere.mkdir()
+    run(elsewhere, "seatrial.runner", *SHORT, "identifier=none")
     choices = rows(
         folder, "select vessel, disturbance, excitation, identifier, controller from run"
     )

@@ -22,6 +22,7 @@ from sqlalchemy import (
 )
 
 from seatrial.models.errors import LogbookError
+from seatrial.models.findings import Finding
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import series_files as files
@@ -43,7 +44,6 @@ from seatrial.runner.database.records import (
     SweepSummary,
     Verification,
 )
-from seatrial.runner.database.tables import Diagnostic
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import LOST
 
@@ -144,9 +144,9 @@ class Reader:
         """The coefficients of a run's models, in the order they were stored in."""
         return self._facts(Coefficient, tables.Coefficient, run_id)
 
-    def diagnostics(self, run_id: int) -> list[Diagnostic]:
+    def diagnostics(self, run_id: int) -> list[Finding]:
         """The diagnostics of a run's identification, in the order they were stored in."""
-        return self._facts(Diagnostic, tables.Diagnostic, run_id)
+        return self._facts(Finding, tables.Diagnostic, run_id)
 
     def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
         columns = table.__table__.c

@@ -168,7 +168,7 @@ def test_builds_a_trial() -> None:
         ({"seed": None}, "seed is missing"),
         ({"seeds": 1}, "seeds: unknown option, did you mean seed?"),
         ({"rerun": "yes"}, "rerun: got 'yes', expected true or false"),
-        ({"database": {"url": 3}}, "database.url: got 3, expected text"),
+        ({"database": {"url": 3}}, "database.url: got 3, expected text or null"),
         ({"results_dir": ""}, "results_dir: got '', expected a path"),
         ({"vessel": "ferry"}, "vessel: got 'ferry', expected a group of options"),
         ({"vessel": {}}, "vessel: got none, expected an option of the group"),

@@ -35,13 +35,11 @@ def test_the_programs_are_named_as_they_were_started(
     assert compare("show", DEFAULT_DATABASE, "1") == f"{results} show 1"
 
 
-def test_a_typed_command_is_kept_without_the_place_of_the_script(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(sys, "orig_argv", ["/usr/bin/python", SCRIPT, "-m", "seed=range(0,2)"])
-    assert invocation.typed_command() == "seatrial -m 'seed=range(0,2)'"
-    monkeypatch.setattr(sys, "orig_argv", ["python", "-m", "runner", "-m", "seed=1,2"])
-    assert invocation.typed_command() == "python -m runner -m seed=1,2"
+def test_a_typed_command_is_kept_without_the_place_of_the_script() -> None:
+    typed = ["/usr/bin/python", SCRIPT, "-m", "seed=range(0,2)"]
+    assert invocation.typed_command(typed) == "seatrial -m 'seed=range(0,2)'"
+    typed = ["python", "-m", "runner", "-m", "seed=1,2"]
+    assert invocation.typed_command(typed) == "python -m runner -m seed=1,2"
 
 
 def test_a_checkout_is_known_by_its_project_file(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_a_run_that_ends_while_it_is_taken_for_lost_is_not_done_again(
             pretend(url, run, status="finished")
             return gone
 
-        monkeypatch.setattr(liveness, "is_gone", ends_meanwhile)
+        monkeypatch.setattr(claims, "is_gone", ends_meanwhile)
         begun = logbook.begin_run(make_start(1))
         assert (begun.state, begun.run_id) == ("finished", run)
         assert len(logbook.runs()) == 1
