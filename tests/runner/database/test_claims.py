@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy import update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, engine, liveness
+from seatrial.runner.database import Logbook, Results, claims, engine, liveness
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import Run
 from tests.runner.database.samples import make_start
