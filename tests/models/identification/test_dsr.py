@@ -336,7 +336,7 @@ def test_the_order_by_the_gap_is_the_physical_one(
         ({"period_s": 0.0}, "period_s must be positive or null, got 0"),
         ({"condition_limit": -1.0}, "condition_limit must be positive"),
         ({"heading_span_deg": 0.0}, "heading_span_deg must be positive"),
-        ({"extra_terms": ["1"]}, "a constant looks like a first state"),
+        ({"extra_terms": ["1"]}, "expected a term that varies"),
         ({"extra_terms": ["u_dot"]}, "are in the model already"),
         ({"extra_terms": ["u"]}, "are in the model already"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
