@@ -72,8 +72,8 @@ class Dsr(Identifier):
         for term in () if self.extra_terms == "physical" else basis.terms(self.extra_terms):
             if not is_further_input(term):
                 raise ConfigurationError(
-                    f"extra_terms: got {term}, expected a term that varies and is not an "
-                    f"acceleration or a velocity, which the model already has"
+                    f"extra_terms: got {term}, expected a term that varies; accelerations "
+                    f"and velocities are in the model already"
                 )
         check_bootstrap(self.bootstrap, self.block_s)
 

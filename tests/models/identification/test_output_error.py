@@ -330,7 +330,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
         ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),
         ({"bound_factor": 1.0}, "bound_factor must be above 1"),
         ({"derivative_limit": 0.0}, "derivative_limit must be positive"),
-        ({"parameters": ["yaw.r"]}, "expected a degree of freedom out of surge"),
+        ({"parameters": ["yaw.r"]}, "expected one of the degrees of freedom surge"),
         ({"ned_force": True}, "ned_force needs a vessel in surge, sway, yaw"),
         ({"force": "measured"}, "force: got 'measured'"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
