@@ -315,7 +315,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("triple_ramp"))
     option = identifier("least_squares", parameters=["surge.|u|u", "surge.u^2"], **EULER)
-    with pytest.raises(IdentificationError, match=r"does not tell surge.\|u\|u, surge.u\^2"):
+    with pytest.raises(IdentificationError, match=r"does not distinguish surge.\|u\|u, surge.u\^2"):
         option.identify(problem, None)
 
 
