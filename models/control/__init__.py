@@ -1,1 +1,1 @@
-"""Controllers: built from a model, they know nothing of where it came from."""
+"""Controllers, built from a vessel model or an identified state-space model."""

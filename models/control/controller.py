@@ -1,4 +1,4 @@
-"""What every controller is asked: a step built on a model, and what is known of it beforehand."""
+"""The interface of a controller: its options, the step built from a model, and its design data."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -14,10 +14,11 @@ Model = Vessel | StateSpace
 
 
 class Controller(ABC):
-    """Frozen options of a controller; the step that `build` gives parameters for is registered.
+    """Frozen options of a controller.
 
-    `takes_state_space`: an identified state-space model is taken in place of its table. Times
-    `period_s` [s] are those of the loop.
+    `build` returns the parameters of a step function registered in `CONTROLLERS`.
+    `takes_state_space` is true if the controller accepts an identified state-space model in place
+    of a coefficient table. `period_s` [s] is the period of the control loop.
     """
 
     takes_state_space: ClassVar[bool] = False
@@ -30,43 +31,43 @@ class Controller(ABC):
         """
 
     def deployed(self) -> "Controller":
-        """What sails an evaluation."""
+        """The controller used in an evaluation; by default this one."""
         return self
 
     def foresee(self, parameters: Parameters, outlook: Outlook) -> Parameters:
-        """The parameters with what can be known of the weather and the mission."""
+        """The parameters with the known part of the weather and the mission."""
         return parameters
 
     def adapt(
         self, parameters: Parameters, state: State, model: Vessel, period_s: float,
         outlook: Outlook, log: Log, k: int,
     ) -> Parameters:  # fmt: skip
-        """Parameters for another model while sailing, before instant k; the state goes on."""
+        """Parameters for a new model during a simulation, before instant k; the state is kept."""
         return self.foresee(self.build(model, period_s)[0], outlook)
 
     def command_rows(self, period_s: float) -> int:
-        """Loop instants from one command to the next."""
+        """Number of loop instants between two commands."""
         return 1
 
     def preview_rows(self, period_s: float) -> int:
-        """Loop instants that a following step of the reference is known before it."""
+        """Number of loop instants by which a step of the reference is known in advance."""
         return 0
 
     def command_limits(self) -> tuple[float, ...] | None:
-        """Limits [N, Nm] that its commands keep, one a degree of freedom; None: it keeps none."""
+        """Limits [N, Nm] of the commands, one per degree of freedom; None: no limits."""
         return None
 
     def failures(self, state: State) -> int:
-        """Commands that it could not compute, and held."""
+        """Number of samples at which no command could be computed and the last one was held."""
         return 0
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
-        """What it says of its design on a model; `spectral_radius` is warned of from 1 on."""
+        """Findings about the design; a `spectral_radius` of 1 or more gives a warning."""
         return []
 
 
 def table_of(model: Model) -> Vessel:
-    """The coefficient table that a controller is built on; refuses a state-space model."""
+    """The model as a coefficient table; raises ConfigurationError for a state-space model."""
     if isinstance(model, StateSpace):
         raise ConfigurationError(
             "controller: got a state-space model, expected a table of coefficients"

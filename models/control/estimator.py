@@ -1,16 +1,16 @@
-"""What a controller knows of the present: the Kalman filter, or the measured motion as it is.
+"""State estimation for the controllers: a Kalman filter, or the measured motion.
 
     correct   x_k = x-_k + M (y_k - C x-_k)
     predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k + a_k)
 
 M is the gain of the filter; that of the predictor is K = A M. Bargouth (2022), (2.27)-(2.28),
-prints the second form and computes with the first one's gain. The disturbance d is known (wind),
-b is estimated (`estimate_bias`), a random walk in NED, and a is what an excitation adds to the
-command: known to the filter, but nothing to work against.
+prints the second form and computes with the gain of the first. The disturbance d is known (wind).
+The bias b is estimated (`estimate_bias`) as a random walk in NED. The force a is what an
+excitation adds to the command: the filter knows it, but the controller does not counteract it.
 
-The state is kept in NED and seen from the body axes of the moment, in which the model holds:
-what was measured or commanded a sample ago turns with the vessel, so that a force that is fixed
-in NED stays one. A measurement that is not a number is left out.
+The state is stored in NED and transformed to the present body axes, in which the model holds.
+Earlier measurements and commands are transformed as well, so that a force that is constant in NED
+stays constant. NaN measurements are ignored.
 """
 
 from dataclasses import dataclass
@@ -44,10 +44,10 @@ class Believed(NamedTuple):
     limits: Array  # (r,) [N, Nm]
     turning: bool
     measured: bool
-    smooth: bool  # integral action on the estimated pose: with a bias it has no constant error
+    smooth: bool  # integral action on the estimated pose, which is unbiased if b is estimated
     still: ForceTable
-    north: int  # the velocity along north and the one along east where nothing turns; -1 is none
-    east: int
+    north: int  # index of the surge velocity, -1: none
+    east: int  # index of the sway velocity, -1: none
     z: Array  # work space: variables and basis functions of the force at rest
     phi: Array
     error: Array  # (m,)
@@ -57,29 +57,29 @@ class Believed(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a controller keeps from one sample to the next; forces in SI."""
+    """State of a controller between two samples; forces in SI."""
 
     instant: Codes  # (1,) number of loop instants so far
     failures: Codes  # (1,) samples at which the last command was held
     x: Array  # (n,) estimated state, NED
-    x_last: Array  # (n,) the same a sample ago
-    y_last: Array  # (m,) pose a sample ago that integral action works on, NED
+    x_last: Array  # (n,) estimated state of the last sample, NED
+    y_last: Array  # (m,) pose of the last sample, for the integral action, NED
     bias: Array  # (r,) estimated disturbance, NED
-    axes: Array  # (1,) heading of the body axes of the two that follow [rad]
+    axes: Array  # (1,) heading of the body axes in which `known` and `command` are given [rad]
     known: Array  # (r,) known disturbance of the last sample
     command: Array  # (r,) force commanded at the last sample
-    added: Array  # (r,) force added to it
+    added: Array  # (r,) force that an excitation added to the command
 
 
 def memory(n: int, m: int, r: int) -> Memory:
-    """A memory of nothing."""
+    """The initial memory, all zeros, for n states, m outputs and r inputs."""
     counts = np.zeros((2, 1), dtype=np.int64)
     return Memory(counts[0], counts[1], *(np.zeros(size) for size in (n, n, m, r, 1, r, r, r)))
 
 
 @lean_kernel
 def seen(turning: bool, psi: float, vector: Array, out: Array) -> None:
-    """out = the vector in axes turned by psi: (x, y) of every three rotated by R(psi)'."""
+    """Transform a vector to axes turned by psi [rad]: rotate (x, y) of every triple by R(psi)'."""
     for i in range(vector.shape[0]):
         out[i] = vector[i]
     if turning:
@@ -91,7 +91,7 @@ def seen(turning: bool, psi: float, vector: Array, out: Array) -> None:
 
 @lean_kernel
 def heading(believed: Believed, x: Array) -> float:
-    """The direction of the axes in which the model holds [rad]."""
+    """Heading of the axes in which the model holds [rad]."""
     return x[2] if believed.turning else 0.0
 
 
@@ -100,7 +100,7 @@ def known_force(
     believed: Believed, psi: float, velocity: Array, outlook: Outlook, k: int, noise: bool,
     out: Array,
 ) -> None:  # fmt: skip
-    """d = -F(0, 0, psi, nu_q), what acts at rest as far as it is known, in body axes [N, Nm]."""
+    """Write the known disturbance at rest, d = -F(0, 0, psi, nu_q), in body axes [N, Nm]."""
     z = believed.z
     z[COS_PSI], z[SIN_PSI] = np.cos(psi), np.sin(psi)
     z[N_VARIABLES + COS_PSI], z[N_VARIABLES + SIN_PSI] = abs(z[COS_PSI]), abs(z[SIN_PSI])
@@ -125,7 +125,7 @@ def known_force(
 
 @lean_kernel
 def estimate(believed: Believed, past: Memory, eta: Array, nu: Array) -> None:
-    """Bring the state to this instant: predicted and corrected, or as measured."""
+    """Update the state to this instant: predict and correct it, or take the measured one."""
     m = eta.shape[0]
     for i in range(past.x.shape[0]):
         past.x_last[i] = past.x[i]
@@ -147,7 +147,7 @@ def estimate(believed: Believed, past: Memory, eta: Array, nu: Array) -> None:
 
 @lean_kernel
 def _correct(believed: Believed, past: Memory, eta: Array) -> None:
-    """x + M (y - C x), the innovation seen from the predicted axes."""
+    """x <- x + M (y - C x), with the innovation in the predicted body axes."""
     x, error, change = past.x, believed.error, believed.moved
     for i in range(error.shape[0]):
         change[i] = eta[i]
@@ -177,7 +177,7 @@ def _correct(believed: Believed, past: Memory, eta: Array) -> None:
 
 @lean_kernel
 def _predict(believed: Believed, past: Memory) -> None:
-    """x <- A x + B (u + d + b), in the axes of the last sample, from its own pose."""
+    """x <- A x + B (u + d + b + a), in the body axes of the last sample, relative to its pose."""
     x, local, moved, force = past.x, believed.local, believed.moved, believed.force
     n, r = x.shape[0], past.command.shape[0]
     psi = heading(believed, x)
@@ -202,7 +202,7 @@ def _predict(believed: Believed, past: Memory) -> None:
 def remember(
     believed: Believed, past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook
 ) -> None:
-    """Keep the pose, the known and the added force of this sample for the next."""
+    """Store the pose, the known disturbance and the added force for the next sample."""
     for i in range(eta.shape[0]):
         if believed.smooth:
             past.y_last[i] = 0.0
@@ -219,7 +219,7 @@ def remember(
 
 @lean_kernel
 def accept(past: Memory, tau: Array, limits: Array, limited: bool) -> None:
-    """Command tau [N, Nm] within the limits; the last command again where it is not a number."""
+    """Store the command tau [N, Nm] within the limits; if it is not finite, hold the last one."""
     for i in range(tau.shape[0]):
         if not np.isfinite(tau[i]):
             past.failures[0] += 1
@@ -230,11 +230,11 @@ def accept(past: Memory, tau: Array, limits: Array, limited: bool) -> None:
 
 @dataclass(frozen=True)
 class Kalman:
-    """Noise that the filter is designed for; standard deviations, one a degree of freedom.
+    """Noise of the Kalman filter as standard deviations, one per degree of freedom.
 
     `process`: acceleration, constant over a sample [m/s^2, rad/s^2]. `measurement`: pose [m, rad].
-    `bias_walk`: change of the unknown disturbance over a second [N, Nm], used by `estimate_bias`.
-    An identified state-space model brings its own gain.
+    `bias_walk`: change of the unknown disturbance in one second [N, Nm], used if `estimate_bias`
+    is true. For an identified state-space model its identified gain is used instead.
     """
 
     process: tuple[float, ...]
@@ -251,7 +251,7 @@ class Kalman:
                 )
 
     def gains(self, design: DesignModel) -> tuple[Array, Array]:
-        """M (n, m) and the gain of the bias (r, m), the latter in shares of the limits."""
+        """Filter gain M (n, m) and bias gain (r, m), the latter as a fraction of the limits."""
         model, n, r = design.model, design.model.order, len(design.limits)
         if not design.physical:
             return self._identified_gain(design), np.zeros((r, len(model.C)))
@@ -275,22 +275,27 @@ class Kalman:
         if self.estimate_bias:
             raise ConfigurationError(
                 "controller.kalman.estimate_bias: got true, expected false for an identified "
-                "state-space model: its noise is not told apart by axis"
+                "state-space model, which has no separate noise model for each axis"
             )
         if design.model.K is None:
-            raise ConfigurationError("controller: the model has no innovations gain K")
+            raise ConfigurationError(
+                "controller: the state-space model has no innovations gain K, expected one"
+            )
         return np.asarray(np.linalg.lstsq(design.model.A, design.model.K, rcond=None)[0])
 
 
 def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
-    """M = P C' (C P C' + R)^-1 with P = A P A' - A M C P A' + Q: the steady-state filter.
+    """Steady-state filter gain M = P C' (C P C' + R)^-1 with P = A P A' - A M C P A' + Q.
 
-    The predictor's gain is A M. Raises ConfigurationError when there is no steady state.
+    A is (n, n), C (m, n), Q (n, n), R (m, m); M has shape (n, m). The gain of the predictor is
+    A M. Raises ConfigurationError when the Riccati equation has no solution.
     """
     try:
         P = solve_discrete_are(A.T, C.T, Q, R)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise ConfigurationError(f"controller.kalman: no steady-state gain, {error}") from error
+        raise ConfigurationError(
+            f"controller.kalman: the filter has no steady-state gain: {error}"
+        ) from error
     return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T, dtype=np.float64)
 
 
@@ -298,7 +303,10 @@ Estimator = Literal["kalman", "measured"]
 
 
 def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
-    """The kernels' table of a design model with its estimator."""
+    """Table of a design model and its estimator, for the kernels.
+
+    Raises ConfigurationError for an estimator that does not fit the model.
+    """
     model, (n, r) = design.model, design.model.B.shape
     m = len(model.C)
     if kind == "measured" and not design.physical:
@@ -318,20 +326,21 @@ def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
         design.dofs.index(dof) if dof in design.dofs else -1 for dof in ("surge", "sway")
     )
     return Believed(
-        _whole(model.A), _whole(model.B / design.limits), _whole(model.C), _whole(M),
-        _whole(design.limits[:, None] * bias), _whole(design.start()), design.limits.copy(),
-        design.turning, kind == "measured", kalman.estimate_bias, still, north, east, z,
-        np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
+        _contiguous(model.A), _contiguous(model.B / design.limits), _contiguous(model.C),
+        _contiguous(M), _contiguous(design.limits[:, None] * bias), _contiguous(design.start()),
+        design.limits.copy(), design.turning, kind == "measured", kalman.estimate_bias, still,
+        north, east, z, np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n),
+        np.zeros(r),
     )  # fmt: skip
 
 
 def estimator_remarks(table: Believed) -> list[Finding]:
-    """How fast the filter forgets: the spectral radius of A - A M C, without a bias."""
+    """Spectral radius of the estimation error, A - A M C, without the bias."""
     if table.measured:
         return []
     error = table.A - table.A @ table.M @ table.C
     return [Finding("estimator_radius", "all", spectral_radius(error))]
 
 
-def _whole(values: Array) -> Array:
+def _contiguous(values: Array) -> Array:
     return np.ascontiguousarray(values, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""One optimal control problem over a receding horizon, and four ways to write it as a QP.
+"""An optimal control problem over a receding horizon, in four formulations as a QP.
 
     J = 1/2 sum_{i=1..N} (y_i - r_i)' Q (y_i - r_i) + u_{i-1}' P u_{i-1}
     x_{i+1} = A x_i + B (u_i + d_i),    y_i = C x_i
@@ -8,12 +8,19 @@ reduced    z = (u, x)          (3.75)-(3.86), with the signs of appendix I
 condensed  z = u               (3.87)-(3.96)
 increments z = Delta u         (3.97)-(3.111), on the model of increments
 
-The first three are the same problem. What changes from sample to sample enters linearly, through
+The first three formulations are equivalent. The data that change from sample to sample enter
+linearly, through
 
     theta = (x_0, r_1 ... r_N, d_0 ... d_{N-1}, u_{-1})
 
-with inputs in shares of their limits. In the problem of increments x_0 is (Delta x_0, y_{-1}) and
-d are increments too; only that one uses the last command u_{-1}.
+with inputs as fractions of their limits. In the formulation `increments` x_0 is
+(Delta x_0, y_{-1}) and d are increments; only this formulation uses the last command u_{-1}.
+
+`Solver` solves a sequence of such programs, which differ in their linear terms, with daqp. The
+matrices are factorised once, and every solve starts from the active set of the last one. daqp is
+a dual active-set method (Arnstrom, Bemporad and Axehill (2022)) and needs a positive definite H.
+To a problem with equalities E z = e and a singular H the term rho/2 |E z - e|^2 is added. It is
+zero at every feasible point, so the solution is the same.
 """
 
 from dataclasses import dataclass
@@ -28,7 +35,7 @@ from seatrial.models.vessel.basis import Array
 
 @dataclass(frozen=True, eq=False)
 class Horizon:
-    """The problem: a model, weights and a number of steps; `rate` limits increments a step."""
+    """The optimal control problem: model, weights, number of steps and limit of the increments."""
 
     A: Array  # (n, n)
     B: Array  # (n, r)
@@ -36,16 +43,16 @@ class Horizon:
     Q: Array  # (m, m)
     P: Array  # (r, r)
     steps: int
-    rate: Array | None = None  # (r,) shares of the limits
+    rate: Array | None = None  # (r,) largest increment per step, as a fraction of the limits
 
     @property
     def sizes(self) -> tuple[int, int, int]:
-        """States, inputs and outputs."""
+        """Numbers of states n, inputs r and outputs m."""
         return self.A.shape[0], self.B.shape[1], self.C.shape[0]
 
     @property
     def parameters(self) -> tuple[slice, slice, slice, slice]:
-        """Where x_0, r, d and the last command stand in theta."""
+        """Slices of x_0, r, d and the last command in theta."""
         n, r, m = self.sizes
         edges = np.cumsum([0, n, self.steps * m, self.steps * r, r]).tolist()
         state, reference, known, last = (slice(a, b) for a, b in pairwise(edges))
@@ -58,7 +65,7 @@ class Horizon:
 
     @cached_property
     def prediction(self) -> tuple[Array, Array]:
-        """O (N m, n) and F (N m, N r): y = O x_0 + F (u + d). (3.89)-(3.91)"""
+        """Matrices O (N m, n) and F (N m, N r) of y = O x_0 + F (u + d), (3.89)-(3.91)."""
         n, r, m = self.sizes
         reached, free = self.B, self.C @ self.A
         observability = np.zeros((self.steps, m, n))
@@ -73,19 +80,19 @@ class Horizon:
         return observability.reshape(-1, n), F.reshape(self.steps * m, self.steps * r)
 
     def over(self, weight: Array) -> Array:
-        """A weight repeated over the horizon."""
+        """Block-diagonal matrix of a weight, repeated for each step of the horizon."""
         return np.asarray(np.kron(np.eye(self.steps), weight), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """1/2 z' H z + (f theta)' z  subject to  |rows z - shift theta| <= bound  (equal where 0).
+    """1/2 z' H z + (f theta)' z  subject to  |rows z - shift theta| <= bound.
 
-    The first `simple` rows are the first variables themselves. The first r variables are the
-    command (or its increment).
+    A bound of zero is an equality. The first `simple` constraints bound the first variables
+    directly. The first r variables are the command (or its increment).
     """
 
-    H: Array
+    H: Array  # (nz, nz)
     f: Array  # (nz, width)
     rows: Array  # general constraints, (nc, nz)
     shift: Array  # (simple + nc, width)
@@ -94,12 +101,12 @@ class Quadratic:
 
     @property
     def equal(self) -> Array:
-        """Which rows are equalities."""
+        """Mask of the constraints that are equalities, shape (simple + nc,)."""
         return np.asarray(self.bound == 0.0)
 
 
 def standard(h: Horizon) -> Quadratic:
-    """z = (u, x, e, y), with the model, the output and the error as equalities."""
+    """z = (u, x, e, y), with model, output and error equations as equality constraints."""
     (n, r, m), N = h.sizes, h.steps
     nu, nx, ny = N * r, N * n, N * m
     model, shift = _model_rows(h)
@@ -116,7 +123,7 @@ def standard(h: Horizon) -> Quadratic:
 
 
 def reduced(h: Horizon) -> Quadratic:
-    """z = (u, x), with the model as equality."""
+    """z = (u, x), with the model equation as equality constraint."""
     (n, r, _), N = h.sizes, h.steps
     nu, nx = N * r, N * n
     rows, shift = _model_rows(h)
@@ -148,7 +155,7 @@ def increments(h: Horizon) -> Quadratic:
 
 
 def unconstrained_gain(h: Horizon, problem: Quadratic) -> Array:
-    """u_0 = G theta without limits, from the problem's own optimality conditions; (r, width)."""
+    """Gain G of u_0 = G theta without limits, from the optimality conditions; shape (r, width)."""
     keep = problem.equal[problem.simple :]
     E, e = problem.rows[keep], problem.shift[problem.simple :][keep]
     nz, ne = len(problem.H), len(E)
@@ -178,29 +185,21 @@ def _condensed_cost(h: Horizon) -> tuple[Array, Array]:
 
 def _block_diagonal(*blocks: Array) -> Array:
     size = sum(len(block) for block in blocks)
-    whole = np.zeros((size, size))
+    matrix = np.zeros((size, size))
     start = 0
     for block in blocks:
-        whole[start : start + len(block), start : start + len(block)] = block
+        matrix[start : start + len(block), start : start + len(block)] = block
         start += len(block)
-    return whole
-
-
-# A sequence of quadratic programs that differ in their linear terms, solved by daqp.
-#
-# The matrices are factorised once; every solve starts from the active set of the last. daqp is a
-# dual active-set method (Arnstrom, Bemporad and Axehill (2022)) and needs a positive definite H. A
-# problem with equalities E z = e and a singular H is made so by adding rho/2 |E z - e|^2, which is
-# zero at every feasible point: the solution is the same.
+    return matrix
 
 
 OPTIMAL = 1
-EQUALITY = 5  # daqp's code of a constraint that always holds
-TOLERANCE = 1e-9  # of the constraints, in shares of the limits
+EQUALITY = 5  # daqp's code of an equality constraint
+TOLERANCE = 1e-9  # of the constraints, as a fraction of the limits
 
 
 class Solver:
-    """Solves one problem again and again, for parameters theta."""
+    """Solve a quadratic program repeatedly, for different parameters theta."""
 
     def __init__(self, problem: Quadratic) -> None:
         import daqp
@@ -210,7 +209,7 @@ class Solver:
         rho = float(np.max(np.abs(problem.H))) / max(float(np.linalg.norm(E, 2)) ** 2, 1.0)
         rho = rho if len(E) else 0.0
         scale = 1.0 / float(np.mean(np.abs(np.diag(problem.H))))
-        self.H = scale * (problem.H + rho * E.T @ E)  # kept: the solver reads them in place
+        self.H = scale * (problem.H + rho * E.T @ E)  # an attribute: daqp does not copy it
         self.f = scale * (problem.f - rho * E.T @ e)
         self.shift, self.bound = problem.shift, problem.bound
         self.moving = bool(np.any(self.shift != 0.0))
@@ -224,7 +223,7 @@ class Solver:
         self.ready = flag >= 0
 
     def solve(self, theta: Array) -> Array | None:
-        """The solution z for the parameters theta, or None when there is none to rely on."""
+        """The solution z (nz,) for parameters theta (width,); None if the solver found none."""
         if not (self.ready and np.all(np.isfinite(theta))):
             return None
         f = self.f @ theta

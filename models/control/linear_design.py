@@ -1,4 +1,15 @@
-"""Whether the limits can hold the vessel against the weather at all."""
+"""Design models of the linear controllers, and the force needed to hold a vessel in the weather.
+
+A linear controller is designed on a sampled model with inputs as fractions of their limits,
+
+    x_{k+1} = A x_k + B (u_k + d_k),    y_k = C x_k
+
+with the pose y, the commanded force u and the known disturbance d: the force of the model's table
+at rest, such as the wind force. A vessel is linearised at rest and sampled with a zero-order hold.
+Its pose and velocity are given in the present body axes, in which the linear model holds at every
+heading (vessel-parallel coordinates, Fossen (2011), section 7.5.3). An identified state-space
+model is used in the axes of its data.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -17,32 +28,19 @@ from seatrial.models.vessel.table import ForceTable, Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import WindForce
 
-# What a linear controller is designed on: a sampled model whose input is a share of its limits.
-#
-# Any model serves. A vessel is linearised at rest and sampled with a zero-order hold; its pose and
-# velocity are seen from the present body axes, in which the linear model holds at every heading
-# (vessel-parallel coordinates, Fossen (2011), section 7.5.3). A state-space model is taken as it
-# was identified, in the axes of its data.
-#
-#     x_{k+1} = A x_k + B (u_k + d_k),    y_k = C x_k
-#
-# with the pose y, u the commanded force over its limit, and d the disturbance that is known: what
-# the model's table asks for at rest, such as the wind's force.
-
-
 MOVING = tuple(INDEX[name] for name in (*ACCELERATIONS, *VELOCITIES))
 ATTITUDE = tuple(INDEX[name] for name in basis.ATTITUDE)
-START_WEIGHT = 1e3  # of showing the first pose, against standing still
+START_WEIGHT = 1e3  # of the first pose relative to the drift, in the initial state
 
 
 @dataclass(frozen=True, eq=False)
 class DesignModel:
-    """A discrete model with n states, r inputs and m outputs, its input in shares of the limits."""
+    """A discrete model with n states, r inputs (as fractions of the limits) and m outputs."""
 
     model: StateSpace
-    limits: Array  # (r,) [N, Nm]: inputs of one
-    turning: bool  # the pose is (x, y, psi), and the state is seen from the present axes
-    still: Vessel  # the terms without motion: the force that is needed at rest, less the known
+    limits: Array  # (r,) [N, Nm], the force of an input of 1
+    turning: bool  # the pose is (x, y, psi), and the state is given in the present body axes
+    still: Vessel  # the terms without motion: the force that is needed at rest
     dofs: tuple[str, ...]
     physical: bool  # the state is (pose, velocity)
 
@@ -80,10 +78,11 @@ def design_model(
     period_s: float,
     wind: WindForce | None = None,
 ) -> DesignModel:
-    """The sampled model of a vessel or an identified model, per share of the input `limits`.
+    """The sampled design model of a vessel or of an identified state-space model.
 
-    `wind` is the wind's force on the vessel, where the controller knows it; it is not added to a
-    model that has its own. Raises ConfigurationError when the limits or the period do not fit.
+    `limits` [N, Nm] scale the inputs. `wind` is the wind force on the vessel if the controller
+    knows it; it is not added to a model that already has wind terms. Raises ConfigurationError
+    when the limits or the period do not fit the model.
     """
     scale = np.array(limits, dtype=np.float64)
     names = model.dofs if isinstance(model, Vessel) else model.inputs
@@ -96,8 +95,8 @@ def design_model(
         return _identified(model, scale, period_s)
     if model.dofs != PLANAR and set(model.dofs) & set(DOFS[3:]):
         raise ConfigurationError(
-            f"controller: a linear controller holds a vessel in {', '.join(PLANAR)}, or in some "
-            f"of {', '.join(DOFS[:3])}, got one in {', '.join(model.dofs)}"
+            f"controller: got a vessel in {', '.join(model.dofs)}, expected one in "
+            f"{', '.join(PLANAR)}, or in some of {', '.join(DOFS[:3])}, for a linear controller"
         )
     motion, still = _parts(model)
     if wind is not None and not still.force_table().aerodynamic:
@@ -107,7 +106,7 @@ def design_model(
 
 
 def _identified(model: StateSpace, scale: Array, period_s: float) -> DesignModel:
-    """A state-space model in shares of the limits; several of its periods make one of ours.
+    """Design model of a state-space model; the control period is a multiple of the model's.
 
     A model of the pose summed in body axes, with the state (pose, rate), holds at every heading.
     """
@@ -136,10 +135,11 @@ def _identified(model: StateSpace, scale: Array, period_s: float) -> DesignModel
 
 
 def every(model: StateSpace, times: int) -> StateSpace:
-    """The model over several of its own periods, its input held, with the gain that then is best.
+    """The model sampled every `times` of its periods with held input, with its Kalman gain.
 
-    The innovations e of the model are the noise of the new one: over `times` periods the state
-    receives sum A^i K e, the first of which is the measurement's own.
+    The innovations e of the model are the noise of the result: over `times` periods the state
+    receives sum A^i K e. The innovation of the first period is also the measurement noise.
+    Raises ConfigurationError when there is no steady-state gain.
     """
     if times == 1:
         return model
@@ -148,26 +148,28 @@ def every(model: StateSpace, times: int) -> StateSpace:
     if model.K is not None:
         R = np.eye(len(model.C)) if model.F is None else model.F @ model.F.T
         received = [power @ model.K for power in powers[:-1]]
-        Q, S = sum(one @ R @ one.T for one in received), received[-1] @ R
+        Q, S = sum(gain_i @ R @ gain_i.T for gain_i in received), received[-1] @ R
         try:
             P = solve_discrete_are(A.T, model.C.T, Q, R, s=S)
         except (np.linalg.LinAlgError, ValueError) as error:
-            raise ConfigurationError(f"controller: no gain at {times} periods, {error}") from error
+            raise ConfigurationError(
+                f"controller: the model has no steady-state gain at {times} periods: {error}"
+            ) from error
         gain = np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ A.T + S.T).T
     B = sum(powers[:-1], np.zeros_like(A)) @ model.B
     return replace(model, A=A, B=B, K=gain, period_s=times * float(model.period_s or 1.0))
 
 
 def _parts(model: Vessel) -> tuple[Vessel, Vessel]:
-    """The terms of the motion, for the linear model, and those that act at rest.
+    """Split a table into the terms of the motion and the terms that act at rest.
 
-    Attitude in the plane is a force that is fixed in NED, such as the weather's mean; elsewhere it
-    is a restoring force, part of the motion.
+    In surge, sway and yaw an attitude term is a force that is constant in NED, such as the mean
+    of the weather. In other degrees of freedom it is a restoring force, part of the motion.
     """
     moving: list[int] = []
     still: list[int] = []
-    for i, one in enumerate(model.terms):
-        variables = {code % N_VARIABLES for code in one.codes if code % N_VARIABLES}
+    for i, term in enumerate(model.terms):
+        variables = {code % N_VARIABLES for code in term.codes if code % N_VARIABLES}
         restoring = bool(variables & set(ATTITUDE)) and model.dofs != PLANAR
         (moving if restoring or variables & set(MOVING) else still).append(i)
 
@@ -179,7 +181,7 @@ def _parts(model: Vessel) -> tuple[Vessel, Vessel]:
 
 
 def check_weights(name: str, values: tuple[float, ...], count: int, *, positive: bool) -> None:
-    """Refuse weights that are negative, or zero where they must not be, or of a wrong number."""
+    """Raise ConfigurationError unless there are `count` weights, positive or not negative."""
     low = min(values, default=0.0)
     if len(values) != count or low < 0.0 or (positive and low == 0.0):
         kind = "positive" if positive else "not negative"
@@ -187,39 +189,39 @@ def check_weights(name: str, values: tuple[float, ...], count: int, *, positive:
 
 
 def closed_loop_radius(A: Array, B: Array, gain: Array) -> float:
-    """Spectral radius of A + B G; 1 or more: the design does not settle on its own model."""
+    """Spectral radius of A + B G; with 1 or more the design is unstable on its own model."""
     return spectral_radius(A + B @ gain)
 
 
-HEADINGS = 72  # tried where the heading is not known in advance
+HEADINGS = 72  # number of headings checked if the heading is not known in advance
 
 
 def largest_disturbance(plant: Vessel, weather: Weather, heading: Array) -> Array:
-    """The largest force that standing still in the weather needs [N, Nm], shape (n_dof,).
+    """The largest force needed to hold the vessel at rest in the weather [N, Nm], shape (n_dof,).
 
-    `heading` (N,) [rad] is the one that will be sailed, where it is known in advance; else, with
-    no rows, the worst of all headings counts. Noise and waves are not held against.
+    `heading` (N,) [rad] is the planned heading if it is known in advance; if it is empty, the
+    largest force over all headings is returned. Noise and waves are not included.
     """
     n = len(weather.force_ned)
     if plant.dofs == PLANAR and len(heading) < n:
         turns = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
-        worst = [largest_disturbance(plant, weather, np.full(n, psi)) for psi in turns]
-        return np.asarray(np.max(worst, axis=0))
+        forces = [largest_disturbance(plant, weather, np.full(n, psi)) for psi in turns]
+        return np.asarray(np.max(forces, axis=0))
     psi = heading[:n] if plant.dofs == PLANAR else np.zeros(n)
-    current, wind = _whole(weather.current_ned, n), _whole(weather.wind_ned, n)
+    current, wind = _rows_or_zeros(weather.current_ned, n), _rows_or_zeros(weather.wind_ned, n)
     through, air = in_body(current, psi), in_body(wind, psi)
     nu, attitude = np.zeros((n, len(plant.dofs))), np.zeros((n, 3))
     attitude[:, 2] = psi
     for column, dof in enumerate(("surge", "sway")):
         if dof in plant.dofs:
             nu[:, plant.dofs.index(dof)] = -through[:, column]
-    # The table's air velocity is nu - wind with the nu it is given: that through the water.
+    # The table computes the air velocity as nu - wind, and its nu is the velocity through water.
     force = plant.inverse(np.zeros_like(nu), nu, attitude, air - through)
-    given = weather.force_ned.copy()
+    weather_force = weather.force_ned.copy()
     if plant.dofs == PLANAR:
-        given[:, :2] = in_body(given[:, :2], psi)
-    return np.asarray(np.max(np.abs(force - given), axis=0))
+        weather_force[:, :2] = in_body(weather_force[:, :2], psi)
+    return np.asarray(np.max(np.abs(force - weather_force), axis=0))
 
 
-def _whole(values: Array, n: int) -> Array:
+def _rows_or_zeros(values: Array, n: int) -> Array:
     return values if len(values) else np.zeros((n, 2))

@@ -1,11 +1,10 @@
-"""Linear-quadratic control with integral action, on incremental form.
+"""Linear-quadratic control with integral action, in incremental form.
 
     J = 1/2 sum (y_k - r)' Q (y_k - r) + Delta u_k' P Delta u_k
     u_k = u_{k-1} + G1 (x_k - x_{k-1}) + G2 (y_{k-1} - r_k)
 
-Bargouth (2022), (3.38)-(3.46). The state of the increments has no constant disturbance, so that
-none leaves an error. At an amplitude limit the increment is what the limit leaves of it: nothing
-winds up.
+Bargouth (2022), (3.38)-(3.46). A constant disturbance cancels in the increments, so it leaves no
+steady-state error. At an amplitude limit the increment is clipped, which prevents integral windup.
 """
 
 from dataclasses import dataclass
@@ -54,7 +53,7 @@ class LqiTable(NamedTuple):
     outlook: Outlook
     gain: Array  # (r, n + m) [N, Nm] of (Delta x, y_{k-1} - r)
     limited: bool
-    every: int  # loop instants from one command to the next
+    every: int  # number of loop instants between two commands
     change: Array  # (n,) work space: increments, error, force
     now: Array  # (n,)
     error: Array  # (m,)
@@ -77,7 +76,7 @@ def _step(
 
 @lean_kernel
 def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
-    """The command of one sample, into the memory."""
+    """Compute the command of one sample and store it in the memory."""
     n, m, r = past.x.shape[0], eta.shape[0], past.command.shape[0]
     turning, tau = lqi.believed.turning, lqi.command
     estimate(lqi.believed, past, eta, nu)
@@ -110,26 +109,29 @@ CONTROLLERS[LqiTable] = _step
 
 
 def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
-    """G (r, n + m) of Delta u = G (Delta x, y_{k-1} - r): the steady-state Riccati solution.
+    """Gain G (r, n + m) of Delta u = G (Delta x, y_{k-1} - r), from the Riccati equation.
 
-    Raises ConfigurationError when the model has none.
+    Q (m, m) weights the output error, P (r, r) the input increments. Raises ConfigurationError
+    when the Riccati equation has no stabilising solution.
     """
-    plus = model.with_integral_action()
+    augmented = model.with_integral_action()
     try:
-        S = solve_discrete_are(plus.A, plus.B, plus.C.T @ Q @ plus.C, P)
+        S = solve_discrete_are(augmented.A, augmented.B, augmented.C.T @ Q @ augmented.C, P)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise ConfigurationError(f"controller=lqi: no stable design, {error}") from error
-    return -np.asarray(np.linalg.solve(P + plus.B.T @ S @ plus.B, plus.B.T @ S @ plus.A))
+        raise ConfigurationError(f"controller=lqi: the design is not stable: {error}") from error
+    return -np.asarray(
+        np.linalg.solve(P + augmented.B.T @ S @ augmented.B, augmented.B.T @ S @ augmented.A)
+    )
 
 
 @dataclass(frozen=True)
 class Lqi(Controller):
     """LQ control with integral action on the pose.
 
-    Weights: `error_weight` of the pose error [1/m^2, 1/rad^2], `input_weight` of the increments a
-    sample, of shares of `limits` [N, Nm]. `period_s` None commands at every sample of the loop.
-    `wind` is the wind's force, where it is measured and known; `limited` holds the commands within
-    the limits.
+    `error_weight` weights the pose error [1/m^2, 1/rad^2], `input_weight` the input increments per
+    sample, as fractions of `limits` [N, Nm]. With `period_s` None a command is computed at every
+    loop instant. `wind` is the wind force on the vessel if it is known and the wind is measured.
+    `limited` keeps the commands within the limits.
     """
 
     error_weight: tuple[float, ...]
@@ -150,12 +152,12 @@ class Lqi(Controller):
         check_weights("input_weight", self.input_weight, n, positive=True)
 
     def design(self, model: Model, period_s: float) -> DesignModel:
-        """The model that the gain is computed on."""
+        """The design model at the controller's period."""
         own = samples(self.period_s, period_s) * period_s
         return design_model(model, self.limits, own, self.wind)
 
     def build(self, model: Model, period_s: float) -> tuple[LqiTable, Memory]:
-        """Parameters and initial state of the compiled step, for a model and control period."""
+        """Parameters and initial state of the compiled step, for a model and loop period [s]."""
         design = self.design(model, period_s)
         gain = lqi_gain(design.model, np.diag(self.error_weight), np.diag(self.input_weight))
         n, r = design.model.B.shape
@@ -169,24 +171,24 @@ class Lqi(Controller):
         return table, memory(n, m, r)
 
     def foresee(self, parameters: LqiTable, outlook: Outlook) -> LqiTable:
-        """The same with what the weather and the mission will be."""
+        """The parameters with the forecast of the weather and the mission."""
         return parameters._replace(outlook=outlook)
 
     def command_limits(self) -> tuple[float, ...] | None:
-        """The limits, where the commands are held within them."""
+        """The limits [N, Nm] if the commands are limited, else None."""
         return self.limits if self.limited else None
 
     def command_rows(self, period_s: float) -> int:
-        """Loop instants from one command to the next."""
+        """Number of loop instants between two commands."""
         return samples(self.period_s, period_s)
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and closed-loop spectral radius."""
         design = self.design(model, period_s)
         table, _ = self.build(model, period_s)
-        plus = design.model.with_integral_action()
+        augmented = design.model.with_integral_action()
         gain = table.gain / design.limits[:, None]
-        radius = closed_loop_radius(plus.A, plus.B, gain)
+        radius = closed_loop_radius(augmented.A, augmented.B, gain)
         return [
             *design.remarks(),
             *estimator_remarks(table.believed),
@@ -196,7 +198,10 @@ class Lqi(Controller):
 
 
 def samples(own_s: float | None, period_s: float) -> int:
-    """Loop instants in a controller's own period; ConfigurationError when it is not a multiple."""
+    """Number of loop instants in the controller's period `own_s` [s]; 1 if that is None.
+
+    Raises ConfigurationError when it is not a multiple of the loop period `period_s` [s].
+    """
     if own_s is None:
         return 1
     times = round(own_s / period_s)
@@ -211,10 +216,10 @@ def samples(own_s: float | None, period_s: float) -> int:
 def si_weights(
     design: DesignModel, error_weight: tuple[float, ...], input_weight: tuple[float, ...]
 ) -> list[Finding]:
-    """The weights in SI: of the pose as given, of the input divided by the limits' squares."""
-    found = []
+    """The weights in SI units; those of the input are divided by the squared limits."""
+    findings = []
     for i, dof in enumerate(design.dofs):
-        found.append(Finding("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
+        findings.append(Finding("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
         scaled = float(input_weight[i] / design.limits[i] ** 2)
-        found.append(Finding("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
-    return found
+        findings.append(Finding("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
+    return findings

@@ -1,12 +1,12 @@
-"""Model predictive control: four formulations of one problem, with a preview of what will come.
+"""Model predictive control: four formulations of one problem, with preview of reference and wind.
 
-Without limits the command is linear in what is known, and its step compiles. With limits every
-sample is a quadratic program, solved in the Python loop; where it has no answer the last command
-is held and counted.
+Without limits the command is linear in the known quantities, and the step is compiled. With limits
+a quadratic program is solved at every sample, in Python. If it has no solution, the last command
+is held and the failure is counted.
 
-`preview`: `none` takes the present set-point and wind for the whole horizon, `setpoint` knows the
-reference ahead, `setpoint_and_wind` the wind as well, as Bargouth (2022), section 3.6.1, assumes.
-A reference that is not known in advance (line of sight) is held.
+`preview`: `none` uses the present set-point and wind over the whole horizon, `setpoint` uses the
+future reference, `setpoint_and_wind` also the future wind, as Bargouth (2022), section 3.6.1,
+assumes. A reference that is not known in advance (line of sight) is held constant.
 """
 
 from collections.abc import Callable
@@ -57,13 +57,13 @@ class MpcTable(NamedTuple):
 
     believed: Believed
     outlook: Outlook
-    gain: Array  # (r, width): the command without limits, in shares of theirs
+    gain: Array  # (r, width): unconstrained command, as a fraction of the limits, per parameter
     steps: int  # of the horizon
     increments: bool
     limited: bool
-    setpoints: bool  # known ahead
-    winds: bool
-    every: int  # loop instants from one command to the next
+    setpoints: bool  # the future reference is known
+    winds: bool  # the future wind is known
+    every: int  # number of loop instants between two commands
     theta: Array  # (width,) parameters of the problem
     now: Array  # (n,) work space
     change: Array  # (n,)
@@ -74,17 +74,17 @@ class MpcTable(NamedTuple):
 
 
 class QpTable(NamedTuple):
-    """Parameters of the step in Python: the same, and the solver."""
+    """Parameters of the step with limits, in Python: the table and the solver."""
 
     table: MpcTable
     solver: Solver
 
 
 def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
-    """Bring the memory to this instant and write theta = (x_0, r, d, u_{-1}), seen from the body.
+    """Update the memory to this instant and write theta = (x_0, r, d, u_{-1}) in body axes.
 
-    Where the axes turn, positions count from the estimated pose, or from the last measured one in
-    the problem of increments.
+    If the axes turn, positions are relative to the estimated pose, or to the last measured pose in
+    the formulation `increments`.
     """
     n, m = past.x.shape[0], eta.shape[0]
     r, k = past.command.shape[0], past.instant[0]
@@ -113,9 +113,9 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
     seen(table.turning, psi - past.axes[0], past.command, mpc.last)
     for i in range(r):
         mpc.last[i] /= limits[i]
-        if k == 0:  # begin with what the known force asks for
+        if k == 0:  # the first command compensates the known disturbance
             mpc.last[i] = -mpc.known[i] / limits[i]
-        if mpc.limited:  # a command that turned out of its limits with the vessel
+        if mpc.limited:  # the rotation to the new axes can exceed the limits
             mpc.last[i] = min(max(mpc.last[i], -1.0), 1.0)
         theta[at + i] = mpc.last[i]
     remember(table, past, psi, eta, mpc.known, mpc.outlook)
@@ -123,7 +123,7 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
 
 @lean_kernel
 def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
-    """x_0 into theta, and into `error` the pose that the reference counts from."""
+    """Write x_0 to theta, and to `error` the pose that the reference is relative to."""
     n, m = past.x.shape[0], eta.shape[0]
     turning, theta = mpc.believed.turning, mpc.theta
     for i in range(m):
@@ -143,7 +143,7 @@ def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
 
 @lean_kernel
 def _disturbance(mpc: MpcTable, past: Memory, psi: float, at: int) -> None:
-    """d_0 ... d_{N-1} into theta, in shares: the known force with the bias, or its increments."""
+    """Write d_0 ... d_{N-1} to theta: known disturbance plus bias, or its increments."""
     n, r, k = past.x.shape[0], past.command.shape[0], past.instant[0]
     table, theta, limits = mpc.believed, mpc.theta, mpc.believed.limits
     seen(table.turning, psi, past.x, mpc.change)
@@ -178,7 +178,7 @@ def _linear_step(
     mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """The command without limits: u_0 = G theta, or the last command and G theta."""
+    """The command without limits: u_0 = G theta, or u_{-1} + G theta."""
     if past.instant[0] % mpc.every == 0:
         _write(mpc, past, eta, nu, eta_d)
         for i in range(mpc.tau.shape[0]):
@@ -200,7 +200,7 @@ def _quadratic_step(
     mpc: QpTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """The command within the limits; the last one again where the problem has no answer."""
+    """The command within the limits; if the problem has no solution, the last command."""
     table = mpc.table
     if past.instant[0] % table.every == 0:
         _prepare(table, past, eta, nu, eta_d)
@@ -230,13 +230,13 @@ FORMULATIONS: dict[Formulation, Callable[[Horizon], Quadratic]] = {
 
 @dataclass(frozen=True)
 class Mpc(Controller):
-    """Model predictive control; see the module for `preview` and Lqi for the rest.
+    """Model predictive control; the module describes `preview`, Lqi the other options.
 
     `formulation`, Bargouth (2022), section 3.6: `standard`, z = (u, x, e, y); `reduced`, z =
     (u, x); `condensed`, z = u, the simple MPC of Di Ruscio; `integral`, z = Delta u, with integral
-    action. `input_weight` is of shares of the `limits` [N, Nm], of `integral` of their increments
-    a sample; `rate_limits` [N/s, Nm/s] bound the change of a command there, None is no bound.
-    `horizon` is the number of samples looked ahead; `period_s` None commands at every instant.
+    action. `input_weight` weights the command as a fraction of `limits` [N, Nm], for `integral` its
+    increments per sample, which `rate_limits` [N/s, Nm/s] bound (None: no bound). `horizon` is the
+    number of predicted samples. With `period_s` None a command is computed at every loop instant.
     """
 
     formulation: Formulation
@@ -263,8 +263,9 @@ class Mpc(Controller):
         if self.rate_limits is not None:
             if not self.incremental:
                 raise ConfigurationError(
-                    f"rate_limits: got some with formulation={self.formulation}, expected null: "
-                    "only formulation=integral has them"
+                    f"rate_limits: got {list(self.rate_limits)} with "
+                    f"formulation={self.formulation}, expected null: only formulation=integral "
+                    "supports rate limits"
                 )
             check_weights("rate_limits", self.rate_limits, n, positive=True)
 
@@ -274,7 +275,7 @@ class Mpc(Controller):
         return self.formulation == "integral"
 
     def design(self, model: Model, period_s: float) -> DesignModel:
-        """The model that is looked ahead with."""
+        """The prediction model at the controller's period."""
         own = samples(self.period_s, period_s) * period_s
         return design_model(model, self.limits, own, self.wind)
 
@@ -290,11 +291,11 @@ class Mpc(Controller):
         return np.array(self.rate_limits) * design.period_s / design.limits
 
     def write(self, problem: Horizon) -> Quadratic:
-        """The formulation of the problem."""
+        """The problem as a quadratic program, in the chosen formulation."""
         return FORMULATIONS[self.formulation](problem)
 
     def build(self, model: Model, period_s: float) -> tuple[MpcTable | QpTable, Memory]:
-        """Parameters and initial state of the step, for a model and control period."""
+        """Parameters and initial state of the step, for a model and loop period [s]."""
         design = self.design(model, period_s)
         problem = self.problem(design)
         quadratic = self.write(problem)
@@ -311,25 +312,25 @@ class Mpc(Controller):
         return parameters, memory(n, m, r)
 
     def foresee(self, parameters: MpcTable | QpTable, outlook: Outlook) -> MpcTable | QpTable:
-        """The same with what the weather and the mission will be."""
+        """The parameters with the forecast of the weather and the mission."""
         if isinstance(parameters, QpTable):
             return parameters._replace(table=parameters.table._replace(outlook=outlook))
         return parameters._replace(outlook=outlook)
 
     def command_limits(self) -> tuple[float, ...] | None:
-        """The limits, where the commands are held within them."""
+        """The limits [N, Nm] if the commands are limited, else None."""
         return self.limits if self.limited else None
 
     def failures(self, state: Memory) -> int:
-        """Samples whose problem had no solution."""
+        """Number of samples at which the problem had no solution."""
         return int(state.failures[0])
 
     def command_rows(self, period_s: float) -> int:
-        """Loop instants from one command to the next."""
+        """Number of loop instants between two commands."""
         return samples(self.period_s, period_s)
 
     def preview_rows(self, period_s: float) -> int:
-        """Loop instants that a following step of the reference is known before it."""
+        """Number of loop instants by which a step of the reference is known in advance."""
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
 

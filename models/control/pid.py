@@ -1,8 +1,8 @@
 """PID control with model feedforward. Jervan (2020), eqs. (2.9)-(2.14).
 
 Thrusters that lag as omega_n^2 / (s^2 + 2 zeta omega_n s + omega_n^2) delay a slow command by
-T = 2 zeta / omega_n. The thruster lead adds T d(tau_FF)/dt to the feedforward, by a backward
-difference: it arrives when it is needed.
+T = 2 zeta / omega_n. The thruster lead compensates this delay: it adds T d(tau_FF)/dt to the
+feedforward, computed by a backward difference.
 """
 
 from dataclasses import dataclass, replace
@@ -42,16 +42,16 @@ class PidTable(NamedTuple):
     model: ForceTable
     planar: bool
     period_s: float
-    lead: float  # T over the period; 0 is none
+    lead: float  # T divided by the period; 0: no thruster lead
     z: Array  # work space: variables and their magnitudes, basis functions, body error
     phi: Array
     e: Array
 
 
 def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
-    """e = R(psi)' (eta_d - eta), the heading error wrapped to (-pi, pi]. Jervan (2.11).
+    """e = R(psi)' (eta_d - eta), the heading error wrapped to (-pi, pi]. Jervan (2020), eq. (2.11).
 
-    In six degrees of freedom the attitude error is that of quaternions.
+    In six degrees of freedom the attitude error is the quaternion error.
     """
     for i in range(e.shape[0]):
         e[i] = eta_d[i] - eta[i]
@@ -70,7 +70,7 @@ body_error_kernel = lean_kernel(body_error)
 
 @lean_kernel
 def feedforward(pid: PidTable, eta_d: Array, nu_d: Array, nu_dot_d: Array, tau: Array) -> None:
-    """tau = F(nu_dot_d, nu_d), the force that the reference needs [N, Nm]."""
+    """tau = F(nu_dot_d, nu_d), the force that the reference motion needs [N, Nm]."""
     fill_variables_kernel(pid.z, pid.model.acceleration_index, nu_dot_d)
     fill_variables_kernel(pid.z, pid.model.velocity_index, nu_d)
     if pid.planar:
@@ -79,7 +79,7 @@ def feedforward(pid: PidTable, eta_d: Array, nu_d: Array, nu_dot_d: Array, tau: 
         pid.z[N_VARIABLES + SIN_PSI] = abs(pid.z[SIN_PSI])
     elif nu_d.shape[0] == SPATIAL:
         fill_angles_kernel(pid.z, eta_d[3:])
-    if pid.model.aerodynamic and nu_d.shape[0] > 1:  # the wind is not known: still air
+    if pid.model.aerodynamic and nu_d.shape[0] > 1:  # wind unknown: assume still air
         fill_air_kernel(pid.z, nu_d[0], nu_d[1])
     features_kernel(pid.model.codes, pid.z, pid.phi)
     weighted_sum_kernel(pid.model.theta, pid.phi, tau)
@@ -90,9 +90,9 @@ def _step(
     pid: PidTable, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); the integral follows after.
+    """tau = F(nu_dot_d, nu_d) + Kp e + Ki int e + Kd (nu_d - nu); then the integral is updated.
 
-    state = (integral of e, last feedforward, whether there was one).
+    state = (integral of e, last feedforward, 1 after the first feedforward).
     """
     n = tau.shape[0]
     for i in range(n):
@@ -121,9 +121,9 @@ CONTROLLERS[PidTable] = _step
 class PidFeedforward(Controller):
     """PID on the body-frame error with the model's force as feedforward.
 
-    Gains in SI, one a degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
-    `thruster_lead` makes up for the lag of `thruster`, where there is one. Without
-    `deployed_feedback` an evaluation is sailed on the feedforward alone.
+    Gains in SI, one per degree of freedom: kp [N/m, Nm/rad], ki [N/(m s), ...], kd [N s/m, ...].
+    `thruster_lead` compensates the lag of `thruster` if there is one. Without `deployed_feedback`
+    an evaluation uses the feedforward alone.
     """
 
     kp: tuple[float, ...]
@@ -143,18 +143,20 @@ class PidFeedforward(Controller):
                     f"{name} must be {len(self.kp)} numbers, none negative, got {list(gains)}"
                 )
         if not (self.feedback or self.feedforward):
-            raise ConfigurationError("feedback and feedforward are both off: nothing would move")
+            raise ConfigurationError(
+                "feedback and feedforward are both off, expected at least one of them"
+            )
         if not (self.deployed_feedback or self.feedforward):
             raise ConfigurationError(
-                "deployed_feedback and feedforward are both off: no evaluation would move"
+                "deployed_feedback and feedforward are both off, expected at least one of them"
             )
 
     def deployed(self) -> "PidFeedforward":
-        """What sails an evaluation: this controller, or its feedforward alone."""
+        """The controller of an evaluation: this one, or its feedforward alone."""
         return self if self.deployed_feedback else replace(self, feedback=False)
 
     def build(self, model: Model, period_s: float) -> tuple[PidTable, Array]:
-        """Parameters and initial state of the compiled step, for a table and control period."""
+        """Parameters and initial state of the compiled step, for a table and loop period [s]."""
         model = table_of(model)
         if len(self.kp) != len(model.dofs):
             raise ConfigurationError(
@@ -172,10 +174,10 @@ class PidFeedforward(Controller):
         return parameters, np.zeros(2 * len(model.dofs) + 1)
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
-        """The closed loop's spectral radius on the linearised model, on axes of the plane.
+        """Spectral radius of the closed loop on the linearised model, for planar motion.
 
-        x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta; without the feedback, or
-        without a position gain on some axis, nothing is to settle.
+        x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta. Without feedback, or without
+        a position gain on every axis, the loop has no equilibrium and nothing is returned.
         """
         model = table_of(model)
         if not self.feedback or min(self.kp) <= 0.0 or set(model.dofs) & set(DOFS[3:5]):
@@ -184,11 +186,11 @@ class PidFeedforward(Controller):
             linear = design_model(model, (1.0,) * len(model.dofs), period_s).model
         except ConfigurationError:  # a model that is not linear in its accelerations
             return []
-        held = np.array(self.ki) > 0.0
-        rows, n = np.eye(len(held))[held], linear.order
+        integrating = np.array(self.ki) > 0.0
+        rows, n = np.eye(len(integrating))[integrating], linear.order
         A = np.block([[linear.A, np.zeros((n, len(rows)))], [-period_s * rows @ linear.C,
                       np.eye(len(rows))]])  # fmt: skip
-        B = np.vstack([linear.B, np.zeros((len(rows), len(held)))])
+        B = np.vstack([linear.B, np.zeros((len(rows), len(integrating)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
         return [Finding("spectral_radius", "all", closed_loop_radius(A, B, gain))]
 
@@ -196,9 +198,9 @@ class PidFeedforward(Controller):
         self, parameters: PidTable, state: Array, model: Vessel, period_s: float,
         outlook: Outlook, log: Log, k: int,
     ) -> PidTable:  # fmt: skip
-        """Parameters for another model in mid-voyage, before instant k; the command goes on.
+        """Parameters for a new model during a simulation, before instant k, without a bump.
 
-        What the feedforward loses the integral gains, on every axis that has one.
+        On every axis with integral action the integral takes over the change of the feedforward.
         """
         new, _ = self.build(model, period_s)
         n = len(self.kp)

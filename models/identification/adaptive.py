@@ -1,11 +1,11 @@
-"""Identification while sailing: the model is replaced when the controller has too much to correct.
+"""Adaptive identification: the model is replaced when the feedback has to correct too much.
 
 Jervan (2020), section 3.4 and figure 3.5, leaves it to future work: "an increasing inaccuracy in
 the model, triggered by a large residual or the feedback controller having to compensate more".
-Improving again is addition: F_{i+1} = F_i + what is identified of its residual over a window. A
-candidate must explain the end of its window, which it was not fitted to, better than its
-predecessor, and the whole past better than no model at all: a window that does not excite a
-coefficient must not let it run away. The controller takes it over without a bump.
+The new model is F_{i+1} = F_i + the residual identified over a window. A candidate must explain
+the end of its window, to which it was not fitted, better than its predecessor, and the whole past
+better than a model of zero force: otherwise a coefficient that the window does not excite could
+take any value. The controller changes to the new model without a bump.
 """
 
 from collections.abc import Callable
@@ -26,18 +26,19 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 
-TINY = 1e-300  # a force of nothing
-HELD_OUT = 0.25  # of a window, its end: what a candidate is judged on
+TINY = 1e-300  # avoids division by a force of zero
+HELD_OUT = 0.25  # last part of a window, on which a candidate is validated
 
 
 @dataclass(frozen=True)
 class Update:
-    """When to identify again, and on how much.
+    """When the model is identified again, and over which window.
 
-    Every `every_s` the last `window_s` are looked at, once so many have passed since the last
-    update. `feedback`: the feedback's share of the command, `residual`: the rms of the lack of fit
-    over that of the force; the largest of the axes against `threshold`. `lowpass_hz` takes the
-    noise out of what is looked at (the identifier has its own).
+    Every `every_s` [s] the last `window_s` [s] are checked, if at least `window_s` has passed since
+    the last update. The trigger `feedback` is the rms of the feedback divided by the rms of the
+    command, `residual` the rms of the lack of fit divided by the rms of the force; the largest over
+    the axes is compared with `threshold`. `lowpass_hz` filters the signals of the trigger (the
+    identifier has its own filter).
     """
 
     window_s: Positive
@@ -52,9 +53,10 @@ class Update:
 
 @dataclass(eq=False)
 class Adapter:
-    """Watches a voyage, identifies, and changes the controller; keeps every version of the model.
+    """Identify the model again during a simulation and update the controller.
 
-    `adapt(parameters, state, model, log, k)` gives the controller's parameters for a new model.
+    `adapt(parameters, state, model, log, k)` returns the controller's parameters for a new model.
+    All versions of the model and all rejected candidates are stored.
     """
 
     update: Update
@@ -74,11 +76,11 @@ class Adapter:
 
     @property
     def watch(self) -> Watch:
-        """What the simulation calls."""
+        """The callback of the simulation."""
         return Watch(max(1, round(self.update.every_s / self.period_s)), self.look)
 
     def look(self, k: int, log: Log, parameters: Parameters, state: State) -> Parameters:
-        """Parameters for a better model, where the trigger asks for one and there is one."""
+        """Parameters for a new model if the trigger fires and the candidate passes."""
         window = round(self.update.window_s / self.period_s)
         if k - self._since < window:
             return parameters
@@ -96,62 +98,68 @@ class Adapter:
         )
         try:
             candidate = self.identifier.identify(problem, self.rng).model
-            candidate.plant_table()  # an inertia that cannot be solved is no model
+            candidate.plant_table()  # raises for a singular inertia
         except (IdentificationError, ConfigurationError) as error:
             self.refused.append((k * self.period_s, str(error)))
             return parameters
-        why = self._against(candidate, problem.validation, recording)
-        if why is not None:
-            self.refused.append((k * self.period_s, why))
+        reason = self._rejection_reason(candidate, problem.validation, recording)
+        if reason is not None:
+            self.refused.append((k * self.period_s, reason))
             return parameters
         self.model = candidate
         self.versions.append((k * self.period_s, candidate, size))
         return self.adapt(parameters, state, candidate, log, k)
 
     def _recording(self, k: int, log: Log) -> Recording:
-        """What was measured before the instant k."""
+        """The recording of the samples before instant k."""
         past = Log(*(values[:k] for values in log))
-        met = Weather(*(values[:k] for values in self.weather))
+        weather = Weather(*(values[:k] for values in self.weather))
         t = self.period_s * np.arange(k, dtype=np.float64)
-        voyage = Voyage(t, past, self.dofs, met)
-        return recording_of(voyage, met).with_thruster(self.thruster)
+        voyage = Voyage(t, past, self.dofs, weather)
+        return recording_of(voyage, weather).with_thruster(self.thruster)
 
     def _trigger(self, log: Log, recording: Recording, window: int) -> float:
-        """The largest share over the axes; quiet axes count by what they did before."""
+        """The largest ratio over the axes, with the larger of the recent and the overall rms."""
         smooth = recording.lowpass(self.update.lowpass_hz)
         if self.update.trigger == "feedback":
             commands = replace(recording, tau=log.tau_fb[: len(recording)])
-            part, whole = commands.lowpass(self.update.lowpass_hz).tau, smooth.tau
+            numerator, denominator = commands.lowpass(self.update.lowpass_hz).tau, smooth.tau
         else:
-            part, whole = lack_of_fit(smooth, self.model, None), smooth.force(None)
-        share, recent, ever = (
+            numerator, denominator = lack_of_fit(smooth, self.model, None), smooth.force(None)
+        recent_numerator, recent_denominator, overall = (
             np.sqrt(np.mean(np.square(values), axis=0))
-            for values in (part[-window:], whole[-window:], whole)
+            for values in (numerator[-window:], denominator[-window:], denominator)
         )
-        return float(np.max(share / np.maximum(np.maximum(recent, ever), TINY)))
+        return float(
+            np.max(recent_numerator / np.maximum(np.maximum(recent_denominator, overall), TINY))
+        )
 
-    def _against(self, candidate: Vessel, held_out: Recording, past: Recording) -> str | None:
-        """What speaks against a candidate, or None; axes together, each relative to its force."""
-        last, whole = (one.lowpass(self.update.lowpass_hz) for one in (held_out, past))
-        if not _misfit(candidate, last) < _misfit(self.model, last):
-            return "it explains the window's end no better"
-        if not _misfit(candidate, whole) < _misfit(0.0 * candidate, whole):
-            return "it explains the whole past no better than no model"
+    def _rejection_reason(
+        self, candidate: Vessel, held_out: Recording, past: Recording
+    ) -> str | None:
+        """Why a candidate is rejected, or None if it passes."""
+        window_end, history = (
+            recording.lowpass(self.update.lowpass_hz) for recording in (held_out, past)
+        )
+        if not _misfit(candidate, window_end) < _misfit(self.model, window_end):
+            return "the candidate does not explain the end of the window better than the last model"
+        if not _misfit(candidate, history) < _misfit(0.0 * candidate, history):
+            return "the candidate does not explain the whole past better than zero force"
         return None
 
     def findings(self) -> list[Finding]:
-        """When the model was replaced, by what trigger, and when a candidate was refused."""
-        found = []
+        """Times of the model updates with their triggers, and times of the rejected candidates."""
+        rows = []
         for i, (time, _, size) in enumerate(self.versions, start=1):
-            found.append(Finding("update", "all", time, "s", i=i, label="adaptive"))
-            found.append(Finding("update_trigger", "all", size, i=i, label=self.update.trigger))
-        for i, (time, why) in enumerate(self.refused, start=1):
-            found.append(Finding("update_refused", "all", time, "s", i=i, label=why))
-        return found
+            rows.append(Finding("update", "all", time, "s", i=i, label="adaptive"))
+            rows.append(Finding("update_trigger", "all", size, i=i, label=self.update.trigger))
+        for i, (time, reason) in enumerate(self.refused, start=1):
+            rows.append(Finding("update_refused", "all", time, "s", i=i, label=reason))
+        return rows
 
 
 def _misfit(model: Vessel, recording: Recording) -> float:
-    """Mean over the axes of the residual's share of the force's mean square."""
+    """Mean square of the residual divided by that of the force, averaged over the axes."""
     variance = np.mean(np.square(recording.force(None)), axis=0)
     error = np.mean(np.square(lack_of_fit(recording, model, None)), axis=0)
     return float(np.mean(error / np.maximum(variance, TINY)))

@@ -1,18 +1,18 @@
-"""Model selection without peeking: cross-validated free-run error, one-standard-error rule.
+"""Model selection on the training part: cross-validated free-run error, one-standard-error rule.
 
-Jervan (2020), chapter 6, asks for it: an order or a method that is chosen on the test part is
-chosen with what it is then judged by. Here every candidate is identified on part of the training
-half and simulated on the block left out, under the recorded force, from the measured state and
-again every `horizon_s`. The error of a block is
+Jervan (2020), chapter 6, asks for it: an order or a method chosen on the test part is evaluated on
+the same data that it was chosen with. Here every candidate is identified on part of the training
+half and simulated on the block left out, under the recorded force, starting at the measured state
+every `horizon_s`. The error of a block is
 
     E = mean over dof of  rms(nu_simulated - nu) / std(nu of the training part)
 
-A block on which a candidate cannot be identified, or its simulation runs away, counts as E = 1,
-the error of predicting the mean motion. Chosen is the first candidate (they stand in order of
-simplicity) whose mean error exceeds the least by no more than one standard error: Hastie,
-Tibshirani and Friedman (2009), section 7.10. The standard error is that of the difference over
-the blocks, since all candidates meet the same ones. The chosen one is identified again on the
-whole training part.
+A block on which a candidate cannot be identified, or its simulation diverges, has E = 1, the error
+of predicting the mean motion. The candidates are listed from the simplest on; the first one whose
+mean error exceeds the least by no more than one standard error is chosen: Hastie, Tibshirani and
+Friedman (2009), section 7.10. The standard error is that of the difference over the blocks, since
+the blocks are the same for all candidates. The chosen candidate is identified again on the whole
+training part.
 """
 
 from dataclasses import dataclass, replace
@@ -42,11 +42,11 @@ LOST = 1.0  # error of a block on which a candidate fails
 
 @dataclass(frozen=True)
 class Auto(Identifier):
-    """A list of identifiers, of which cross-validation picks one.
+    """Selection of one of several identifiers by cross-validation.
 
-    `candidates` maps names to identifiers, the simplest first; `folds` blocks; `horizon_s` [s] is
-    how long a model runs free before it is set back to the measured state; `force` is the one it
-    is simulated under, as for `ls`.
+    `candidates` maps names to identifiers, the simplest first. `folds` is the number of blocks.
+    `horizon_s` [s] is the length of a free run before it starts again at the measured state.
+    `force` is the force of the simulation, as for `ls`.
     """
 
     candidates: dict[str, Identifier]
@@ -61,7 +61,7 @@ class Auto(Identifier):
         check_force(self.force)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse what one of the candidates refuses."""
+        """Raise ConfigurationError if the check of a candidate does."""
         for name, candidate in self.candidates.items():
             try:
                 candidate.check(nominal, thruster, measured)
@@ -69,13 +69,13 @@ class Auto(Identifier):
                 raise ConfigurationError(f"identifier.candidates.{name}: {error}") from error
 
     def needs(self) -> Needs:
-        """The force."""
+        """The force of the simulation."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify with the candidate that cross-validation picks.
+        """Identify with the candidate that cross-validation chooses.
 
-        Raises IdentificationError when no candidate serves.
+        Raises IdentificationError when no candidate predicts better than the mean motion.
         """
         seeds = rng.integers(2**63, size=len(self.candidates))
         errors = {
@@ -83,11 +83,11 @@ class Auto(Identifier):
             for (name, candidate), seed in zip(self.candidates.items(), seeds, strict=True)
         }
         chosen = one_standard_error(errors)
-        found = self.candidates[chosen].identify(problem, rng)
-        return replace(found, findings=(*found.findings, *_findings(errors, chosen)))
+        result = self.candidates[chosen].identify(problem, rng)
+        return replace(result, findings=(*result.findings, *_findings(errors, chosen)))
 
     def _errors(self, candidate: Identifier, problem: Problem, seed: int) -> Array:
-        """Free-run error on each block left out, shape (folds,); infinite where it fails."""
+        """Free-run error on each block left out, shape (folds,); LOST where a candidate fails."""
         training = problem.training
         scale = np.std(training.nu, axis=0)
         quick = candidate.without_bootstrap()
@@ -101,7 +101,7 @@ class Auto(Identifier):
                 block = training.part(split.test)
                 errors[i] = self._free_run(model, block, problem.thruster, scale)
             except IdentificationError:
-                continue  # the block is lost
+                continue
         return errors
 
     def _free_run(
@@ -113,9 +113,10 @@ class Auto(Identifier):
 
 
 def one_standard_error(errors: dict[str, Array]) -> str:
-    """The first name that is worse than the best by no more than the difference's standard error.
+    """The first name whose error exceeds the least by at most one standard error.
 
-    Raises IdentificationError when no candidate predicts better than the mean motion.
+    `errors` maps names to errors (folds,). Raises IdentificationError when no candidate predicts
+    better than the mean motion.
     """
     best = min(errors, key=lambda name: float(np.mean(errors[name])))
     if np.mean(errors[best]) >= LOST:
@@ -124,17 +125,17 @@ def one_standard_error(errors: dict[str, Array]) -> str:
         )
 
     def within(name: str) -> bool:
-        worse = errors[name] - errors[best]
-        return bool(np.mean(worse) <= np.std(worse, ddof=1) / np.sqrt(len(worse)))
+        excess = errors[name] - errors[best]
+        return bool(np.mean(excess) <= np.std(excess, ddof=1) / np.sqrt(len(excess)))
 
     return next(name for name in errors if within(name))
 
 
 def _findings(errors: dict[str, Array], chosen: str) -> tuple[Finding, ...]:
-    """Every candidate's error on every block (i candidate, j block), and which was chosen."""
-    found = []
+    """Error of every candidate on every block (i candidate, j block), and the choice."""
+    rows = []
     for i, (name, values) in enumerate(errors.items()):
         for j, value in enumerate(values):
-            found.append(Finding("auto_error", "all", float(value), "", i, j, name))
-        found.append(Finding("auto_chosen", "all", float(name == chosen), "", i, label=name))
-    return tuple(found)
+            rows.append(Finding("auto_error", "all", float(value), "", i, j, name))
+        rows.append(Finding("auto_chosen", "all", float(name == chosen), "", i, label=name))
+    return tuple(rows)

@@ -1,9 +1,9 @@
-"""Choosing a model order without looking at the answer: splits of the training part.
+"""Splits of the training part for the choice of a model order.
 
-blocked  consecutive blocks, each left out once (the default: neighbours are alike)
-rolling  rolling origin: each block is predicted from all that came before it
-kfold    random folds; optimistic where residuals are autocorrelated
-test     the held-out validation part itself, as the thesis does; not a fair figure
+blocked  consecutive blocks, each left out once (the default: neighbouring samples are correlated)
+rolling  rolling origin: each block is predicted from all samples before it
+kfold    random folds; optimistic if the residuals are autocorrelated
+test     the held-out validation part itself, as in the thesis; its error is too optimistic
 """
 
 from collections.abc import Callable
@@ -23,28 +23,35 @@ Pair = tuple[Array, Array]  # moment matrices Z'Z of a training part and of what
 
 
 def check_folds(folds: int) -> None:
-    """Refuse a cross-validation with fewer than two folds."""
+    """Raise ConfigurationError for fewer than two folds."""
     if folds < 2:
         raise ConfigurationError(f"folds must be at least 2, got {folds}")
 
 
 def folds(selection: Selection, n: int, count: int, rng: np.random.Generator) -> list[Fold]:
-    """(training, left out) indices of n samples; rolling and kfold are scikit-learn's splitters."""
+    """Indices (training, left out) of n samples for each of `count` folds.
+
+    `rolling` and `kfold` are scikit-learn's splitters. Raises IdentificationError when there are
+    fewer than two samples per fold.
+    """
     if n < 2 * count:
-        raise IdentificationError(f"{selection} selection: got {n} samples for {count} folds")
-    everything = np.arange(n)
+        raise IdentificationError(
+            f"{selection} selection: got {n} samples for {count} folds, expected at least "
+            f"{2 * count}"
+        )
+    indices = np.arange(n)
     if selection == "blocked":
-        return [(np.delete(everything, part), everything[part]) for part in blocks(n, count)]
+        return [(np.delete(indices, part), indices[part]) for part in blocks(n, count)]
     from sklearn.model_selection import KFold, TimeSeriesSplit  # slow to import
 
     if selection == "rolling":
-        return list(TimeSeriesSplit(count).split(everything))
+        return list(TimeSeriesSplit(count).split(indices))
     seed = int(rng.integers(2**31))
-    return list(KFold(count, shuffle=True, random_state=seed).split(everything))
+    return list(KFold(count, shuffle=True, random_state=seed).split(indices))
 
 
 class Part(NamedTuple):
-    """Some of the samples: their rows, regressors with the constant, and X'X."""
+    """A subset of the samples: its rows, regressors with the constant, and X'X."""
 
     rows: NDArray[np.int64] | slice
     x: Array
@@ -55,24 +62,24 @@ class Part(NamedTuple):
         y = outputs[self.rows]
         xy = self.x.T @ y
         n, k = xy.shape
-        moment = np.empty((n + k, n + k))  # np.block takes longer than the products
+        moment = np.empty((n + k, n + k))  # np.block would take longer than the products
         moment[:n, :n], moment[:n, n:] = self.xx, xy
         moment[n:, :n], moment[n:, n:] = xy.T, y.T @ y
         return moment
 
 
 def part(x: Array, rows: NDArray[np.int64] | slice) -> Part:
-    """The samples of some rows; those of a slice are not copied."""
+    """The subset of the given rows; the rows of a slice are not copied."""
     return Part(rows, x[rows], x[rows].T @ x[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Splits:
-    """What is trained on and what is left out, for any outputs on the same regressors.
+    """Training and left-out parts for any outputs on the same regressors.
 
-    The parts have no sample in common and are all there is, so that the moments of a training
-    part, and of the whole, are sums of theirs. `folds` are (trained on, left out), numbers of
-    parts. `held_out` is Z'Z of the validation part, which only `test` looks at.
+    The parts are disjoint and cover all samples, so the moments of a training part, and of all
+    samples, are sums of the moments of the parts. `folds` are (training, left out) as indices of
+    parts. `held_out` is Z'Z of the validation part, used only by `test`.
     """
 
     parts: tuple[Part, ...]
@@ -81,10 +88,10 @@ class Splits:
 
     def moments(self, outputs: Array) -> list[Array]:
         """Z'Z of every part."""
-        return [one.moment(outputs) for one in self.parts]
+        return [part.moment(outputs) for part in self.parts]
 
     def pairs(self, moments: list[Array]) -> list[Pair]:
-        """Moments of the training part and of what is left out, of every fold."""
+        """Moments of the training part and of the left-out part of every fold."""
         if self.held_out is not None:
             return [(moments[0], self.held_out)]
         return [
@@ -99,23 +106,23 @@ def split(
     if selection == "test":
         assert held_out is not None
         return Splits((part(x, slice(None)),), (), held_out.T @ held_out)
-    left = [part(x, _run(rows)) for _, rows in folds(selection, len(x), count, rng)]
+    left = [part(x, _as_slice(rows)) for _, rows in folds(selection, len(x), count, rng)]
     if selection != "rolling":
         others = [tuple(k for k in range(len(left)) if k != fold) for fold in range(len(left))]
         return Splits(tuple(left), tuple((used, k) for k, used in enumerate(others)), None)
-    first = part(x, slice(0, len(x) - sum(len(one.x) for one in left)))
+    first = part(x, slice(0, len(x) - sum(len(item.x) for item in left)))
     before = tuple((tuple(range(k)), k) for k in range(1, len(left) + 1))
     return Splits((first, *left), before, None)
 
 
-def _run(rows: NDArray[np.int64]) -> NDArray[np.int64] | slice:
-    """Rows that follow each other as a slice, which copies nothing."""
+def _as_slice(rows: NDArray[np.int64]) -> NDArray[np.int64] | slice:
+    """Consecutive rows as a slice, which avoids a copy."""
     if rows[-1] - rows[0] == len(rows) - 1 and np.all(np.diff(rows) == 1):
         return slice(int(rows[0]), int(rows[-1]) + 1)
     return rows
 
 
 def left_out_mse(pairs: list[Pair], score: Callable[[Array, Array], Array]) -> Array:
-    """Mean squared error over everything left out; score(training, left out) is one fold's."""
+    """Mean squared error over all left-out samples; score(training, left out) gives one fold's."""
     sizes = np.array([left[0, 0] for _, left in pairs])
     return np.asarray(np.tensordot(sizes / np.sum(sizes), [score(*pair) for pair in pairs], axes=1))

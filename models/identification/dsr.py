@@ -1,13 +1,13 @@
 """Deterministic and stochastic subspace identification of a vessel from its pose and force.
 
-The output is the pose, the input the force held between the samples; the model's states are
-found by `subspace`. In body axes a vessel is the same at every heading, in NED it is not: so the
-default output is the pose in body axes, the sum of the measured increments R(psi)' delta eta
-(psi half-way), whose rate is the body velocity. Near one heading it is the NED pose, turned.
+The output is the pose, the input is the force, held between the samples; `subspace` identifies the
+states of the model. The dynamics of a vessel depend on the heading in NED but not in body axes, so
+the default output is the pose in body axes: the sum of the measured increments R(psi)' delta eta
+(psi half-way), whose rate is the body velocity. Near one heading it is the rotated NED pose.
 
-Such a linear model knows inertia and linear damping about the mean motion; what is quadratic, and
-Coriolis forces, go into the noise, and a constant force into everything. `extra_terms` make them
-known inputs beside the force: the model is linear in their coefficients all the same.
+Such a linear model has inertia and linear damping about the mean motion. Quadratic damping and
+Coriolis forces become noise, and a constant force biases all coefficients. `extra_terms` add such
+forces as known inputs: the model stays linear in their coefficients.
 Bargouth (2022), section 3.7; Di Ruscio (2009).
 """
 
@@ -47,9 +47,9 @@ class Dsr(Identifier):
 
     `order` is a number, `physical` (two states a degree of freedom) or `gap` (the largest gap of
     the singular values). `variant: closed` (dsr_e) holds with and without feedback, `open` only
-    without. `extra_terms: physical` are the nominal model's own, as far as they are not linear.
-    `physical_form: optional` keeps the nominal model where there is no physical form,
-    with the reason as a finding, so that the state-space model can still be used.
+    without. `extra_terms: physical` are the nonlinear terms of the nominal model.
+    `physical_form: optional` keeps the nominal model if there is no physical form, with the
+    reason as a finding, so that the state-space model can still be used.
     """
 
     L: Annotated[int, Ge(2)]
@@ -69,16 +69,16 @@ class Dsr(Identifier):
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        for one in () if self.extra_terms == "physical" else basis.terms(self.extra_terms):
-            if not is_further_input(one):
+        for term in () if self.extra_terms == "physical" else basis.terms(self.extra_terms):
+            if not is_further_input(term):
                 raise ConfigurationError(
-                    f"extra_terms: got {one}; a constant looks like a first state, and "
-                    f"accelerations and velocities are in the model already"
+                    f"extra_terms: got {term}, expected a term that varies; accelerations "
+                    f"and velocities are in the model already"
                 )
         check_bootstrap(self.bootstrap, self.block_s)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse an order that has no physical form, or a force that is not known."""
+        """Raise ConfigurationError for an order without physical form or an unknown force."""
         states = 2 * len(nominal.dofs)
         if self.physical_form == "required" and self.order not in (states, "physical", "gap"):
             raise ConfigurationError(
@@ -91,22 +91,28 @@ class Dsr(Identifier):
                 f"identifier.order: got {order}, expected at most L x outputs = {most}"
             )
         if self.force == "filtered" and thruster is None:
-            raise ConfigurationError("identifier.force: got filtered, but the lag is not known")
+            raise ConfigurationError(
+                "identifier.force: got filtered, but the thruster lag is not known"
+            )
 
     def needs(self) -> Needs:
-        """The force."""
+        """The force of the input."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def model_period_s(self, sample_time_s: float) -> float:
-        """Its own, or the recording's."""
+        """The identifier's period [s] if it is set, else that of the recording."""
         return self.period_s or sample_time_s
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The state-space model, and the vessel that is its physical form."""
+        """Identify the state-space model and the vessel of its physical form.
+
+        Raises IdentificationError when the data do not determine the model, or when it has no
+        physical form and that is required.
+        """
         nominal, dofs = problem.nominal, problem.nominal.dofs
         data = self._sampled(problem.training, nominal)
         realisation = self._realise(data, self._order(nominal))
@@ -114,7 +120,7 @@ class Dsr(Identifier):
         findings = realisation_findings(realisation)
         try:
             form = self._physical(model, data)
-            model = _turned(form.model, data.heading)
+            model = _rotate_outputs(form.model, data.heading)
             vessel = form.vessel("identified", dofs, data.extra)
             findings += physical_findings(form, dofs)
             errors = self._standard_errors(data, model.order, vessel - nominal, rng)
@@ -125,16 +131,16 @@ class Dsr(Identifier):
             findings.append(Finding("physical_form", "all", 0.0, label=str(error)))
         findings += model_findings(model, self.markov_parameters, dofs)
         findings += fit_findings(model, self._sampled(problem.validation, nominal), dofs)
-        steered = _by_forces(model, len(dofs))
+        control_model = _force_inputs_only(model, len(dofs))
         return Identified(
             vessel, vessel - nominal, errors, tuple(findings), state_space=model,
-            control_model=steered,
+            control_model=control_model,
         )  # fmt: skip
 
     def _extra(self, nominal: Vessel) -> tuple[Term, ...]:
         if self.extra_terms != "physical":
             return basis.terms(self.extra_terms)
-        return tuple(one for one in nominal.terms if is_further_input(one) and moves(one))
+        return tuple(term for term in nominal.terms if is_further_input(term) and moves(term))
 
     def _sampled(self, recording: Recording, nominal: Vessel) -> Sampled:
         span = np.radians(self.heading_span_deg)
@@ -142,25 +148,25 @@ class Dsr(Identifier):
         return sampled(recording, self.force, extra, self.output, self.period_s, span)
 
     def _order(self, nominal: Vessel) -> int | None:
-        named = {"physical": 2 * len(nominal.dofs), "gap": None}
-        return named[self.order] if isinstance(self.order, str) else self.order
+        orders = {"physical": 2 * len(nominal.dofs), "gap": None}
+        return orders[self.order] if isinstance(self.order, str) else self.order
 
     def _realise(self, data: Sampled, order: int | None, times: Codes | None = None) -> Realisation:
-        found = identify_innovations(
+        realisation = identify_innovations(
             data.y, data.u, self.L, self.J, order, self.variant,
             period_s=data.period_s, stretch=data.stretch, times=times,
         )  # fmt: skip
-        model = replace(found.model, inputs=data.inputs, outputs=data.outputs)
-        return replace(found, model=model)
+        model = replace(realisation.model, inputs=data.inputs, outputs=data.outputs)
+        return replace(realisation, model=model)
 
     def _physical(self, model: StateSpace, data: Sampled) -> PhysicalForm:
-        """The physical form in body axes: a NED pose is turned to the mean heading first."""
-        return physical_form(_turned(model, -data.heading), self.condition_limit)
+        """The physical form in body axes; a NED pose is first rotated to the mean heading."""
+        return physical_form(_rotate_outputs(model, -data.heading), self.condition_limit)
 
     def _standard_errors(
         self, data: Sampled, order: int, residual: Vessel, rng: np.random.Generator
     ) -> Array | None:
-        """Spread over block-bootstrap replicates, shape of residual.theta; NaN: not estimated."""
+        """Standard errors by block bootstrap, shape of residual.theta; NaN: not estimated."""
         if self.bootstrap is None:
             return None
         count = max(round(len(data.y) * data.period_s / self.block_s), 2)
@@ -172,22 +178,22 @@ class Dsr(Identifier):
                 form = self._physical(self._realise(data, order, times).model, data)
                 tables.append(form.vessel("replicate", residual.dofs, data.extra))
             except IdentificationError:
-                continue  # a replicate may miss what excites the vessel
+                continue  # a replicate may not excite the vessel enough
         errors = np.full(residual.theta.shape, np.nan)
         if 2 * len(tables) >= self.bootstrap:
-            rows = [residual.terms.index(one) for one in tables[0].terms]
+            rows = [residual.terms.index(term) for term in tables[0].terms]
             errors[rows] = np.std([table.theta for table in tables], axis=0, ddof=1)
         return errors
 
 
-def _by_forces(model: StateSpace, count: int) -> StateSpace:
-    """The model with the forces as its only inputs, as a controller needs it."""
+def _force_inputs_only(model: StateSpace, count: int) -> StateSpace:
+    """The model with the first `count` inputs, the forces, alone, for a controller."""
     B, D, inputs = model.B[:, :count], model.D[:, :count], model.inputs[:count]
     return replace(model, B=B, D=D, inputs=inputs)
 
 
-def _turned(model: StateSpace, psi: float) -> StateSpace:
-    """The model with its first two outputs turned by psi [rad] about the down axis."""
+def _rotate_outputs(model: StateSpace, psi: float) -> StateSpace:
+    """The model with its first two outputs rotated by psi [rad] about the down axis."""
     if psi == 0.0:
         return model
     R = np.eye(len(model.C))
@@ -197,14 +203,14 @@ def _turned(model: StateSpace, psi: float) -> StateSpace:
     return replace(model, C=R @ model.C, D=R @ model.D, K=K, F=F)
 
 
-def is_further_input(one: Term) -> bool:
-    """Whether a term can be an input beside the force: it varies and the model does not hold it."""
-    names = {basis.VARIABLES[code % basis.N_VARIABLES] for code in one.codes if code}
-    return bool(names) and not names & set(ACCELERATIONS) and one.name not in VELOCITIES
+def is_further_input(term: Term) -> bool:
+    """Whether a term can be an additional input: it varies and is not already in the model."""
+    names = {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes if code}
+    return bool(names) and not names & set(ACCELERATIONS) and term.name not in VELOCITIES
 
 
-def moves(one: Term) -> bool:
-    """Whether a term holds a velocity; the attitude alone is a stiffness, found from the states."""
+def moves(term: Term) -> bool:
+    """Whether a term contains a velocity; a term of the attitude alone is part of the stiffness."""
     return any(
-        basis.VARIABLES[code % basis.N_VARIABLES] in (*VELOCITIES, *AIR) for code in one.codes
+        basis.VARIABLES[code % basis.N_VARIABLES] in (*VELOCITIES, *AIR) for code in term.codes
     )

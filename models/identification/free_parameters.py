@@ -1,4 +1,4 @@
-"""Which coefficients of a nominal model are free, and how the table follows from them.
+"""The free coefficients of a nominal model, and the table as a function of them.
 
 The table is linear in the free parameters,
 
@@ -6,10 +6,10 @@ The table is linear in the free parameters,
 
 where an entry of p is one coefficient (degree of freedom, term). Where the nominal table holds
 the Coriolis and centripetal force of its own inertia (Kirchhoff's equations, `vessel.coriolis`,
-itself linear in the inertia), an inertia parameter moves that force with it: `coriolis: tied`.
-That keeps nu' C(nu) nu = 0, so no candidate can create energy, and needs fewer parameters: 20
-for milliAmpere (5 inertia, 15 damping) where `coriolis: free`, which takes every nonzero entry
-for itself, has 26.
+itself linear in the inertia), that force changes with the inertia parameters: `coriolis: tied`.
+Then nu' C(nu) nu = 0 holds, so no candidate can create energy, and there are fewer parameters:
+20 for milliAmpere (5 inertia, 15 damping). With `coriolis: free` every nonzero entry is a
+parameter, 26 for milliAmpere.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.derivatives import coriolis
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 
-ROUNDING = 1e-9  # of the Coriolis entry: what is left of a table's entry after subtracting it
+ROUNDING = 1e-9  # of the largest coefficient: smaller entries are rounding errors
 NED = ("north", "east")
 Coriolis = Literal["tied", "free"]
 
@@ -79,8 +79,9 @@ def free_parameters(
 ) -> FreeParameters:
     """The parameters named by `labels`, or by default the nominal table's nonzero coefficients.
 
-    A label is `dof.term`; it may name a term that the nominal table does not have. `ned_force`
-    adds `north` and `east`, the force of a planar vessel that is constant in NED.
+    A label is `dof.term`; the nominal table need not have the term. `ned_force` adds `north` and
+    `east`, a force on a planar vessel that is constant in NED. Raises ConfigurationError for
+    labels that are unknown or repeated.
     """
     own = own_coriolis(nominal) if tie == "tied" else None
     if labels is None:
@@ -89,71 +90,74 @@ def free_parameters(
         entries = tuple(parse_label(label, nominal) for label in labels)
     if not entries:
         raise ConfigurationError(f"parameters: {nominal.name} has no coefficient to identify")
-    for i, (dof, one) in enumerate(entries):
-        if (dof, one) in entries[:i]:
-            raise ConfigurationError(f"parameters: {dof}.{one} is given twice")
-    terms = [one for _, one in entries] + list(NED_COLUMNS if ned_force else ())
-    new = dict.fromkeys(one for one in terms if one not in nominal.terms)
-    wide = nominal.on(nominal.terms + tuple(new))
-    values = np.array([wide.coefficient(dof, str(one)) for dof, one in entries])
+    for i, (dof, term) in enumerate(entries):
+        if (dof, term) in entries[:i]:
+            raise ConfigurationError(f"parameters: {dof}.{term} is given twice")
+    terms = [term for _, term in entries] + list(NED_COLUMNS if ned_force else ())
+    new = dict.fromkeys(term for term in terms if term not in nominal.terms)
+    extended = nominal.on(nominal.terms + tuple(new))
+    values = np.array([extended.coefficient(dof, str(term)) for dof, term in entries])
     if own is not None:
-        inside = own.on(wide.terms)
-        values -= [inside.coefficient(dof, str(one)) for dof, one in entries]
-    directions = [_direction(wide, dof, one, own is not None) for dof, one in entries]
-    names = [f"{dof}.{one}" for dof, one in entries]
-    units = [coefficient_unit(one, dof) for dof, one in entries]
+        coriolis_table = own.on(extended.terms)
+        values -= [coriolis_table.coefficient(dof, str(term)) for dof, term in entries]
+    directions = [_direction(extended, dof, term, own is not None) for dof, term in entries]
+    names = [f"{dof}.{term}" for dof, term in entries]
+    units = [coefficient_unit(term, dof) for dof, term in entries]
     if ned_force:
         names, units = [*names, *NED], [*units, "N", "N"]
         values = np.concatenate([values, np.zeros(len(NED))])
-        directions += [_ned_direction(wide, force) for force in np.eye(len(NED))]
-    return FreeParameters(wide, tuple(names), tuple(units), values, np.array(directions).T)
+        directions += [_ned_direction(extended, force) for force in np.eye(len(NED))]
+    return FreeParameters(extended, tuple(names), tuple(units), values, np.array(directions).T)
 
 
 def parse_label(label: str, nominal: Vessel) -> tuple[str, Term]:
-    """`surge.|u|u` -> ("surge", the term |u|u)."""
+    """Split a label such as `surge.|u|u` into the degree of freedom and the term.
+
+    Raises ConfigurationError for an unknown degree of freedom or term.
+    """
     dof, _, name = label.partition(".")
     if dof not in nominal.dofs or not name:
         raise ConfigurationError(
-            f"parameters: got {label!r}, expected a degree of freedom out of "
+            f"parameters: got {label!r}, expected one of the degrees of freedom "
             f"{', '.join(nominal.dofs)} and a term, such as {nominal.dofs[0]}.{nominal.terms[0]}"
         )
     return dof, basis.term(name)
 
 
 def own_coriolis(nominal: Vessel) -> Vessel | None:
-    """C(nu) nu of the nominal inertia, where every entry of it stands in the nominal table."""
+    """C(nu) nu of the nominal inertia; None unless the nominal table has all of its entries."""
     force = coriolis(nominal.inertia, nominal.dofs)
     if not force.terms:
         return None
-    inside = nominal.on(force.terms).theta
-    return force if np.all(inside[force.theta != 0.0] != 0.0) else None
+    entries = nominal.on(force.terms).theta
+    return force if np.all(entries[force.theta != 0.0] != 0.0) else None
 
 
 def _nonzero(vessel: Vessel) -> tuple[tuple[str, Term], ...]:
-    """Entries of a table that are more than rounding, in the order of its terms."""
+    """Entries (degree of freedom, term) of a table above rounding, inertia first."""
     scale = ROUNDING * np.max(np.abs(vessel.theta), initial=0.0)
-    inertial = [one for one in vessel.terms if one.name in ACCELERATIONS]
-    rest = [one for one in vessel.terms if one.name not in ACCELERATIONS]
+    inertial = [term for term in vessel.terms if term.name in ACCELERATIONS]
+    rest = [term for term in vessel.terms if term.name not in ACCELERATIONS]
     return tuple(
-        (dof, one)
-        for one in inertial + rest
+        (dof, term)
+        for term in inertial + rest
         for dof in vessel.dofs
-        if abs(vessel.coefficient(dof, str(one))) > scale
+        if abs(vessel.coefficient(dof, str(term))) > scale
     )
 
 
-def _direction(wide: Vessel, dof: str, one: Term, tied: bool) -> Array:
+def _direction(extended: Vessel, dof: str, term: Term, tied: bool) -> Array:
     """Change of the table for one unit of a parameter, shape (n_terms n_dof,)."""
-    change = np.zeros((len(wide.terms), len(wide.dofs)))
-    change[wide.terms.index(one), wide.dofs.index(dof)] = 1.0
-    if tied and one.name in wide.accelerations:
-        unit = np.zeros((len(wide.dofs), len(wide.dofs)))
-        unit[wide.dofs.index(dof), wide.accelerations.index(one.name)] = 1.0
-        change += coriolis(unit, wide.dofs).on(wide.terms).theta
+    change = np.zeros((len(extended.terms), len(extended.dofs)))
+    change[extended.terms.index(term), extended.dofs.index(dof)] = 1.0
+    if tied and term.name in extended.accelerations:
+        unit = np.zeros((len(extended.dofs), len(extended.dofs)))
+        unit[extended.dofs.index(dof), extended.accelerations.index(term.name)] = 1.0
+        change += coriolis(unit, extended.dofs).on(extended.terms).theta
     return change.ravel()
 
 
-def _ned_direction(wide: Vessel, force: Array) -> Array:
+def _ned_direction(extended: Vessel, force: Array) -> Array:
     """Change of the table for a force (north, east) [N], shape (n_terms n_dof,)."""
-    table = Vessel("force", wide.dofs, NED_COLUMNS, ned_table(force))
-    return np.asarray(table.on(wide.terms).theta).ravel()
+    table = Vessel("force", extended.dofs, NED_COLUMNS, ned_table(force))
+    return np.asarray(table.on(extended.terms).theta).ravel()

@@ -1,12 +1,12 @@
-"""Free runs: what a model, or each of many candidates, does under the force of a recording.
+"""Free runs of one model, or of many candidates, under the force of a recording.
 
 From the measured pose and velocity at the first sample the equation of motion (`dynamics.py`)
 is integrated with the recorded force and the wind measured aboard, by Euler, Hoyer (2021),
 eq. (6.2), or by RK4 at the sample time. All rates are limited at every stage, as in section 6.4, so
-that no candidate overflows; how often, is counted.
+that no candidate overflows; the number of limited rates is counted.
 
 `predict` stores the states of one model. `prediction_errors` takes candidates in packs
-(`seatrial.models.packs`), sums their errors as it goes, and stores no trajectory.
+(`seatrial.models.packs`) and sums their errors without storing trajectories.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,7 @@ from seatrial.models.vessel.basis import ATTITUDE, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, layout
 from seatrial.models.vessel.pose import (
     Euler,
+    Kinematics,
     Quaternion,
     deviation,
     displaced,
@@ -43,27 +44,27 @@ Integrator = Literal["euler", "rk4"]
 
 
 class Course(NamedTuple):
-    """A recording as the kernels see it, N samples; SI units.
+    """A recording of N samples in the form the kernels need; SI units.
 
-    A state is the pose as it is integrated (with a quaternion where the vessel has one), then the
-    velocity: n_pose + n_dof numbers.
+    A state is the integrated pose (with a quaternion in six degrees of freedom) and the velocity:
+    n_pose + n_dof numbers.
     """
 
-    kinematics: Any  # see `pose`
+    kinematics: Kinematics
     force: Array  # (N, 3, n_dof) acting at the start, middle and end of each sample
     weather: Weather  # the wind in body axes, held over each sample, where it was measured
-    measured: Array  # (N, 2 n_dof) pose over the degrees of freedom, and velocity
+    measured: Array  # (N, 2 n_dof) measured pose and velocity
     reached: Array  # (N, n_pose + n_dof) measured states
-    start: Array  # the same where a prediction begins: the states it begins with
+    start: Array  # (N, n_pose + n_dof) initial states, used where a prediction begins
     restart: Flags  # (N,) samples at which a prediction begins
     step_s: float
     limit: float  # of eta_dot [m/s, rad/s] and nu_dot [m/s^2, rad/s^2]
 
     def begun(self, offset: Array) -> "Course":
-        """The same with predictions that begin beside the measured states.
+        """The course with an offset of the initial states from the measured ones.
 
-        `offset` (n, 2 n_dof) is added to the states of the n predictions, in attitudes as a
-        rotation vector.
+        `offset` (n, 2 n_dof) is added to the initial states of the n predictions; attitudes are
+        offset by a rotation vector.
         """
         n_dof = offset.shape[1] // 2
         n_pose = self.reached.shape[1] - n_dof
@@ -82,10 +83,11 @@ def course_of(
     limit: float,
     attitude: str = "quaternion",
 ) -> Course:
-    """The recording for the kernels, predictions beginning anew every `horizon` samples.
+    """The recording for the kernels, with a new prediction every `horizon` samples.
 
-    They also begin anew where samples are missing. `attitude` is how six degrees of freedom are
-    integrated. Raises RecordingError where the recorded velocity is itself beyond the limit.
+    A new prediction also begins after missing samples. `attitude` (quaternion, euler) is the
+    integrated attitude in six degrees of freedom. `limit` bounds the rates [m/s, rad/s, per second
+    again]. Raises RecordingError when the recorded velocity exceeds the limit.
     """
     fastest = float(np.max(np.abs(recording.nu)))
     if not fastest < limit:
@@ -101,8 +103,8 @@ def course_of(
     measured = np.ascontiguousarray(np.hstack([recording.eta, recording.nu]))
     reached = np.ascontiguousarray(np.hstack([state_of(kinematics, recording.eta), recording.nu]))
     acting = np.ascontiguousarray(held_force(recording, thruster, force))
-    none = np.zeros((0, len(recording.dofs)))
-    weather = Weather(none, none, none, none)
+    empty = np.zeros((0, len(recording.dofs)))
+    weather = Weather(empty, empty, empty, empty)
     if recording.wind is not None:
         weather = weather._replace(wind_body=np.ascontiguousarray(recording.wind))
     return Course(
@@ -113,9 +115,10 @@ def course_of(
 def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:
     """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-    By default the command, passed through the lag where that is known; else the recorded acting
-    force; else the command as it is. A thruster without lag acts as commanded, so a recorded
-    force that is last sample's command says nothing new. After the last sample nothing acts.
+    By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
+    the recorded acting force, else the command. If the recorded force equals the command of the
+    sample before, the thruster has no lag and the command is used. After the last sample the force
+    is zero.
     """
     actual = recording.tau_actual
     follows = ~recording.piece_starts[1:]
@@ -132,25 +135,27 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
 def _middle_of_lag(
     thruster: SecondOrderLag, step_s: float, start: Array, end: Array, command: Array
 ) -> Array:
-    """Force in the middle of each sample: the rate that leads to its end, half a step on."""
-    whole, half = thruster.table(step_s), thruster.table(0.5 * step_s)
-    by_rate = whole.a[0, 1] or 1.0  # a first-order lag has no rate: what is left of `end` is zero
-    rate = (end - whole.a[0, 0] * start - whole.b[0] * command) / by_rate
-    return np.asarray(half.a[0, 0] * start + half.a[0, 1] * rate + half.b[0] * command)
+    """Force in the middle of each sample, from the rate that leads to the force at its end."""
+    full_step, half_step = thruster.table(step_s), thruster.table(0.5 * step_s)
+    by_rate = full_step.a[0, 1] or 1.0  # a first-order lag has no rate, and the numerator is zero
+    rate = (end - full_step.a[0, 0] * start - full_step.b[0] * command) / by_rate
+    return np.asarray(
+        half_step.a[0, 0] * start + half_step.a[0, 1] * rate + half_step.b[0] * command
+    )
 
 
 def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flags) -> Layout:
-    """Layout of tables over `terms`; support (n_dof) is what can be other than zero.
+    """Layout of tables over `terms`; support (n_terms, n_dof) marks entries that can be non-zero.
 
-    Raises ConfigurationError for a term that a free run does not know: a product with an
-    acceleration, or the attitude that the vessel's pose does not have.
+    Raises ConfigurationError for a term that a free run cannot evaluate: a product with an
+    acceleration, or an attitude angle that is not part of the vessel's pose.
     """
     angles = {name for name in ATTITUDE if name[4:-1] in poses_of(dofs)}
     unknown = {*ACCELERATIONS, *ATTITUDE} - angles
-    for one, row in zip(terms, support, strict=True):
-        names = {VARIABLES[code % N_VARIABLES] for code in one.codes}
-        if one.name not in ACCELERATIONS and np.any(row) and names & unknown:
-            raise ConfigurationError(f"term {one} cannot be predicted in {', '.join(dofs)}")
+    for term, row in zip(terms, support, strict=True):
+        names = {VARIABLES[code % N_VARIABLES] for code in term.codes}
+        if term.name not in ACCELERATIONS and np.any(row) and names & unknown:
+            raise ConfigurationError(f"term {term} cannot be predicted in {', '.join(dofs)}")
     return layout(terms, dofs, support)
 
 
@@ -158,7 +163,7 @@ def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flag
 def _follow(
     plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Any
 ) -> None:
-    """From the state at sample k - 1 to that at sample k, or to where a prediction begins."""
+    """Integrate from sample k - 1 to sample k, or set the initial state of a new prediction."""
     if course.restart[k]:
         for i in range(eta.shape[0]):
             eta[i] = course.start[k, i]
@@ -173,7 +178,7 @@ def _follow(
 
 @kernel
 def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> float:
-    """Predict one model: states (N, n_pose + n_dof) is written; the number of limited rates."""
+    """Write the states (N, n_pose + n_dof) that one model predicts; return the limited rates."""
     n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
     n_pose = states.shape[1] - n_dof
     size = scratch_size(n_terms, n_dof, n_pose)
@@ -188,7 +193,7 @@ def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> fl
 
 
 @kernel
-def _deviations(kinematics: Any, first: Array, second: Array, errors: Array) -> None:
+def _deviations(kinematics: Kinematics, first: Array, second: Array, errors: Array) -> None:
     n_dof = errors.shape[1] // 2
     n_pose = first.shape[1] - n_dof
     for k in range(first.shape[0]):
@@ -197,10 +202,10 @@ def _deviations(kinematics: Any, first: Array, second: Array, errors: Array) -> 
             errors[k, n_dof + i] = second[k, n_pose + i] - first[k, n_pose + i]
 
 
-def deviations(kinematics: Any, first: Array, second: Array) -> Array:
-    """What leads from some states to others, of pose and velocity, shape (N, 2 n_dof).
+def deviations(kinematics: Kinematics, first: Array, second: Array) -> Array:
+    """Difference second - first of states in pose and velocity, shape (N, 2 n_dof).
 
-    Of attitudes it is a rotation vector, see `pose.deviation`; a single angle is wrapped.
+    Attitudes differ by a rotation vector, see `pose.deviation`; a single angle is wrapped.
     """
     n_dof = first.shape[1] - (7 if isinstance(kinematics, Quaternion) else first.shape[1] // 2)
     errors = np.empty((len(first), 2 * n_dof))
@@ -211,7 +216,7 @@ def deviations(kinematics: Any, first: Array, second: Array) -> Array:
 def spread(course: Course) -> Array:
     """Standard deviation of each measured state, shape (2 n_dof,).
 
-    Of an attitude in three angles that of the rotation vector from the mean attitude.
+    For an attitude of three angles it is that of the rotation vector from the mean attitude.
     """
     deviation = np.std(course.measured, axis=0)
     if isinstance(course.kinematics, Quaternion | Euler):
@@ -225,7 +230,7 @@ def spread(course: Course) -> Array:
 
 
 @kernel
-def _poses(kinematics: Any, states: Array, poses: Array) -> None:
+def _poses(kinematics: Kinematics, states: Array, poses: Array) -> None:
     frame = np.zeros((3, 3))
     for k in range(states.shape[0]):
         if k > 0:
@@ -234,20 +239,20 @@ def _poses(kinematics: Any, states: Array, poses: Array) -> None:
 
 
 def free_run(model: Vessel, course: Course, integrator: Integrator) -> Array:
-    """Pose over the degrees of freedom and velocity that a model predicts, shape (N, 2 n_dof)."""
+    """Pose and velocity that a model predicts, shape (N, 2 n_dof)."""
     plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
     inverse, _ = plan.inverse_inertia(model.theta[None])
     states = np.empty_like(course.reached)
     predict(plan.plant(model.theta, inverse[..., 0]), course, integrator == "euler", states)
     n = len(model.dofs)
-    poses = course.measured[:, :n].copy()  # the first says which turns the angles begin with
+    poses = course.measured[:, :n].copy()  # the first pose sets the turn of the angles
     _poses(course.kinematics, states[:, :-n].copy(), poses)
     return np.hstack([poses, states[:, -n:]])
 
 
 @lean_kernel
 def _error(measured: float, e: float, metric: int) -> float:
-    """What an error e = y_hat - y adds to the sum. Hoyer (2021), eqs. (3.5)-(3.7)."""
+    """Contribution of an error e = y_hat - y to the metric. Hoyer (2021), eqs. (3.5)-(3.7)."""
     if metric == MAE:
         return abs(e)
     if metric == MSE:
@@ -261,7 +266,7 @@ def _error(measured: float, e: float, metric: int) -> float:
 
 @register_jitable
 def _aligned(rows: int) -> Array:
-    """Zeros (rows, WIDTH), every row of which begins on a cache line of 64 bytes."""
+    """Zeros of shape (rows, WIDTH) with every row aligned to a cache line of 64 bytes."""
     buffer = np.zeros(rows * WIDTH + 8)
     first = (-buffer.ctypes.data // 8) % 8
     return buffer[first : first + rows * WIDTH].reshape((rows, WIDTH))
@@ -272,10 +277,10 @@ def prediction_errors(
     structure: PlantTable, entries: Array, inverse: Array, course: Course, euler: bool,
     metric: int, errors: Array, limited: Array,
 ) -> None:  # fmt: skip
-    """Errors of n candidates: errors (n, 2 n_dof) and limited (n,), the number of limited rates.
+    """Write errors (n, 2 n_dof) and limited (n,), the number of limited rates, of n candidates.
 
-    entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables. The mean
-    error is the magnitude of the mean.
+    entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables. The metric
+    `mean_error` is the magnitude of the mean.
     """
     n_entries, n_dof, n = entries.shape[0], inverse.shape[0], inverse.shape[2]
     n_pose, n_terms = course.reached.shape[1] - n_dof, structure.codes.shape[0]

@@ -2,9 +2,9 @@
 
 The same algorithm as pymoo's class of that name, Deb et al. (2002): random initial sampling,
 binary tournament by rank and crowding distance, simulated binary crossover, polynomial mutation,
-survival of the best fronts. pymoo's class keeps each individual as an object, whose attributes
-take most of the time of a search; here a population is two arrays, and equal individuals are
-found by sorting.
+survival of the best fronts. pymoo's class stores each individual as an object, and the access to
+its attributes takes most of the time of a search. Here a population is two arrays, and duplicates
+are found by sorting.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from seatrial.models.vessel.basis import Array
 
 Indices = NDArray[np.int64]
-ATTEMPTS = 100  # to fill a generation with individuals that differ
+ATTEMPTS = 100  # to fill a generation with distinct individuals
 
 
 @dataclass(frozen=True)
 class Operators:
-    """Sizes and probabilities; `mutation_probability` is that of each variable."""
+    """Population size and operator settings; `mutation_probability` applies to each variable."""
 
     population: int
     crossover_eta: float
@@ -31,11 +31,11 @@ class Operators:
 
 
 class Population(NamedTuple):
-    """Individuals in the unit cube, with what the tournament compares."""
+    """Individuals in the unit cube with their objectives, rank and crowding distance."""
 
     units: Array  # (n, m)
     values: Array  # (n, n_objectives)
-    rank: Indices  # (n,) of the front, 0 is not dominated
+    rank: Indices  # (n,) number of the front, 0: not dominated
     crowding: Array  # (n,)
 
 
@@ -70,46 +70,49 @@ class Nsga2Search:
 
     @property
     def ended(self) -> bool:
-        """Never: others say when to stop."""
+        """Always false: the algorithm has no termination criterion of its own."""
         return False
 
 
 def survivors(units: Array, values: Array, size: int) -> Population:
-    """The best `size` individuals: whole fronts, of the last one the least crowded."""
+    """The best `size` individuals: complete fronts, and the least crowded of the last front.
+
+    units (n, m), values (n, n_objectives).
+    """
     from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-    kept, ranks, crowdings = [], [], []
-    room = size
+    indices, ranks, crowdings = [], [], []
+    remaining = size
     for rank, front in enumerate(NonDominatedSorting().do(values, n_stop_if_ranked=size)):
         crowding = np.full(len(front), np.inf)
         if len(front) > 2:
             crowding = calc_crowding_distance(values[front])
-        if len(front) > room:
-            least_crowded = np.argsort(-crowding, kind="stable")[:room]
+        if len(front) > remaining:
+            least_crowded = np.argsort(-crowding, kind="stable")[:remaining]
             front, crowding = front[least_crowded], crowding[least_crowded]
-        kept.append(front)
+        indices.append(front)
         crowdings.append(crowding)
         ranks.append(np.full(len(front), rank))
-        room -= len(front)
-        if room == 0:
+        remaining -= len(front)
+        if remaining == 0:
             break
-    index = np.concatenate(kept)
+    index = np.concatenate(indices)
     return Population(units[index], values[index], np.concatenate(ranks), np.concatenate(crowdings))
 
 
 def offspring(population: Population, operators: Operators, rng: np.random.Generator) -> Array:
-    """As many new individuals as the population holds, none of them twice."""
-    known, wanted = population.units, operators.population
-    children = np.zeros((0, known.shape[1]))
+    """New distinct individuals, as many as the population has, shape (n, m)."""
+    parents_units, size = population.units, operators.population
+    children = np.zeros((0, parents_units.shape[1]))
     for _ in range(ATTEMPTS):
-        parents = tournament(population, wanted - len(children), rng)
-        born = mutated(crossed(known[parents], operators, rng), operators, rng)
-        everyone = np.vstack([known, children, born])
-        _, first = np.unique(everyone, axis=0, return_index=True)
-        new = np.sort(first[first >= len(known) + len(children)])
-        children = np.vstack([children, everyone[new]])[:wanted]
-        if len(children) == wanted:
+        pairs = tournament(population, size - len(children), rng)
+        candidates = mutated(crossed(parents_units[pairs], operators, rng), operators, rng)
+        units = np.vstack([parents_units, children, candidates])
+        _, first = np.unique(units, axis=0, return_index=True)
+        new = np.sort(first[first >= len(parents_units) + len(children)])
+        children = np.vstack([children, units[new]])[:size]
+        if len(children) == size:
             break
     return children
 
@@ -117,16 +120,16 @@ def offspring(population: Population, operators: Operators, rng: np.random.Gener
 def tournament(population: Population, children: int, rng: np.random.Generator) -> Indices:
     """Winners of random pairs as parents, shape (2, children / 2): lower rank, then less crowded.
 
-    Every individual takes part as often as any other, but for the last round.
+    Every individual takes part equally often, except in the last round.
     """
     matings = -(-children // 2)
     rounds = -(-4 * matings // len(population.rank))
     order = np.concatenate([rng.permutation(len(population.rank)) for _ in range(rounds)])
     a, b = order[: 4 * matings].reshape(2, -1)
     rank, crowding = population.rank, population.crowding
-    lot = rng.random(len(a)) < 0.5
-    wider = np.where(crowding[a] == crowding[b], lot, crowding[a] > crowding[b])
-    wins = np.where(rank[a] == rank[b], wider, rank[a] < rank[b])
+    random_choice = rng.random(len(a)) < 0.5
+    prefer_first = np.where(crowding[a] == crowding[b], random_choice, crowding[a] > crowding[b])
+    wins = np.where(rank[a] == rank[b], prefer_first, rank[a] < rank[b])
     return np.where(wins, a, b).reshape(2, matings)
 
 
@@ -136,7 +139,7 @@ def crossed(parents: Array, operators: Operators, rng: np.random.Generator) -> A
 
     _, n, m = parents.shape
     eta, half = np.full((n, 1), operators.crossover_eta), np.full((n, 1), 0.5)
-    # half of the variables are crossed, and half of these exchanged, as pymoo does by default
+    # pymoo's defaults: half of the variables are crossed, half of these are exchanged
     children = cross_sbx(parents, np.zeros(m), np.ones(m), eta, half, half, random_state=rng)
     mates = np.asarray(rng.random(n) < operators.crossover_probability)
     return np.where(mates[:, None], children, parents).reshape(2 * n, m)
@@ -148,7 +151,9 @@ def mutated(units: Array, operators: Operators, rng: np.random.Generator) -> Arr
 
     n, m = units.shape
     eta = np.full(n, operators.mutation_eta)
-    each = np.full(n, operators.mutation_probability)
+    probability = np.full(n, operators.mutation_probability)
     return np.asarray(
-        mut_pm(units, np.zeros(m), np.ones(m), eta, each, at_least_once=False, random_state=rng)
+        mut_pm(
+            units, np.zeros(m), np.ones(m), eta, probability, at_least_once=False, random_state=rng
+        )
     )

@@ -2,10 +2,11 @@
 
     theta = sol { (1/N) sum_k Z(k) (y(k) - Phi(k)' theta) = 0 }
 
-Least squares is Z = Phi. It is biased, however long the recording, where the regressors are
-measured: they carry the same noise twice. Instruments Z that follow the motion and not its noise
-make the estimate consistent. Products such as (u + e)|u + e| leave a mean e^2 even so, constant
-while u keeps its sign: hence the excitation has an offset and the instruments have zero mean.
+Least squares is Z = Phi. If the regressors are measured, it is biased for any length of the
+recording, since the noise of the regressors is squared. Instruments Z that are correlated with the
+motion but not with its noise make the estimate consistent. Products such as (u + e)|u + e| still
+have a mean of e^2, which is constant while u keeps its sign: hence the excitation has an offset and
+the instruments have zero mean.
 
     predictor   orientation_terms   wind_measurement
     LS1, IV1    false               false     bursts of wind and current without a mean
@@ -53,13 +54,13 @@ SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """An instrumental-variable fit of m targets; linear in them, theta = gains' y."""
+    """An instrumental-variable fit of m targets y; theta = gains' y is linear in them."""
 
     theta: Array  # (n_terms, m)
-    rest: Array  # (N, m)
+    rest: Array  # (N, m) residuals
     span: Array  # (N, n_instruments) orthonormal columns of the instruments
     share: Array  # (n_instruments, n_terms), theta = share' span' y
-    condition: float  # of the scaled regressors as far as the instruments see them
+    condition: float  # condition number of the scaled regressors projected on the instruments
 
     @cached_property
     def gains(self) -> Array:
@@ -70,9 +71,9 @@ class Solution:
 def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution:
     """Two-stage least squares; z (N, n_instruments), phi (N, n_terms), y (N, m).
 
-    theta = argmin |P (y - Phi theta)|^2 with the projection P on the instruments; for as many
-    instruments as terms the solution of Z'(y - Phi theta) = 0, and for Z = Phi least squares.
-    Raises IdentificationError, with the `names` of the terms, where the instruments do not
+    theta = argmin |P (y - Phi theta)|^2 with the projection P on the instruments. With as many
+    instruments as terms it solves Z'(y - Phi theta) = 0, and with Z = Phi it is least squares.
+    Raises IdentificationError, with the `names` of the terms, when the instruments do not
     determine theta.
     """
     if z.shape[1] < phi.shape[1]:
@@ -83,8 +84,8 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     if z.shape[1] == phi.shape[1]:
         _check_rank(zr, names, "instruments")
     scale = _size(phi)
-    seen = zr if z is phi else (zq.T @ phi) / scale  # of least squares: Q'Q R = R
-    u, s, vt = np.linalg.svd(seen, full_matrices=False)
+    projected = zr if z is phi else (zq.T @ phi) / scale  # of least squares: Q'Q R = R
+    u, s, vt = np.linalg.svd(projected, full_matrices=False)
     _check_singular(s, vt, names, "instruments")
     share = (u / s) @ vt / scale
     theta = share.T @ (zq.T @ y)
@@ -92,8 +93,8 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
 
 
 def _size(columns: Array) -> Array:
-    size = np.sqrt(np.einsum("nj,nj->j", columns, columns) / len(columns))
-    return np.where(size > 0.0, size, 1.0)
+    rms = np.sqrt(np.einsum("nj,nj->j", columns, columns) / len(columns))
+    return np.where(rms > 0.0, rms, 1.0)
 
 
 def _scaled(columns: Array) -> Array:
@@ -108,24 +109,24 @@ def _check_rank(r: Array, names: Sequence[str], what: str) -> None:
 def _check_singular(s: Array, vt: Array, names: Sequence[str], what: str) -> None:
     if s[-1] > SINGULAR * s[0]:
         return
-    part = [str(names[int(i)]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else []
+    terms = [str(names[int(i)]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else []
     raise IdentificationError(
-        f"the {what} do not tell {', '.join(part) or 'the terms'} from each other "
-        f"(singular value ratio {s[-1] / s[0]:.1e})"
+        f"the {what} do not distinguish {', '.join(terms) or 'the terms'} from each other: got a "
+        f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR:g}"
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What `InstrumentalVariables.estimate` found, before errors are worked out."""
+    """An estimate without standard errors."""
 
     samples: Samples
-    kept: tuple[int, ...]  # terms that are determined; the others stay as in the nominal model
+    kept: tuple[int, ...]  # terms that are determined; the others keep their nominal values
     solution: Solution  # over `kept`
     findings: tuple[Finding, ...]
 
     def table(self, values: Array, missing: float) -> Array:
-        """Values over `kept` on all terms, shape (n_terms, n_dof)."""
+        """Values (n_kept, n_dof) on all terms, `missing` elsewhere, shape (n_terms, n_dof)."""
         full = np.full((len(self.samples.terms), values.shape[1]), missing)
         full[list(self.kept)] = values
         return full
@@ -137,14 +138,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class InstrumentalVariables(ResidualOptions):
-    """Instrumental variables on the lack of fit, instruments from a simulated motion.
+    """Instrumental variables on the lack of fit, with instruments from a simulated motion.
 
-    `orientation_terms` adds cos(psi), sin(psi), free in every degree of freedom (null: where a
-    vessel moves in surge, sway and yaw), `wind_measurement` the terms `wind_terms` of the measured
-    wind. The first instruments are from the nominal model, and `iterations` times again from the
-    model that was found. `restart_s` begins the simulation anew from the measured state.
-    `bootstrap` is the number of block-bootstrap replicates for standard errors; null takes
-    `errors`. The instruments are the same in all of them.
+    `orientation_terms` adds cos(psi), sin(psi), free in every degree of freedom (null: for a
+    vessel in surge, sway and yaw); `wind_measurement` adds the terms `wind_terms` of the measured
+    wind. The first instruments come from the nominal model, those of the `iterations` refinements
+    from the last estimate. The simulation restarts at the measured state every `restart_s` [s].
+    `bootstrap` is the number of block-bootstrap replicates for standard errors, all with the same
+    instruments; null uses `errors`.
     """
 
     instruments: Literal["none", "simulated"]
@@ -160,15 +161,15 @@ class InstrumentalVariables(ResidualOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_bootstrap(self.bootstrap, self.block_s)
-        still = [str(one) for one in basis.terms(self.wind_terms) if not _in_air(one)]
-        if still or not self.wind_terms:
+        others = [str(term) for term in basis.terms(self.wind_terms) if not _in_air(term)]
+        if others or not self.wind_terms:
             raise ConfigurationError(
-                f"wind_terms: got {still[0] if still else 'none'}, expected terms in "
+                f"wind_terms: got {others[0] if others else 'none'}, expected terms in "
                 f"{', '.join(basis.AIR)}"
             )
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse what cannot work for this vessel, before any work."""
+        """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
         for name in ("orientation_terms", "wind_measurement"):
             if getattr(self, name) and nominal.dofs != PLANAR:
@@ -178,10 +179,10 @@ class InstrumentalVariables(ResidualOptions):
                 )
         if self.wind_measurement and measured:
             raise ConfigurationError(
-                "identifier.wind_measurement: the recorded file has no wind, only a simulated "
-                "recording has"
+                "identifier.wind_measurement: got true, expected false: the recorded "
+                "file has no wind"
             )
-        in_air = [str(one) for one in super().terms(nominal) if _in_air(one)]
+        in_air = [str(term) for term in super().terms(nominal) if _in_air(term)]
         if in_air and not self.wind_measurement:
             raise ConfigurationError(
                 f"identifier.basis: term {in_air[0]} needs wind_measurement=true"
@@ -191,31 +192,31 @@ class InstrumentalVariables(ResidualOptions):
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the terms of the predictor."""
-        chosen = super().terms(nominal)
+        terms = super().terms(nominal)
         if self.wind_measurement:
-            chosen += tuple(t for t in basis.terms(self.wind_terms) if t not in chosen)
+            terms += tuple(t for t in basis.terms(self.wind_terms) if t not in terms)
         if self.orientation_terms or (self.orientation_terms is None and nominal.dofs == PLANAR):
-            chosen += tuple(t for t in NED_COLUMNS if t not in chosen)
-        return chosen
+            terms += tuple(t for t in NED_COLUMNS if t not in terms)
+        return terms
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table with standard errors, and how good the instruments are."""
-        found = self.estimate(problem)
-        residual = found.residual(problem.nominal.dofs)
-        _refuse_nonsense(problem.nominal + residual)
-        errors = found.table(self._errors(found, rng), np.nan)
-        return Identified(problem.nominal + residual, residual, errors, found.findings)
+        """Identify the residual table with standard errors; findings describe the instruments."""
+        estimate = self.estimate(problem)
+        residual = estimate.residual(problem.nominal.dofs)
+        _check_inertia(problem.nominal + residual)
+        errors = estimate.table(self._errors(estimate, rng), np.nan)
+        return Identified(problem.nominal + residual, residual, errors, estimate.findings)
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
-    def _errors(self, found: Estimate, rng: np.random.Generator) -> Array:
-        """Standard errors of what was kept, shape (n_kept, n_dof)."""
+    def _errors(self, estimate: Estimate, rng: np.random.Generator) -> Array:
+        """Standard errors of the determined terms, shape (n_kept, n_dof)."""
         if self.bootstrap is None:
-            return _standard_errors(found.solution, self.errors)
-        length = round(self.block_s / found.samples.period_s)
-        gains, rest = found.solution.gains, found.solution.rest
+            return _standard_errors(estimate.solution, self.errors)
+        length = round(self.block_s / estimate.samples.period_s)
+        gains, rest = estimate.solution.gains, estimate.solution.rest
         return block_bootstrap(lambda drawn: gains.T @ drawn, rest, length, self.bootstrap, rng)
 
     def estimate(self, problem: Problem) -> Estimate:
@@ -228,40 +229,40 @@ class InstrumentalVariables(ResidualOptions):
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         if self.instruments == "none":
-            found = _solved(samples, samples.phi)
+            estimate = _solve_excited_terms(samples, samples.phi)
         else:
-            found = self._refined(problem, samples, lag)
+            estimate = self._refine(problem, samples, lag)
         return Estimate(
-            samples, found.kept, found.solution,
-            findings + found.findings + _fit_findings(found, problem.nominal.dofs),
+            samples, estimate.kept, estimate.solution,
+            findings + estimate.findings + _fit_findings(estimate, problem.nominal.dofs),
         )  # fmt: skip
 
-    def _refined(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
-        """Instruments from the nominal model, then from what was found.
+    def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
+        """Estimate with instruments from the nominal model, then from each estimate.
 
-        A model that cannot be simulated ends the refinement: the last estimate stands.
+        The refinement ends at a model that cannot be simulated; the last estimate is kept.
         """
         z, same_sign = self.columns(problem, problem.nominal, lag)
-        found, done = _solved(samples, z), 0
+        estimate, count = _solve_excited_terms(samples, z), 0
         for _ in range(self.iterations):
-            model = problem.nominal + found.residual(problem.nominal.dofs)
+            model = problem.nominal + estimate.residual(problem.nominal.dofs)
             try:
-                better, same_sign = self.columns(problem, model, lag)
-                found, z = _solved(samples, better), better
+                instruments, same_sign = self.columns(problem, model, lag)
+                estimate, z = _solve_excited_terms(samples, instruments), instruments
             except IdentificationError:
                 break
-            done += 1
-        findings = [Finding("iterations", "all", float(done)), *_correlations(found, z)]
+            count += 1
+        findings = [Finding("iterations", "all", float(count)), *_correlations(estimate, z)]
         for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
             findings.append(Finding("same_sign", dof, float(share)))
-        return Estimate(samples, found.kept, found.solution, tuple(findings))
+        return Estimate(samples, estimate.kept, estimate.solution, tuple(findings))
 
     def columns(
         self, problem: Problem, model: Vessel, lag: SecondOrderLag | None
     ) -> tuple[Array, Array]:
-        """Instruments (N, n_terms) of zero mean, and how often velocities have one sign (n_dof,).
+        """Instruments (N, n_terms), and the share of samples with the commoner sign of nu (n_dof,).
 
-        The term 1 keeps its mean, an intercept.
+        The instruments have zero mean except for the term 1, the intercept.
         """
         recording = problem.training
         if self.thruster == "estimated":
@@ -275,35 +276,37 @@ class InstrumentalVariables(ResidualOptions):
         terms = self.terms(problem.nominal)
         z = basis.evaluate(terms, motion.variables())
         means = np.mean(z, axis=0, where=used[:, None])
-        means[[i for i, one in enumerate(terms) if one == CONSTANT]] = 0.0
+        means[[i for i, term in enumerate(terms) if term == CONSTANT]] = 0.0
         same_sign = np.maximum(np.mean(motion.nu > 0.0, axis=0), np.mean(motion.nu < 0.0, axis=0))
         z -= means
         z[~used] = 0.0
         return z, same_sign
 
 
-def _refuse_nonsense(model: Vessel) -> None:
-    """A vessel of negative inertia says that the instruments do not follow the motion."""
+def _check_inertia(model: Vessel) -> None:
+    """Raise IdentificationError for a model whose inertia is not positive definite."""
     least = float(np.min(np.linalg.eigvals(model.inertia).real))
     if least <= 0.0:
         raise IdentificationError(
-            f"the instruments are too weak: the inertia found has an eigenvalue of {least:.3g}, "
-            f"expected positive ones; the simulation leaves the motion where a mean force is "
-            f"missing (orientation_terms=true) or where it runs for long (restart_s)"
+            f"the instruments are too weak: the identified inertia has an eigenvalue of "
+            f"{least:.3g}, expected positive ones; the simulation may drift away from the measured "
+            f"motion: try orientation_terms=true or a shorter restart_s"
         )
 
 
-def _in_air(one: Term) -> bool:
-    return any(basis.VARIABLES[code % basis.N_VARIABLES] in basis.AIR for code in one.codes)
+def _in_air(term: Term) -> bool:
+    return any(basis.VARIABLES[code % basis.N_VARIABLES] in basis.AIR for code in term.codes)
 
 
-def _solved(samples: Samples, z: Array) -> Estimate:
+def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
     """The solution over the terms whose instruments and regressors vary."""
     spread = np.sqrt(np.mean(z**2, axis=0))
-    seen = (spread > 1e-12 * np.max(spread, initial=0.0)) & np.any(samples.phi != 0.0, axis=0)
-    kept = tuple(int(i) for i in np.flatnonzero(seen))
+    excited = (spread > 1e-12 * np.max(spread, initial=0.0)) & np.any(samples.phi != 0.0, axis=0)
+    kept = tuple(int(i) for i in np.flatnonzero(excited))
     if not kept:
-        raise IdentificationError("the recorded force moves the simulated vessel in no term")
+        raise IdentificationError(
+            "the recorded force excites no term in the simulated motion, expected at least one"
+        )
     names = [str(samples.terms[i]) for i in kept]
     phi = samples.phi if len(kept) == len(samples.terms) else samples.phi[:, list(kept)]
     instruments = phi if z is samples.phi else z[:, list(kept)]
@@ -311,32 +314,32 @@ def _solved(samples: Samples, z: Array) -> Estimate:
     return Estimate(samples, kept, solution, ())
 
 
-def _correlations(found: Estimate, z: Array) -> tuple[Finding, ...]:
-    """Correlation of every regressor with its instrument; a weak one makes a poor estimate."""
+def _correlations(estimate: Estimate, z: Array) -> tuple[Finding, ...]:
+    """Correlation of every regressor with its instrument; a low one gives a poor estimate."""
     values = []
-    for i in found.kept:
-        a, b = z[:, i] - np.mean(z[:, i]), found.samples.phi[:, i]
+    for i in estimate.kept:
+        a, b = z[:, i] - np.mean(z[:, i]), estimate.samples.phi[:, i]
         b = b - np.mean(b)
         size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
         if size > 0.0:
-            name = found.samples.terms[i].name
+            name = estimate.samples.terms[i].name
             values.append(Finding("instrument_correlation", "all", float(a @ b) / size, label=name))
     return tuple(values)
 
 
-def _fit_findings(found: Estimate, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Condition number as the instruments see it, and the terms that are not determined."""
-    condition = [Finding("condition_number", dof, found.solution.condition) for dof in dofs]
+def _fit_findings(estimate: Estimate, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
+    """Condition number of the projected regressors, and the terms that are not determined."""
+    condition = [Finding("condition_number", dof, estimate.solution.condition) for dof in dofs]
     dropped = [
-        Finding("dropped_term", "all", 1.0, label=one.name)
-        for i, one in enumerate(found.samples.terms)
-        if i not in found.kept
+        Finding("dropped_term", "all", 1.0, label=term.name)
+        for i, term in enumerate(estimate.samples.terms)
+        if i not in estimate.kept
     ]
     return (*condition, *dropped)
 
 
 def _standard_errors(solution: Solution, kind: ErrorKind) -> Array:
-    """Standard errors (n_terms, n_dof) for residuals that are autocorrelated."""
+    """Standard errors (n_terms, n_dof) for autocorrelated residuals."""
     n, n_terms = solution.gains.shape
     rest = solution.rest * np.sqrt(n / max(n - n_terms, 1))
     if kind == "hac":

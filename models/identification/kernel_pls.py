@@ -5,12 +5,12 @@
     Theta_pre = W (P' W)^-1 Q'                                                   (3.11)
     Theta = Theta_pre std Y / (beta std X),   constant = mean Y - mean X Theta   (3.12)-(3.14)
 
-beta is the number of variables multiplied in a term; (3.12) prints 2 for it. All orders come at
-once from the covariances E'E and E'F, computed once: the improved kernel algorithm of Dayal and
-MacGregor (1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives NIPALS's results.
+beta is the number of variables multiplied in a term; (3.12) prints 2 for it. All orders are
+computed from the covariances E'E and E'F by the improved kernel algorithm of Dayal and MacGregor
+(1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives the results of NIPALS.
 
-Covariances add up, so they are kept as moment matrices Z'Z of Z = [1, X, Y]: those of a fold or
-of a bootstrap sample are sums of those of its blocks.
+Covariances are stored as moment matrices Z'Z of Z = [1, X, Y], which are additive: those of a fold
+or of a bootstrap sample are sums of those of its blocks.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from seatrial.models.compiled import kernel
 from seatrial.models.identification.residual import Samples
 from seatrial.models.vessel.basis import Array
 
-EXHAUSTED = 1e-15  # share of a variance below which there is nothing left to explain
+EXHAUSTED = 1e-15  # fraction of a variance below which the remainder is rounding
 SQUARINGS = 40
 
 
 class Components(NamedTuple):
-    """Components of a partial least squares regression, one column an order."""
+    """Components of a partial least squares regression, one column per order."""
 
     weights: Array  # W (J, orders), unit length
     loadings: Array  # P (J, orders)
@@ -38,9 +38,9 @@ class Components(NamedTuple):
 
 @kernel
 def _dominant(left: Array, w: Array) -> float:
-    """Write the dominant left singular vector of E'F (J, K) to w, unit length; returns |w| before.
+    """Write the dominant left singular vector of E'F (J, K) to w; return the singular value.
 
-    The eigenvector of (E'F)'(E'F), K by K, comes by squaring the matrix until it has rank one.
+    The eigenvector of (E'F)'(E'F), shape (K, K), is computed by repeated squaring of the matrix.
     """
     n_x, n_y = left.shape
     power = np.zeros((n_y, n_y))
@@ -85,11 +85,11 @@ def _dominant(left: Array, w: Array) -> float:
 def partial_least_squares(
     xx: Array, xy: Array, weights: Array, loadings: Array, output: Array, coefficients: Array
 ) -> int:
-    """All orders from E'E (J, J) and E'F (J, K); writes W, P, Q, Theta_pre; the orders found.
+    """Write W, P, Q and Theta_pre of all orders from E'E (J, J) and E'F (J, K).
 
     w is the dominant left singular vector of E'F; r = w - sum_j (p_j' w) r_j, so that t = E r;
-    p = E'E r / t't, q = (E'F)' r / t't; E'F is deflated by t't p q'. Where nothing is left to
-    explain the coefficients stay as they are.
+    p = E'E r / t't, q = (E'F)' r / t't; E'F is deflated by t't p q'. Returns the number of orders
+    computed; the coefficients of higher orders, which explain no more, equal the last ones.
     """
     orders, n_x, n_y = coefficients.shape
     left, r = np.empty((n_x, n_y)), np.empty((orders, n_x))
@@ -140,20 +140,20 @@ def partial_least_squares(
 
 
 def components(xx: Array, xy: Array, orders: int) -> Components:
-    """Components up to an order from E'E (J, J) and E'F (J, K)."""
+    """Components of the orders 1 to `orders` from E'E (J, J) and E'F (J, K)."""
     (n_x, n_y), shape = xy.shape, (xy.shape[0], orders)
-    found = Components(
+    result = Components(
         np.zeros(shape), np.zeros(shape), np.zeros((n_y, orders)), np.zeros((orders, n_x, n_y))
     )
-    partial_least_squares(np.ascontiguousarray(xx), np.ascontiguousarray(xy), *found)
-    return found
+    partial_least_squares(np.ascontiguousarray(xx), np.ascontiguousarray(xy), *result)
+    return result
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Z = [1, X, Y] of some samples, X and Y standardised over all of them for good numerics.
+    """Z = [1, X, Y] of some samples, X and Y standardised for good conditioning.
 
-    X has the terms that vary; the constant is always there.
+    X has the terms that vary; the constant is the first column.
     """
 
     z: Array  # (N, 1 + J + K)
@@ -185,17 +185,17 @@ class Columns:
         return self.z[:, 1 + self.n_x :]
 
     def like(self, samples: Samples) -> Array:
-        """Z of other samples, by the same means and scales."""
+        """Z of other samples with the same means and scales, (N, 1 + J + K)."""
         xy = np.hstack([samples.phi[:, self.terms], samples.epsilon])
         return np.hstack([np.ones((len(xy), 1)), (xy - self.mean) / self.scale])
 
     def table(self, theta: Array) -> Array:
         """Coefficients in the units of the samples (n_terms, K) from those on Z (1 + J, K)."""
-        found = np.zeros((self.n_terms, theta.shape[1]))
-        found[self.terms] = theta[1:] * self.y_scale / self.scale[: self.n_x, None]
+        coefficients = np.zeros((self.n_terms, theta.shape[1]))
+        coefficients[self.terms] = theta[1:] * self.y_scale / self.scale[: self.n_x, None]
         offset = self.mean[self.n_x :] + theta[0] * self.y_scale
-        found[self.constant] = offset - self.mean[: self.n_x] @ found[self.terms]
-        return found
+        coefficients[self.constant] = offset - self.mean[: self.n_x] @ coefficients[self.terms]
+        return coefficients
 
 
 def columns(samples: Samples) -> Columns:
@@ -203,7 +203,7 @@ def columns(samples: Samples) -> Columns:
     assert samples.constant is not None
     terms = samples.varying
     z = np.hstack([np.ones((len(samples), 1)), samples.phi[:, terms], samples.epsilon])
-    xy = z[:, 1:]  # changed in place: it is the largest thing there is
+    xy = z[:, 1:]  # changed in place to save memory
     mean = np.mean(xy, axis=0)
     xy -= mean
     scale = np.sqrt(np.einsum("nj,nj->j", xy, xy) / len(xy))
@@ -214,14 +214,14 @@ def columns(samples: Samples) -> Columns:
 
 
 class Covariances(NamedTuple):
-    """Means and covariances out of a moment matrix, and the divisors of (3.3), (3.4), (4.8)."""
+    """Means and covariances from a moment matrix, and the divisors of (3.3), (3.4), (4.8)."""
 
     x_mean: Array  # (J,)
     y_mean: Array  # (K,)
     xx: Array  # E'E / N, (J, J)
     xy: Array  # E'F / N, (J, K)
-    x_gain: Array  # 1 / (beta std X); zero where a column does not vary
-    y_scale: Array  # std Y
+    x_gain: Array  # (J,) 1 / (beta std X); zero where a column does not vary
+    y_scale: Array  # (K,) std Y
 
 
 def covariances(moment: Array, beta: Array) -> Covariances:
@@ -248,9 +248,9 @@ def all_orders(moment: Array, beta: Array, orders: int) -> Array:
 
 
 def output_moment(moment: Array, n_x: int, k: int) -> Array:
-    """The moments of Z with the k-th output alone."""
-    kept = np.r_[: 1 + n_x, 1 + n_x + k]
-    return np.asarray(moment[np.ix_(kept, kept)])
+    """The moments of Z with the k-th output only."""
+    rows = np.r_[: 1 + n_x, 1 + n_x + k]
+    return np.asarray(moment[np.ix_(rows, rows)])
 
 
 def mean_squares(moment: Array, theta: Array) -> Array:

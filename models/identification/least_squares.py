@@ -2,9 +2,10 @@
 
     theta = argmin sum_i w_i |epsilon_i - Phi_i' theta|^2 + penalty |scaled theta|^2
 
-epsilon = tau - F0(nu_dot, nu). With the force passed through the thruster lag first, least squares
-is exact on noise-free data. The ridge pulls towards the nominal model; its penalty minimises the
-generalised cross-validation of Golub, Heath and Wahba (1979), Technometrics 21, 215-223.
+epsilon = tau - F0(nu_dot, nu). If the force is first filtered by the thruster lag, least squares
+is exact on noise-free data. Ridge regression shrinks the estimate towards the nominal model; its
+penalty minimises the generalised cross-validation of Golub, Heath and Wahba (1979), Technometrics
+21, 215-223.
 """
 
 from dataclasses import dataclass, replace
@@ -48,8 +49,8 @@ class LeastSquares(ResidualOptions):
     """Weighted least squares by SVD on standardised columns, the term 1 as intercept.
 
     `ned_force` adds a force (north, east) that is constant in NED, shared between surge and sway.
-    `weighting: huber` gives outliers less weight, `half_life_s` old samples. `bootstrap` is the
-    number of block-bootstrap replicates for standard errors; null takes `errors`.
+    `weighting: huber` reduces the weight of outliers, `half_life_s` [s] that of old samples.
+    `bootstrap` is the number of block-bootstrap replicates for standard errors; null uses `errors`.
     """
 
     ned_force: bool
@@ -64,21 +65,22 @@ class LeastSquares(ResidualOptions):
         check_bootstrap(self.bootstrap, self.block_s)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse what cannot work for this vessel, before any work."""
+        """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
         if self.ned_force and nominal.dofs != PLANAR:
             raise ConfigurationError(
                 f"identifier.ned_force needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(nominal.dofs)}"
             )
-        both = [one.name for one in NED_COLUMNS if one in self.terms(nominal)]
-        if self.ned_force and both:
+        repeated = [term.name for term in NED_COLUMNS if term in self.terms(nominal)]
+        if self.ned_force and repeated:
             raise ConfigurationError(
-                f"identifier.ned_force already has {both[0]}, shared; do not give it as a term"
+                f"identifier.ned_force already has {repeated[0]}: remove it from the basis or from "
+                f"extra_terms"
             )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table with standard errors and the condition number of its columns."""
+        """Identify the residual table with standard errors and condition numbers."""
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
@@ -98,16 +100,16 @@ class LeastSquares(ResidualOptions):
         return Identified(problem.nominal + residual, residual, errors, findings)
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
     def solve(
         self, samples: Samples, dofs: tuple[str, ...]
     ) -> tuple[LinearFit, tuple[Finding, ...]]:
-        """The fit, and what there is to say of its penalty.
+        """The fit, and the findings about its penalty.
 
-        Weights that depend on the residual (Huber's; the precision of each degree of freedom where
-        they share unknowns) come from the last fit, until they stay.
+        Weights that depend on the residual (Huber's; the precision of each degree of freedom if
+        they share unknowns) are computed from the last fit, until they converge.
         """
         shared = ned_columns(samples.heading) if self.ned_force else None
         base = recency(len(samples), samples.period_s, self.half_life_s)[:, None]
@@ -123,7 +125,7 @@ class LeastSquares(ResidualOptions):
         return fitted, findings
 
     def reweight(self, rest: Array, samples: Samples) -> Array:
-        """Weights by the residual (N, n_dof), at most 1."""
+        """Weights from the residual `rest` (N, n_dof), shape (N, n_dof), at most 1."""
         floor = 1e-9 * np.std(samples.force, axis=0) + np.finfo(float).tiny
         weights = np.ones_like(rest)
         if self.weighting == "huber":
@@ -137,7 +139,7 @@ class LeastSquares(ResidualOptions):
     def penalise(
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
     ) -> tuple[Array | None, tuple[Finding, ...]]:
-        """No penalty."""
+        """Penalty of each degree of freedom (n_dof,), None for no penalty, and its findings."""
         return None, ()
 
 
@@ -145,8 +147,8 @@ class LeastSquares(ResidualOptions):
 class Ridge(LeastSquares):
     """Least squares with a penalty on the standardised coefficients.
 
-    `penalty` is per sample: sum of squares + penalty N |theta|^2; null takes, for each degree of
-    freedom, the minimum of the generalised cross-validation.
+    `penalty` is per sample: sum of squares + penalty N |theta|^2. With null it minimises the
+    generalised cross-validation of each degree of freedom.
     """
 
     penalty: NotNegative | None
@@ -154,7 +156,7 @@ class Ridge(LeastSquares):
     def penalise(
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
     ) -> tuple[Array, tuple[Finding, ...]]:
-        """Penalty of each degree of freedom, the shared unknowns first taken out."""
+        """Penalty of each degree of freedom (n_dof,), after the shared unknowns are subtracted."""
         targets = samples.epsilon
         if shared is not None:
             f = fit(samples, weights, None, shared).shared
@@ -162,29 +164,32 @@ class Ridge(LeastSquares):
         parts = decompositions(samples, weights, self.penalty != 0.0)
         n = len(samples)
         if self.penalty is not None:
-            chosen = [self.penalty * n for _ in dofs]
+            penalties = [self.penalty * n for _ in dofs]
         else:
-            chosen = [least_gcv(part, targets[:, k]) for k, part in enumerate(parts)]
-        found = []
-        for dof, part, value in zip(dofs, parts, chosen, strict=True):
-            found.append(Finding("ridge_penalty", dof, value / n))
-            found.append(Finding("effective_parameters", dof, part.parameters(value)))
-        return np.array(chosen), tuple(found)
+            penalties = [least_gcv(part, targets[:, k]) for k, part in enumerate(parts)]
+        findings = []
+        for dof, part, value in zip(dofs, parts, penalties, strict=True):
+            findings.append(Finding("ridge_penalty", dof, value / n))
+            findings.append(Finding("effective_parameters", dof, part.parameters(value)))
+        return np.array(penalties), tuple(findings)
 
 
 def gcv(part: Decomposition, target: Array, penalties: Array) -> Array:
-    """N |rest|^2 / (N - parameters)^2 for each penalty, of one degree of freedom, target (N,)."""
+    """Generalised cross-validation N |rest|^2 / (N - parameters)^2 for each penalty (n,).
+
+    `target` (N,) is that of one degree of freedom; the result has shape (n,).
+    """
     weighted = part.weighted(target[:, None])[:, 0]
     along = part.u.T @ weighted
-    outside = float(np.sum((weighted - part.u @ along) ** 2))
-    left = penalties[:, None] / (part.s**2 + penalties[:, None])
-    square = outside + np.sum((left * along) ** 2, axis=1)
+    orthogonal = float(np.sum((weighted - part.u @ along) ** 2))
+    shrinkage = penalties[:, None] / (part.s**2 + penalties[:, None])
+    square = orthogonal + np.sum((shrinkage * along) ** 2, axis=1)
     parameters = np.array([part.parameters(penalty) for penalty in penalties])
     return np.asarray(len(target) * square / (len(target) - parameters) ** 2)
 
 
 def least_gcv(part: Decomposition, target: Array) -> float:
-    """The penalty of the least generalised cross-validation, by three ever finer grids."""
+    """The penalty of the least generalised cross-validation, by three successively finer grids."""
     low, high = 1e-16 * part.s[0] ** 2, 1e3 * part.s[0] ** 2
     for _ in range(3):
         grid = np.geomspace(low, high, 61)
@@ -194,7 +199,7 @@ def least_gcv(part: Decomposition, target: Array) -> float:
 
 
 def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
-    """Weights (N,) that halve every `half_life_s` before the end; ones for null."""
+    """Weights (n,) that halve every `half_life_s` [s] before the last sample; None gives ones."""
     if half_life_s is None:
         return np.ones(n)
     age = period_s * np.arange(n - 1, -1, -1.0)
@@ -204,20 +209,20 @@ def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
 def condition_findings(
     samples: Samples, fitted: LinearFit, dofs: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Condition number of the columns per degree of freedom, and the terms that do not vary."""
-    found = [
+    """Condition number of each degree of freedom, and the terms that do not vary."""
+    rows = [
         Finding("condition_number", dof, float(value))
         for dof, value in zip(dofs, fitted.condition, strict=True)
     ]
-    kept = {*samples.varying.tolist(), samples.constant}
-    dropped = [one.name for i, one in enumerate(samples.terms) if i not in kept]
-    return (*found, *(Finding("dropped_term", "all", 1.0, label=name) for name in dropped))
+    used = {*samples.varying.tolist(), samples.constant}
+    dropped = [term.name for i, term in enumerate(samples.terms) if i not in used]
+    return (*rows, *(Finding("dropped_term", "all", 1.0, label=name) for name in dropped))
 
 
 def ned_findings(force: Array, errors: Array) -> tuple[Finding, ...]:
     """The constant force (north, east) [N] and its standard errors."""
-    found = []
+    findings = []
     for label, value, error in zip(("north", "east"), force, errors, strict=True):
-        found.append(Finding("ned_force", "all", float(value), "N", label=label))
-        found.append(Finding("ned_force_std_error", "all", float(error), "N", label=label))
-    return tuple(found)
+        findings.append(Finding("ned_force", "all", float(value), "N", label=label))
+        findings.append(Finding("ned_force_std_error", "all", float(error), "N", label=label))
+    return tuple(findings)

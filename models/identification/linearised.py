@@ -1,11 +1,11 @@
-"""The believed model made linear about one velocity, beside what the vessel itself does.
+"""The nominal model linearised about one velocity.
 
 Nothing is identified: the model is the tangent of the nominal one, sampled with a zero-order hold,
 
     x_{k+1} = A x_k + B (tau_k + F_w,k),    y_k = [I 0] x_k,    x = (pose in body axes, nu)
 
-with the force F_w of the measured wind as a known input. Its free run over the held-out part is
-the comparison of a linear with a non-linear model: Bargouth (2022), sections 3.2, 4.2 and 4.3.
+with the force F_w of the measured wind as a known input. Its free run over the held-out part
+compares a linear with a nonlinear model: Bargouth (2022), sections 3.2, 4.2 and 4.3.
 """
 
 from dataclasses import dataclass, replace
@@ -41,9 +41,9 @@ ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
 class Linearised(Identifier):
     """The tangent of the nominal model at `velocity` [m/s, rad/s], by degree of freedom.
 
-    `operating_force: false` keeps the slopes and leaves out the force at that velocity, as
-    Bargouth (2022), (3.27)-(3.28): damping about a current that pushes nowhere. `wind` is the
-    wind's force on the vessel, used where the wind is measured.
+    `operating_force: false` uses the derivatives only and omits the force at that velocity, as in
+    Bargouth (2022), (3.27)-(3.28). `wind` is the wind force on the vessel, used if the wind is
+    measured. `hold_s` [s] is the period of the model (null: that of the recording).
     """
 
     velocity: dict[str, float] | None
@@ -57,7 +57,7 @@ class Linearised(Identifier):
         check_force(self.force)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse a velocity that the vessel does not have."""
+        """Raise ConfigurationError for a velocity that the vessel does not have."""
         unknown = [dof for dof in self.velocity or {} if dof not in nominal.dofs]
         if unknown:
             raise ConfigurationError(
@@ -66,16 +66,19 @@ class Linearised(Identifier):
             )
 
     def needs(self) -> Needs:
-        """The force."""
+        """The force of the input."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The linear table and its sampled state-space model, with how well that one runs."""
+        """The linear table and its sampled state-space model, with the errors of its free run.
+
+        Raises IdentificationError when `hold_s` exceeds the held-out part.
+        """
         nominal, held_out = problem.nominal, problem.validation
-        at = np.array([(self.velocity or {}).get(dof, 0.0) for dof in nominal.dofs])
-        table = tangent(nominal, at, self.operating_force)
-        blown = nominal.dofs == PLANAR and held_out.wind is not None
-        if self.wind is not None and blown and not nominal.force_table().aerodynamic:
+        velocity = np.array([(self.velocity or {}).get(dof, 0.0) for dof in nominal.dofs])
+        table = tangent(nominal, velocity, self.operating_force)
+        windy = nominal.dofs == PLANAR and held_out.wind is not None
+        if self.wind is not None and windy and not nominal.force_table().aerodynamic:
             table = table + self.wind.table(nominal.dofs)
         motion, still = parted(table)
         data = sampled(held_out, self.force, still.terms, "body_pose", self.hold_s, np.inf)
@@ -90,13 +93,13 @@ class Linearised(Identifier):
 
 
 def parted(table: Vessel) -> tuple[Vessel, Vessel]:
-    """What a linear model holds, and what is a known input to it: wind and constant forces.
+    """Split a table into the linear motion and the known inputs, wind and constant forces.
 
-    The attitude restores about level north; what it asks for there is a constant force.
+    The restoring force is linearised about zero attitude; its value there is a constant force.
     """
     known = [
-        one.name == "1" or bool({VARIABLES[c % N_VARIABLES] for c in one.codes} & set(AIR))
-        for one in table.terms
+        term.name == "1" or bool({VARIABLES[c % N_VARIABLES] for c in term.codes} & set(AIR))
+        for term in table.terms
     ]
 
     def part(flag: bool) -> Vessel:
@@ -104,12 +107,12 @@ def parted(table: Vessel) -> tuple[Vessel, Vessel]:
         terms = tuple(table.terms[i] for i in rows)
         return Vessel(table.name, table.dofs, terms, table.theta[rows])
 
-    motion, still = part(False), part(True)
+    motion, inputs = part(False), part(True)
     n = len(table.dofs)
     level = operating_force(motion, np.zeros(n), np.zeros(3), np.zeros(2))
     if np.any(level != 0.0):
-        still = still + Vessel("level", table.dofs, basis.terms(["1"]), level[None, :])
-    return motion, still
+        inputs = inputs + Vessel("level", table.dofs, basis.terms(["1"]), level[None, :])
+    return motion, inputs
 
 
 def sampled_model(motion: Vessel, still: Vessel, period_s: float) -> StateSpace:
@@ -117,25 +120,25 @@ def sampled_model(motion: Vessel, still: Vessel, period_s: float) -> StateSpace:
     model = linearise(motion)
     B = np.hstack([model.B, -model.B @ still.theta.T])
     D = np.zeros((len(model.C), B.shape[1]))
-    inputs = (*model.inputs, *(one.name for one in still.terms))
+    inputs = (*model.inputs, *(term.name for term in still.terms))
     return replace(model, B=B, D=D, inputs=inputs).discretised(period_s)
 
 
 def order_findings(model: StateSpace) -> list[Finding]:
     """Orders and stability, Bargouth (2022), section 4.3."""
-    single: dict[str, float] = {
+    values: dict[str, float] = {
         "spectral_radius": model.spectral_radius,
         "controllable_order": model.controllable_order,
         "observable_order": model.observable_order,
         "eigenvalues_at_one": int(np.sum(np.abs(model.eigenvalues - 1.0) < ONE)),
     }
-    return [Finding(name, "all", value) for name, value in single.items()]
+    return [Finding(name, "all", value) for name, value in values.items()]
 
 
 def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Finding]:
     """Fit [%] and root mean square error of a free run from the measured state, and the drift.
 
-    The drift is the way that the vessel has gone at the end, in its own axes: |y_N - y_0|.
+    The drift is the distance travelled at the end, in body axes: |y_N - y_0|.
     """
     if not len(held_out.y):
         raise IdentificationError(
@@ -147,22 +150,22 @@ def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording
     free, drift = [], np.zeros(len(recording.dofs))
     ys, us = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
     for start, y, u in zip(first, ys, us, strict=True):
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may run away
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
             free.append(model.simulate(u, np.concatenate([y[0], recording.nu[start]])))
         drift = np.maximum(drift, np.abs(y[-1] - y[0]))
-    return _listed(held_out.y, np.vstack(free), drift, recording.dofs)
+    return _residual_findings(held_out.y, np.vstack(free), drift, recording.dofs)
 
 
-def _listed(y: Array, free: Array, drift: Array, dofs: tuple[str, ...]) -> list[Finding]:
+def _residual_findings(y: Array, free: Array, drift: Array, dofs: tuple[str, ...]) -> list[Finding]:
     units = [POSE_UNIT[dof] for dof in dofs]
     with np.errstate(over="ignore", invalid="ignore"):
         rmse = np.sqrt(np.mean(np.square(y - free), axis=0))
     return [
         Finding(name, dof, float(value), unit)
-        for name, values, named in (
+        for name, values, value_units in (
             ("fit_free_run", fit(y, free), ["%"] * len(dofs)),
             ("body_pose_rmse_free_run", rmse, units),
             ("body_drift", drift, units),
         )
-        for dof, value, unit in zip(dofs, values, named, strict=True)
+        for dof, value, unit in zip(dofs, values, value_units, strict=True)
     ]

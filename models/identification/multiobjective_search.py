@@ -1,8 +1,8 @@
 """Multi-objective search in a box of parameters. Hoyer (2021), sections 3.5.5 to 3.5.7.
 
 NSGA-II; NSGA-III of pymoo for many objectives; CMA-ES of pymoo on the sum of the objectives, each
-divided by its scale. All work by ask and tell in the unit cube of the bounds, and a generation is
-evaluated in one call.
+divided by its scale. All use the ask-and-tell interface in the unit cube of the bounds, and a
+generation is evaluated in one call.
 """
 
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from scipy.spatial import cKDTree
 from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
 from seatrial.models.vessel.basis import Array
 
-# Running performance metric: has a front stopped moving? Blank & Deb (2020b).
+# Running performance metric, the change of the front per generation. Blank & Deb (2020b).
 #
 #     d z*_t   = max_i (z*_i(t-1) - z*_i(t)) / (z_nad_i(t) - z*_i(t))    Hoyer (3.9)
 #     d znad_t = max_i (z_nad_i(t-1) - z_nad_i(t)) / (z_nad_i(t) - z*_i(t))
 #     phi_t    = mean over the points of P_t of the distance to the nearest one of P_(t-1)
 #
 # with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
-# converged when all three were below a threshold for `window` generations, Hoyer (3.10); the
-# changes are taken by magnitude.
+# converged when the magnitudes of all three are below a threshold for `window` generations,
+# Hoyer (3.10).
 
 
-RESOLUTION = 1e-12  # of the objectives' scale: a front is not narrower
+RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
 
 
 class Change(NamedTuple):
@@ -41,7 +41,7 @@ class Change(NamedTuple):
 
 @dataclass
 class RunningMetric:
-    """History of the changes of a front; scale (n_objectives,) are sizes of the objectives."""
+    """History of the changes of a front; scale (n_objectives,) is the size of each objective."""
 
     scale: Array
     window: int
@@ -50,7 +50,7 @@ class RunningMetric:
     last: Array | None = None
 
     def update(self, front: Array) -> None:
-        """Take note of the next generation's front, shape (n, n_objectives)."""
+        """Add the front of the next generation, shape (n, n_objectives)."""
         if self.last is not None:
             self.changes.append(change(self.last, front, RESOLUTION * self.scale))
         self.last = front
@@ -59,7 +59,7 @@ class RunningMetric:
     def converged(self) -> bool:
         """Whether all changes of the last `window` generations are below the threshold.
 
-        A front of one point has no extent to measure changes by, so it never counts as converged.
+        A front of one point has no extent, so it never counts as converged.
         """
         recent = self.changes[-self.window :]
         if self.last is None or len(self.last) < 2 or len(recent) < self.window:
@@ -68,7 +68,10 @@ class RunningMetric:
 
 
 def change(before: Array, after: Array, least: Array) -> Change:
-    """Change between the fronts of two generations; extents are at least `least`."""
+    """Change between the fronts (n, n_objectives) of two generations.
+
+    The extents are at least `least` (n_objectives,).
+    """
     ideal, nadir = after.min(axis=0), after.max(axis=0)
     extent = np.maximum(nadir - ideal, least)
     distance = cKDTree((before - ideal) / extent).query((after - ideal) / extent)[0]
@@ -81,19 +84,19 @@ def change(before: Array, after: Array, least: Array) -> Change:
 
 Algorithm = Literal["nsga2", "nsga3", "cmaes"]
 Evaluate = Callable[[Array], Array]
-CMAES_STEP = 0.3  # initial, of the unit cube
+CMAES_STEP = 0.3  # initial step size in the unit cube
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Box of the parameters; those with `log` are searched by their logarithm."""
+    """Box of the m parameters; those with `log` have a logarithmic scale."""
 
-    lower: Array
-    upper: Array
-    log: NDArray[np.bool_]
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    log: NDArray[np.bool_]  # (m,)
 
     def points(self, unit: Array) -> Array:
-        """Design points (n, m) of points in the unit cube."""
+        """Design points (n, m) from points (n, m) in the unit cube."""
         linear = self.lower + unit * (self.upper - self.lower)
         ratio = np.where(self.log, self.upper / np.where(self.log, self.lower, 1.0), 1.0)
         return np.where(self.log, self.lower * ratio**unit, linear)
@@ -101,17 +104,17 @@ class Space:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """What a search found; the front has no duplicates and no dominated point."""
+    """The result of a search; the front has no duplicates and no dominated point."""
 
     points: Array  # (n, m)
     front: Array  # (n, n_objectives)
     metric: RunningMetric
     generations: int
-    reason: str  # why it ended: running_metric, generations, floor or algorithm
+    reason: str  # why the search ended: running_metric, generations, floor or algorithm
 
 
 class Searcher(Protocol):
-    """A search by ask and tell in the unit cube."""
+    """A search algorithm with the ask-and-tell interface, in the unit cube."""
 
     @property
     def front(self) -> tuple[Array, Array]:
@@ -120,7 +123,7 @@ class Searcher(Protocol):
 
     @property
     def ended(self) -> bool:
-        """Whether the algorithm itself has nothing more to ask."""
+        """Whether the termination criterion of the algorithm itself is met."""
         ...
 
     def ask(self) -> Array:
@@ -140,9 +143,9 @@ def search(
     searcher: Searcher,
     generations: int,
 ) -> Searched:
-    """Search until the running metric converges, one point meets the floor, or generations end.
+    """Search until the running metric converges, a point reaches the floor, or for `generations`.
 
-    floor (n_objectives,) are values of the objectives that are as good as zero.
+    `floor` (n_objectives,) are the values of the objectives that count as zero.
     """
     reason, generation = "generations", 0
     units = front = np.zeros((0, 0))
@@ -161,13 +164,16 @@ def search(
 
 
 def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
-    """The points that no other dominates, one of equals, by rising first objective."""
+    """The non-dominated points without duplicates, sorted by the first objective.
+
+    units (n, m), values (n, n_objectives).
+    """
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
     _, first = np.unique(values, axis=0, return_index=True)
     best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
-    kept = first[np.sort(best)]
-    return units[kept], values[kept]
+    indices = first[np.sort(best)]
+    return units[indices], values[indices]
 
 
 def searcher(
@@ -179,14 +185,18 @@ def searcher(
     seed = int(rng.integers(2**31))
     if algorithm == "nsga3":
         return PymooSearch(_nsga3(operators, len(scale)), m, len(scale), None, seed)
-    found = PymooSearch(_cmaes(operators), m, 1, scale, seed)
-    found.algorithm.opts["seed"] = np.nan  # else cma seeds numpy's global generator, and draws
-    found.algorithm.opts["randn"] = lambda *shape: rng.standard_normal(shape)  # from it
-    return found
+    cmaes = PymooSearch(_cmaes(operators), m, 1, scale, seed)
+    # by default cma seeds numpy's global generator and draws from it
+    cmaes.algorithm.opts["seed"] = np.nan
+    cmaes.algorithm.opts["randn"] = lambda *shape: rng.standard_normal(shape)
+    return cmaes
 
 
 class PymooSearch:
-    """An algorithm of pymoo; with a `scale` it is told the sum of the objectives over it."""
+    """A search with an algorithm of pymoo.
+
+    With a `scale` (n_objectives,) it minimises the sum of the objectives divided by the scale.
+    """
 
     def __init__(
         self, algorithm: Any, m: int, objectives: int, scale: Array | None, seed: int
@@ -205,28 +215,28 @@ class PymooSearch:
     def ask(self) -> Array:
         """Individuals to evaluate, within the cube."""
         self.asked = self.algorithm.ask()
-        return self._asked_for()
+        return self._candidates()
 
     def tell(self, values: Array) -> None:
-        """Hand the objectives to pymoo, and keep the best of all individuals."""
+        """Pass the objectives to pymoo, and store the best of all individuals."""
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
-        units, told = self._asked_for(), values
+        units, objectives = self._candidates(), values
         if self.scale is not None:
-            told = np.sum(values / self.scale, axis=1, keepdims=True)
-        Evaluator().eval(StaticProblem(self.cube, F=told), self.asked)
+            objectives = np.sum(values / self.scale, axis=1, keepdims=True)
+        Evaluator().eval(StaticProblem(self.cube, F=objectives), self.asked)
         self.algorithm.tell(infills=self.asked)
         if self.best is not None:
             units, values = np.vstack([self.best[0], units]), np.vstack([self.best[1], values])
         self.best = nondominated(units, values)
 
-    def _asked_for(self) -> Array:
+    def _candidates(self) -> Array:
         return np.clip(np.asarray(self.asked.get("X"), dtype=np.float64), 0.0, 1.0)
 
     @property
     def front(self) -> tuple[Array, Array]:
-        """The population of NSGA-III; of CMA-ES the best of all individuals."""
+        """The population of NSGA-III, or the best of all individuals of CMA-ES."""
         if self.scale is None:
             units, values = self.algorithm.pop.get("X", "F")
             return units.astype(np.float64), values.astype(np.float64)
@@ -235,12 +245,12 @@ class PymooSearch:
 
     @property
     def ended(self) -> bool:
-        """Whether the algorithm has stopped itself."""
+        """Whether pymoo's termination criterion is met."""
         return bool(self.algorithm.termination.force_termination)
 
 
 def _nsga3(operators: Operators, objectives: int) -> Any:
-    """NSGA-III with as many reference directions of Das and Dennis as the population has room."""
+    """NSGA-III with at most as many reference directions (Das and Dennis) as individuals."""
     from pymoo.algorithms.moo.nsga3 import NSGA3
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.mutation.pm import PM
@@ -261,7 +271,7 @@ def _nsga3(operators: Operators, objectives: int) -> Any:
 
 
 def _cmaes(operators: Operators) -> Any:
-    """CMA-ES; its strategy's own sizes but for the population."""
+    """CMA-ES with its default settings except for the population size."""
     from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
 
     return SimpleCMAES(sigma=CMAES_STEP, opts={"popsize": operators.population})

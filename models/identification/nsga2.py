@@ -2,9 +2,9 @@
 
 Step 1: objectives between measured and predicted states, section 6.2.1. Step 2: their Pareto
 front by NSGA-II, section 6.2.2. Step 3: one point of the front, section 6.2.3: objectives are
-normalised to [0, 1] over the front; one in which the front has no extent counts as 0 for every
-point. Beyond the thesis the chosen point can be polished by least squares (`output_error`), which
-also gives standard errors; a front has none.
+normalised to [0, 1] over the front; an objective in which the front has no extent is 0 for every
+point. Beyond the thesis, the chosen point can be refined by least squares (`output_error`), which
+also gives standard errors; the front itself has none.
 """
 
 from dataclasses import dataclass, replace
@@ -60,12 +60,12 @@ def nearest_to_ideal(front: Array) -> int:
 
 
 def knees(front: Array) -> NDArray[np.int64]:
-    """High trade-off points: where every neighbour pays much for little. Blank & Deb (2020a).
+    """Indices of the high trade-off points of a front (n, n_objectives). Blank & Deb (2020a).
 
     mu_i = min over neighbours j of sum max(0, f_j - f_i) / sum max(0, f_i - f_j): the least
-    sacrifice per gain when leaving point i. A knee is an outlier: mu above its mean by two
-    standard deviations, else the largest one if above by one. Often there is none; the answer is
-    then empty, as it is for fewer than three points.
+    sacrifice per gain when moving from point i to a neighbour. A knee is an outlier: mu exceeds its
+    mean by two standard deviations, or it is the largest one and exceeds it by one. The result may
+    be empty, and is for fewer than three points.
     """
     points = normalised(front)
     n, m = points.shape
@@ -87,18 +87,18 @@ def knees(front: Array) -> NDArray[np.int64]:
 
 
 def _upper_outliers(mu: Array) -> NDArray[np.int64]:
-    """Indices of the values that stand out above the others; NaN takes no part."""
-    known = np.flatnonzero(np.isfinite(mu))
-    if len(known) < 2 or np.ptp(mu[known]) == 0.0:
+    """Indices of the values far above the mean; NaN values are ignored."""
+    finite = np.flatnonzero(np.isfinite(mu))
+    if len(finite) < 2 or np.ptp(mu[finite]) == 0.0:
         return np.zeros(0, dtype=np.int64)
-    deviation = (mu[known] - np.mean(mu[known])) / np.std(mu[known])
+    deviation = (mu[finite] - np.mean(mu[finite])) / np.std(mu[finite])
     if np.max(deviation) >= OUTLIER:
-        return np.asarray(known[deviation >= OUTLIER])
-    return known[[np.argmax(deviation)]] if np.max(deviation) > 1.0 else known[:0]
+        return np.asarray(finite[deviation >= OUTLIER])
+    return finite[[np.argmax(deviation)]] if np.max(deviation) > 1.0 else finite[:0]
 
 
 def pseudo_weights(front: Array) -> Array:
-    """w_ij = share of objective j in the distance of point i from the nadir, shape of front."""
+    """Pseudo-weights w_ij: share of objective j in the distance of point i from the nadir."""
     distance = 1.0 - normalised(front)
     total = distance.sum(axis=1, keepdims=True)
     return np.asarray(distance / np.where(total > 0.0, total, 1.0))
@@ -107,17 +107,18 @@ def pseudo_weights(front: Array) -> Array:
 def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) -> tuple[int, str]:
     """Index of the chosen point and the rule that chose it.
 
-    `knee` takes the knee nearest to the ideal point, and where there is none the point that is;
-    `pseudo_weights` the point whose pseudo-weights are nearest to `weights` (null: equal ones).
+    `knee` chooses the knee nearest to the ideal point; if there is none, the nearest point of the
+    front. `pseudo_weights` chooses the point whose pseudo-weights are nearest to `weights` (null:
+    equal weights).
     """
     if decision == "pseudo_weights":
-        wanted = np.ones(front.shape[1]) if weights is None else np.array(weights)
-        wanted = wanted / np.sum(wanted)
-        return int(np.argmin(np.abs(pseudo_weights(front) - wanted).sum(axis=1))), decision
-    found = knees(front) if decision == "knee" else np.zeros(0, dtype=np.int64)
-    if len(found):
-        distance = np.linalg.norm(normalised(front)[found], axis=1)
-        return int(found[np.argmin(distance)]), "knee"
+        target = np.ones(front.shape[1]) if weights is None else np.array(weights)
+        target = target / np.sum(target)
+        return int(np.argmin(np.abs(pseudo_weights(front) - target).sum(axis=1))), decision
+    indices = knees(front) if decision == "knee" else np.zeros(0, dtype=np.int64)
+    if len(indices):
+        distance = np.linalg.norm(normalised(front)[indices], axis=1)
+        return int(indices[np.argmin(distance)]), "knee"
     return nearest_to_ideal(front), "ideal"
 
 
@@ -125,15 +126,15 @@ def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) 
 class Nsga2(PredictionOptions):
     """Pareto front of the prediction errors, and one point of it.
 
-    `objective` is the error of a state, `grouped` makes two objectives of all states. The
-    parameters in `log_scale` (`all` for every one whose bounds have one sign) are searched by
-    their logarithm. The population is `population`, or (null) 10^m for m parameters, at most
+    `objective` is the error of a state, `grouped` combines the states into two objectives. The
+    parameters in `log_scale` (`all` for every one whose bounds have one sign) have a logarithmic
+    scale. The population size is `population`, or (null) 10^m for m parameters, at most
     `population_cap`. The search ends when the running metric stays below `threshold` for `window`
     generations, after `generations`, or when all objectives of one point are below
     `objective_floor` times the spread of the measured states. `mutation_probability` of each
     parameter is by default 1/m. `decision` chooses the point, with `weights` of the objectives for
-    pseudo_weights; `polish: least_squares` goes on from it, through `polish_horizons` (samples).
-    `errors`, `bootstrap` and `block_s` are about the standard errors of a polished point.
+    pseudo_weights. `polish: least_squares` refines it with the `polish_horizons` (samples).
+    `errors`, `bootstrap` and `block_s` set the standard errors of a refined point.
     """
 
     objective: Metric
@@ -166,16 +167,18 @@ class Nsga2(PredictionOptions):
                 raise ConfigurationError(f"{name} must lie in [0, 1], got {value}")
         check_horizons(self.polish_horizons)
         if self.uncertainty.bootstrap is not None and self.polish is None:
-            raise ConfigurationError("bootstrap needs polish=least_squares: a front has no errors")
+            raise ConfigurationError(
+                "bootstrap needs polish=least_squares: a front has no standard errors"
+            )
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse parameters without bounds, and weights for other objectives."""
+        """Raise ConfigurationError for missing bounds or a wrong number of weights."""
         free = self.free(nominal)
         lower, upper = self.box(free)
         for label, low, high in zip(free.labels, lower, upper, strict=True):
             if label not in NED and not np.isfinite(high - low):
                 raise ConfigurationError(
-                    f"identifier.bounds.{label} is missing: a search needs bounds"
+                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
                 )
         for label in self.log_scale:
             if label not in ("all", *free.labels):
@@ -195,50 +198,50 @@ class Nsga2(PredictionOptions):
             )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the chosen (and polished) point; the front as findings."""
+        """The residual table of the chosen (and refined) point, with the front as findings."""
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         objectives = Objectives(predictor, self.objective, self.grouped)
         space = self._space(predictor)
-        found = self._search(objectives, space, rng)
-        chosen, rule = choose(found.front, self.decision, self.weights)
-        findings = front_findings(predictor, objectives, found)
+        result = self._search(objectives, space, rng)
+        chosen, rule = choose(result.front, self.decision, self.weights)
+        findings = front_findings(predictor, objectives, result)
         findings.append(Finding("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
-        point, errors = found.points[chosen], None
+        point, errors = result.points[chosen], None
         if self.polish is not None:
             box = (space.lower, space.upper)
-            predictor, polished = fit_through(
+            predictor, fit_result = fit_through(
                 self, problem, point, box, self.polish_horizons, None, "estimated"
             )
-            condition = check_determined(predictor, polished)
+            condition = check_determined(predictor, fit_result)
             step_s, free = predictor.course.step_s, predictor.free
-            errors, covariance = self.uncertainty.of(free, polished, step_s, rng)
+            errors, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
             findings += [Finding("condition_number", "all", condition), *covariance]
-            findings += fit_findings(predictor, polished)
-            point = polished.point
+            findings += fit_findings(predictor, fit_result)
+            point = fit_result.point
         findings += objective_findings(objectives, point)
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How the standard errors of a polished point are found."""
+        """How the standard errors of a refined point are computed."""
         return Uncertainty(self.errors, self.bootstrap, self.block_s)
 
     def _space(self, predictor: Predictor) -> Space:
-        """Bounds of the search; those of the constant force are the largest force recorded."""
+        """Bounds of the search; the constant force is bounded by the largest recorded force."""
         lower, upper = self.box(predictor.free)
         largest = float(np.max(np.abs(predictor.course.force)))
         for i, label in enumerate(predictor.free.labels):
             if label in NED and label not in self.bounds:
                 lower[i], upper[i] = -largest, largest
         one_sign = lower * upper > 0.0
-        named = np.isin(predictor.free.labels, self.log_scale)
-        return Space(lower, upper, one_sign if "all" in self.log_scale else named)
+        listed = np.isin(predictor.free.labels, self.log_scale)
+        return Space(lower, upper, one_sign if "all" in self.log_scale else listed)
 
     def _search(self, objectives: Objectives, space: Space, rng: np.random.Generator) -> Searched:
         m = len(space.lower)
@@ -249,23 +252,23 @@ class Nsga2(PredictionOptions):
         )
         scale = objectives.floor
         metric = RunningMetric(scale, self.window, self.threshold)
-        by = searcher(self.algorithm, operators, scale, m, rng)
+        algorithm = searcher(self.algorithm, operators, scale, m, rng)
         floor = self.objective_floor * scale
-        return search(objectives, space, floor, metric, by, self.generations)
+        return search(objectives, space, floor, metric, algorithm, self.generations)
 
 
-def front_findings(predictor: Predictor, objectives: Objectives, found: Searched) -> list[Finding]:
-    """The whole Pareto set, point by point, and the history of the running metric."""
+def front_findings(predictor: Predictor, objectives: Objectives, result: Searched) -> list[Finding]:
+    """All points of the Pareto set, and the history of the running metric."""
     free = predictor.free
     findings = []
-    for i, (point, values) in enumerate(zip(found.points, found.front, strict=True)):
+    for i, (point, values) in enumerate(zip(result.points, result.front, strict=True)):
         for j, (label, unit) in enumerate(zip(free.labels, free.units, strict=True)):
             dof = label.partition(".")[0] if "." in label else "all"
             findings.append(Finding("pareto_parameter", dof, float(point[j]), unit, i, j, label))
         for j, (dof, name, unit) in enumerate(objectives.labels):
             findings.append(Finding("pareto_objective", dof, float(values[j]), unit, i, j, name))
-    for i, step in enumerate(found.metric.changes, start=2):
+    for i, step in enumerate(result.metric.changes, start=2):
         for j, (name, value) in enumerate(step._asdict().items()):
             findings.append(Finding("running_metric", "all", value, "", i, j, name))
-    ended = Finding("generations", "all", float(found.generations), label=found.reason)
-    return [*findings, ended]
+    generations = Finding("generations", "all", float(result.generations), label=result.reason)
+    return [*findings, generations]

@@ -30,7 +30,7 @@ Metric = Literal["mae", "mse", "smape", "mean_error"]
 
 @dataclass(frozen=True, eq=False)
 class Objectives:
-    """What is minimised, as a function of many design points."""
+    """The objectives as a function of many design points."""
 
     predictor: Predictor
     metric: str  # mae, mse, smape or mean_error
@@ -38,7 +38,7 @@ class Objectives:
 
     @cached_property
     def scale(self) -> Array:
-        """Size of each state's error that would say nothing: a spread, or 100 %; (2 n_dof,)."""
+        """Error of an uninformative prediction of each state: the spread or 100 %, (2 n_dof,)."""
         spread = self.predictor.spread
         if self.metric == "smape":
             return np.full_like(spread, 100.0)
@@ -46,7 +46,7 @@ class Objectives:
 
     @cached_property
     def floor(self) -> Array:
-        """The same of each objective, shape (n_objectives,)."""
+        """Value of an uninformative prediction of each objective, shape (n_objectives,)."""
         return np.ones(2) if self.grouped else self.scale
 
     @property
@@ -71,8 +71,9 @@ class Objectives:
     def __call__(self, points: Array) -> Array:
         """Objectives of n design points (n, m), shape (n, n_objectives); always finite.
 
-        A point whose rates had to be limited (Hoyer, section 6.4) is worse by at least the
-        limit, and by more the more often; one without positive inertia by as much again.
+        A penalty of at least the limit is added for a point whose rates had to be limited (Hoyer,
+        section 6.4), growing with the share of limited rates; a further one is added if the
+        inertia is not positive definite.
         """
         errors, limited, realistic = self.predictor.errors(points, self.metric)
         worse = np.where(limited > 0.0, 1.0 + limited, 0.0) + np.where(realistic, 0.0, 3.0)
@@ -98,22 +99,22 @@ def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
 #     z(theta) = sum_j f_j(theta)                                                      (7.1)
 #
 # with the objectives of `nsga2`. Hoyer (2021), section 7.5 and Figure 7.20. The grid shows the
-# valleys and islands that a search has to get through; its minimum is the estimate.
+# valleys and local minima of the objective; its minimum is the estimate.
 
 
 AXES = ("topology_first", "topology_second")
-MOST_NAMED = 6  # of the parameters, in a complaint
+MOST_NAMED = 6  # of the parameters in an error message
 
 
 @dataclass(frozen=True)
 class Grid(PredictionOptions):
-    """`points` values of each of two parameters, evenly over its bounds."""
+    """Evaluation of the objective at `points` equidistant values of each of two parameters."""
 
     objective: Metric
     points: Annotated[int, Ge(2)]
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse other than two parameters, and parameters without bounds."""
+        """Raise ConfigurationError unless there are two parameters, both with bounds."""
         free = self.free(nominal)
         if len(free) != len(AXES):
             some = ", ".join(free.labels[:MOST_NAMED])
@@ -125,11 +126,11 @@ class Grid(PredictionOptions):
         for label, low, high in zip(free.labels, lower, upper, strict=True):
             if label in NED or not np.isfinite(high - low):
                 raise ConfigurationError(
-                    f"identifier.bounds.{label} is missing: a grid needs bounds"
+                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
                 )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the grid's lowest point; the grid as findings."""
+        """The residual table of the lowest grid point, with the grid as findings."""
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         objectives = Objectives(predictor, self.objective, grouped=False)
@@ -154,7 +155,7 @@ class Grid(PredictionOptions):
 
 
 def local_minima(z: Array) -> int:
-    """Grid points that are lower than all eight neighbours, those on the edge not counted."""
+    """Number of interior points of the grid z (n, m) that are lower than all eight neighbours."""
     inner = z[1:-1, 1:-1]
     n, m = z.shape
     lower = np.ones_like(inner, dtype=bool)

@@ -1,12 +1,12 @@
-"""Output error: the parameters whose free-run prediction is nearest to the recording.
+"""Output error: the parameters whose free-run prediction fits the recording best.
 
     minimise sum_k sum_j ((y_j(k) - y_hat_j(k, theta)) / sigma_j)^2
 
 over pose and velocity of every degree of freedom; maximum likelihood for white measurement noise
 of standard deviation sigma (Ljung (1987)). The predictions are those of `nsga2`, Hoyer (2021),
-section 6.1. A free run over a long recording has many local minima far from the truth, one over
-a short stretch has few: the fit goes through horizons of growing length (`horizons`, samples),
-each beginning where the last one ended.
+section 6.1. A free run over a long recording has many local minima far from the true parameters,
+one over a short horizon has few. So the model is fitted with horizons of growing length
+(`horizons`, in samples), each fit starting from the last one.
 """
 
 from dataclasses import dataclass, replace
@@ -32,44 +32,44 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell from zero
 
 
-def check_determined(predictor: Predictor, found: Fit) -> float:
+def check_determined(predictor: Predictor, fit_result: Fit) -> float:
     """Condition number of the scaled Jacobian, every state over its spread.
 
-    What is determined does not depend on the noise, nor on parameters to which a long free run is
-    exponentially sensitive: a parameter counts as idle where all of it moves the predictions by
-    less than SINGULAR of their spread. Raises IdentificationError, naming the parameters, when
-    the predictions do not determine them.
+    The check does not depend on the noise, nor on parameters to which a long free run is
+    exponentially sensitive: a parameter has no effect if its nominal value changes the predictions
+    by less than SINGULAR of their spread. Raises IdentificationError with the names of the
+    parameters when the predictions do not determine them.
     """
-    rows = np.tile(found.sigma / predictor.spread, len(found.rest))
-    jacobian = found.jacobian * rows[:, None]
+    rows = np.tile(fit_result.sigma / predictor.spread, len(fit_result.rest))
+    jacobian = fit_result.jacobian * rows[:, None]
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
-    dead = norms * size <= SINGULAR * np.sqrt(found.rest.size)
-    if np.any(dead):
+    unused = norms * size <= SINGULAR * np.sqrt(fit_result.rest.size)
+    if np.any(unused):
         raise IdentificationError(
-            f"the training part does not determine {', '.join(labels[dead])}: "
-            "the prediction does not depend on it"
+            f"the training part does not determine {', '.join(labels[unused])}: "
+            "the prediction does not depend on them"
         )
     _, s, vt = np.linalg.svd(jacobian / norms, full_matrices=False)
     if s[-1] <= SINGULAR * s[0]:
         names = labels[np.abs(vt[-1]) > 0.1]
         raise IdentificationError(
-            f"the training part does not tell {', '.join(names)} from each other "
-            f"(singular value ratio {s[-1] / s[0]:.1e})"
+            f"the training part does not distinguish {', '.join(names)} from each other: got a "
+            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR:g}"
         )
     return float(s[0] / s[-1])
 
 
 @dataclass(frozen=True)
 class OutputError(PredictionOptions):
-    """Least squares on the free-run prediction, from the nominal parameters.
+    """Least squares on the free-run prediction, starting from the nominal parameters.
 
-    `horizons` (samples) are gone through before `horizon`. `sigma` are the standard deviations
-    of the measured poses and velocities (null: from what the fit leaves). `initial_state:
-    estimated` makes the states that the last horizon begins with unknowns too. `errors` are
-    standard errors for noise that is `white`, or autocorrelated (`stationary`, `hac`), or, where it
-    is given, from so many replicates of a block `bootstrap`.
+    The fit uses the `horizons` (samples), then `horizon`. `sigma` are the standard deviations of
+    the measured poses and velocities (null: from the residuals). `initial_state: estimated` also
+    estimates the initial states of the predictions. `errors` selects standard errors for `white`
+    or autocorrelated (`stationary`, `hac`) noise; `bootstrap`, if set, is the number of replicates
+    of a block bootstrap to use instead.
     """
 
     horizons: tuple[int, ...]
@@ -85,7 +85,7 @@ class OutputError(PredictionOptions):
         Uncertainty(self.errors, self.bootstrap, self.block_s)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse parameters, bounds and sigma that do not fit the vessel."""
+        """Raise ConfigurationError for parameters, bounds or sigma that do not fit the vessel."""
         self.free(nominal)
         states = 2 * len(nominal.dofs)
         if self.sigma is not None and len(self.sigma) != states:
@@ -97,19 +97,22 @@ class OutputError(PredictionOptions):
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the best parameters, with standard errors and their covariance.
 
-        `rng` serves the bootstrap alone.
+        `rng` is used by the bootstrap only. Raises IdentificationError when the predictions do
+        not determine the parameters.
         """
-        predictor, found = self.fitted(problem)
-        condition = check_determined(predictor, found)
-        residual = predictor.free.residual(found.point)
+        predictor, fit_result = self.fitted(problem)
+        condition = check_determined(predictor, fit_result)
+        residual = predictor.free.residual(fit_result.point)
         uncertainty = Uncertainty(self.errors, self.bootstrap, self.block_s)
-        errors, covariance = uncertainty.of(predictor.free, found, predictor.course.step_s, rng)
+        errors, covariance = uncertainty.of(
+            predictor.free, fit_result, predictor.course.step_s, rng
+        )
         findings = [Finding("condition_number", "all", condition), *covariance]
-        findings += fit_findings(predictor, found)
+        findings += fit_findings(predictor, fit_result)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
     def fitted(self, problem: Problem) -> tuple[Predictor, Fit]:
@@ -122,7 +125,7 @@ class OutputError(PredictionOptions):
 
 
 def check_horizons(horizons: tuple[int, ...]) -> None:
-    """Refuse horizons that predict nothing."""
+    """Raise ConfigurationError for horizons of fewer than two samples."""
     if any(horizon < 2 for horizon in horizons):
         raise ConfigurationError(f"horizons must be at least 2 samples, got {list(horizons)}")
 
@@ -136,22 +139,23 @@ def fit_through(
     sigma: Array | None,
     initial_state: InitialState,
 ) -> tuple[Predictor, Fit]:
-    """Fit through growing horizons to that of the options; the last predictor and its fit.
+    """Fit with growing horizons up to that of the options; return the last predictor and fit.
 
-    The last fit begins with whichever of its own last point and the first one predicts better.
+    point (m,), box (lower (m,), upper (m,)), sigma (2 n_dof,). The last fit starts from the
+    initial or the last point, whichever predicts better.
     """
     last = options.predictor(problem)
     box = (np.asarray(box[0]), np.asarray(box[1]))
-    now, evaluations = np.clip(point, *box), 0
+    x, evaluations = np.clip(point, *box), 0
     for horizon in horizons:
         if horizon < (options.horizon or len(problem.training)):
             predictor = options.predictor(problem, horizon)
-            found = fit(predictor, now, box, sigma, initial_state, final=False)
-            now, evaluations = found.point, evaluations + found.evaluations
-    candidates = [np.clip(point, *box), now]
+            fit_result = fit(predictor, x, box, sigma, initial_state, final=False)
+            x, evaluations = fit_result.point, evaluations + fit_result.evaluations
+    candidates = [np.clip(point, *box), x]
     start = min(candidates, key=lambda candidate: _distance(last, candidate, sigma))
-    found = fit(last, start, box, sigma, initial_state)
-    return last, replace(found, evaluations=evaluations + found.evaluations)
+    fit_result = fit(last, start, box, sigma, initial_state)
+    return last, replace(fit_result, evaluations=evaluations + fit_result.evaluations)
 
 
 def _distance(predictor: Predictor, point: Array, sigma: Array | None) -> float:
@@ -160,12 +164,12 @@ def _distance(predictor: Predictor, point: Array, sigma: Array | None) -> float:
     return float(np.sum((predictor.deviation(point) / scale) ** 2))
 
 
-def fit_findings(predictor: Predictor, found: Fit) -> list[Finding]:
-    """What the fit leaves of each state, and how often the predictions were evaluated."""
-    rms = np.sqrt(np.mean((found.rest * found.sigma) ** 2, axis=0))
+def fit_findings(predictor: Predictor, fit_result: Fit) -> list[Finding]:
+    """Root mean square residual of each state, and the number of evaluations."""
+    rms = np.sqrt(np.mean((fit_result.rest * fit_result.sigma) ** 2, axis=0))
     states = zip(predictor.dofs, predictor.states, predictor.units, rms, strict=True)
     findings = [
         Finding("prediction_rms", dof, float(value), unit, label=name)
         for dof, name, unit, value in states
     ]
-    return [*findings, Finding("evaluations", "all", float(found.evaluations))]
+    return [*findings, Finding("evaluations", "all", float(fit_result.evaluations))]

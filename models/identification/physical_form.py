@@ -6,10 +6,10 @@ state, A_c the logarithm of A over the period. In it
     y_ddot = A_21 y + A_22 y_dot + B_2 [tau, phi]    so that    M = B_2tau^-1,
     damping = -M A_22,   coefficients of further terms phi = -M B_2phi.
 
-Roll and pitch restore themselves: their columns of the stiffness -M A_21 become sin(phi) and
-sin(theta). No other motion of a vessel has a stiffness, and its pose does not follow the force at
-once (C B_c = 0): how far the data disagree is reported. A pose that answers late, as behind the
-lag of thrusters, has C B_c = -delay M^-1.
+Roll and pitch have restoring moments: their columns of the stiffness -M A_21 become the
+coefficients of sin(phi) and sin(theta). No other motion of a vessel has a stiffness, and the pose
+does not respond to the force without delay (C B_c = 0): deviations from this are reported. A pose
+that responds with a delay, as with a thruster lag, has C B_c = -delay M^-1.
 """
 
 from dataclasses import dataclass, replace
@@ -26,33 +26,37 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 
 RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
-REAL = 1e-6  # imaginary part of a logarithm that is rounding
-SINGULAR = 1e-9  # eigenvalue of A, or share of B_2, that is none
+REAL = 1e-6  # imaginary part of a logarithm below which it is rounding
+SINGULAR = 1e-9  # eigenvalue of A, or ratio of B_2, that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicalForm:
-    """M nu_dot + damping nu + stiffness y + extra phi = tau, answered late."""
+    """M nu_dot + damping nu + stiffness y + extra phi = tau, with a delay of the pose."""
 
     inertia: Array  # (n_dof, n_dof) [kg, kg m, kg m^2]
     damping: Array  # (n_dof, n_dof) [kg/s, kg m/s, kg m^2/s]
-    extra: Array  # (n_dof, n_terms): coefficients of the inputs that are not forces
+    extra: Array  # (n_dof, n_terms) coefficients of the inputs that are not forces
     stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad]
-    delay: Array  # (n_dof,) [s] by which the pose answers its force late
-    condition: float  # of the transform, its rows scaled to unit size
-    model: StateSpace  # the same input and output, state (y, y_dot)
+    delay: Array  # (n_dof,) [s] delay of the pose behind the force
+    condition: float  # condition number of the transform with rows of unit length
+    model: StateSpace  # the model with the state (y, y_dot)
 
     def vessel(self, name: str, dofs: tuple[str, ...], extra: tuple[Term, ...]) -> Vessel:
         """The coefficient table of accelerations, velocities, restoring and `extra` terms."""
         tilting = [i for i, dof in enumerate(dofs) if dof in RESTORING]
         restoring = (RESTORING[dofs[i]] for i in tilting)
-        named = basis.terms([*accelerations_of(dofs), *velocities_of(dofs), *restoring])
+        linear_terms = basis.terms([*accelerations_of(dofs), *velocities_of(dofs), *restoring])
         linear = [self.inertia.T, self.damping.T, self.stiffness.T[tilting]]
-        return Vessel(name, dofs, (*named, *extra), np.vstack([*linear, self.extra.T]))
+        return Vessel(name, dofs, (*linear_terms, *extra), np.vstack([*linear, self.extra.T]))
 
 
 def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
-    """The physical form of a discrete model; IdentificationError says why there is none."""
+    """The physical form of a discrete model.
+
+    Raises IdentificationError when there is none, or when the condition number of the transform
+    is not below `condition_limit`.
+    """
     n, m, r = model.order, *model.D.shape
     if n != 2 * m or r < m:
         raise IdentificationError(
@@ -83,13 +87,16 @@ def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
 
 
 def continuous(model: StateSpace) -> tuple[Array, Array]:
-    """A_c and B_c whose zero-order hold is A and B; IdentificationError where there is none."""
+    """A_c (n, n) and B_c (n, r) whose zero-order hold is A and B.
+
+    Raises IdentificationError when there are none.
+    """
     eigenvalues, period = model.eigenvalues, float(model.period_s or 1.0)
     negative = (eigenvalues.real < 0.0) & (np.abs(eigenvalues.imag) < REAL)
     if np.any(negative) or np.min(np.abs(eigenvalues)) < SINGULAR:
         raise IdentificationError(
             f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
-            f"which no sampled continuous motion has"
+            f"which a sampled continuous model cannot have"
         )
     logarithm: Any = logm(model.A)
     if np.max(np.abs(np.imag(logarithm))) > REAL * np.max(np.abs(logarithm)):
@@ -100,7 +107,7 @@ def continuous(model: StateSpace) -> tuple[Array, Array]:
 
 
 def _inertia(inverse: Array) -> Array:
-    """M from B_2; refused when it is singular or not positive definite."""
+    """M from B_2; raises IdentificationError if it is singular or not positive definite."""
     scale = np.max(np.abs(inverse), axis=0, initial=0.0)
     if np.min(scale) <= 0.0 or np.linalg.cond(inverse / scale) > 1.0 / SINGULAR:
         raise IdentificationError("no physical form: a force has no effect on the acceleration")
@@ -109,7 +116,7 @@ def _inertia(inverse: Array) -> Array:
     if smallest <= 0.0:
         raise IdentificationError(
             f"no physical form: the inertia must be positive definite, "
-            f"got an eigenvalue of {smallest:.3g}; what is not linear in the motion may need to "
-            f"be told (identifier.extra_terms)"
+            f"got an eigenvalue of {smallest:.3g}; nonlinear forces may have to be added by "
+            f"identifier.extra_terms"
         )
     return np.asarray(inertia)

@@ -1,8 +1,8 @@
 """Partial least squares regression of the lack of fit. Jervan (2020), sections 3.3 and 4.5.
 
-The equations stand in `components`. The order is chosen for each degree of freedom by the least
-mean squared error on data that were left out: inside the training part (`selection`), or, as the
-thesis does, on the held-out part itself (`selection: test`).
+The equations are in `kernel_pls`. The order of each degree of freedom has the least mean squared
+error on left-out data: inside the training part (`selection`) or, as in the thesis, on the
+held-out part itself (`selection: test`).
 """
 
 from collections.abc import Callable
@@ -37,10 +37,11 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 @dataclass(frozen=True)
 class PartialLeastSquares(ResidualOptions):
-    """What both regressions by partial least squares are told; the constant is always in the basis.
+    """Common options of the regressions by partial least squares.
 
-    `bootstrap` is the number of block-bootstrap replicates for standard errors, null for none.
-    They tell the spread of the estimate, not how far it is drawn towards the nominal model.
+    The constant is always in the basis. `bootstrap` is the number of block-bootstrap replicates
+    for standard errors, null for none. The standard errors do not include the bias towards the
+    nominal model.
     """
 
     folds: int
@@ -53,16 +54,16 @@ class PartialLeastSquares(ResidualOptions):
         check_bootstrap(self.bootstrap, self.block_s)
 
     def without_bootstrap(self) -> Identifier:
-        """The same without replicates."""
+        """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the constant."""
-        chosen = super().terms(nominal)
-        return chosen if CONSTANT in chosen else (CONSTANT, *chosen)
+        terms = super().terms(nominal)
+        return terms if CONSTANT in terms else (CONSTANT, *terms)
 
     def held_out(self, problem: Problem, z: Columns, lag: SecondOrderLag | None) -> Array:
-        """Z of the validation part, for the selection that is allowed to see it."""
+        """Z of the validation part, for `selection: test`."""
         return z.like(self.samples(problem.validation, problem.nominal, lag))
 
     def bootstrap_errors(
@@ -74,7 +75,7 @@ class PartialLeastSquares(ResidualOptions):
     ) -> Array | None:
         """Standard errors of the table of theta(outputs), (n_terms, K); None without a bootstrap.
 
-        Residuals are drawn again in blocks; the regressors stay.
+        The residuals are resampled in blocks; the regressors stay the same.
         """
         if self.bootstrap is None:
             return None
@@ -91,7 +92,7 @@ class PartialLeastSquares(ResidualOptions):
 class Plsr(PartialLeastSquares):
     """PLSR over all degrees of freedom together (`joint`) or each alone.
 
-    `max_order` null: as many as there are terms. The bootstrap chooses the order again each time.
+    `max_order` null is the number of terms. Each bootstrap replicate chooses its own order.
     """
 
     joint: bool
@@ -99,7 +100,7 @@ class Plsr(PartialLeastSquares):
     selection: Selection
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the chosen orders, with the MSE of every order."""
+        """Identify the residual table of the chosen orders, with the MSE of every order."""
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)
@@ -138,13 +139,13 @@ class Plsr(PartialLeastSquares):
 def order_findings(
     mse: Array, chosen: NDArray[np.int64], dofs: tuple[str, ...], selection: str
 ) -> tuple[Finding, ...]:
-    """Left-out MSE of every order, and the chosen order, labelled by how it was chosen."""
-    found = []
+    """MSE of every order (orders, K) on left-out data, and the chosen order of each output (K,)."""
+    findings = []
     for k, dof in enumerate(dofs):
         unit = SQUARE_UNIT[dof]
-        found += [
+        findings += [
             Finding("order_mse", dof, float(value), unit, i=a + 1, label=selection)
             for a, value in enumerate(mse[:, k])
         ]
-        found.append(Finding("selected_order", dof, float(chosen[k] + 1), label=selection))
-    return tuple(found)
+        findings.append(Finding("selected_order", dof, float(chosen[k] + 1), label=selection))
+    return tuple(findings)

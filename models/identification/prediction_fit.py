@@ -1,11 +1,18 @@
-"""Standard errors and covariance of a fit by prediction.
+"""Fit of a free-run prediction, with standard errors and covariance.
+
+The identifiers `output_error` and `nsga2` (for the refinement) minimise
+
+    sum_k sum_j ((y_j(k) - y_hat_j(k, theta, x0)) / sigma_j)^2
+
+over the parameters theta and, where they are estimated, the initial states x0. The standard errors
+follow from
 
     theta_hat - theta = sum_k G_k e_k,   G = (J'J)^-1 J'
 
-with the Jacobian J of the predictions and the noise e_k of the states. `white` takes the noise of
-each state as white, `stationary` and `hac` take its autocorrelation from what the fit leaves; a
-block bootstrap draws that again. A replicate is one Gauss-Newton step from the fit, not a fit of
-its own.
+with the Jacobian J of the predictions and the noise e_k of the states. `white` assumes that the
+noise of each state is white; `stationary` and `hac` estimate its autocorrelation from the
+residuals; a block bootstrap resamples the residuals. A replicate is one Gauss-Newton step from the
+fit, not a new fit.
 """
 
 from dataclasses import dataclass
@@ -25,20 +32,13 @@ from seatrial.models.identification.uncertainty import (
 )
 from seatrial.models.vessel.basis import Array
 
-# Fitting a free-run prediction: what the best initial states leave, and its minimum.
-#
-# The identifiers `output_error` and `nsga2` (to polish) minimise
-#
-#     sum_k sum_j ((y_j(k) - y_hat_j(k, theta, x0)) / sigma_j)^2
-#
-# over the parameters theta and, where they are estimated, the initial states x0.
-
-
 STEP = 1e-7  # of the finite differences, relative to the size of the unknown
-TOLERANCE, ROUGH = 1e-8, 1e-4  # relative change of unknowns and error; of all but the last fit
+TOLERANCE = 1e-8  # relative change of unknowns and error in the final fit
+ROUGH = 1e-4  # the same in the fits before
 REWEIGHTINGS = 2
-GAUSS_NEWTON_STEPS, GAIN = 4, 1e-6  # of the initial states at one point; relative to what is left
-NO_NOISE = 1e-9  # of a state's spread: the least residual that counts as noise
+GAUSS_NEWTON_STEPS = 4  # of the initial states at one point
+GAIN = 1e-6  # relative decrease of the sum of squares below which these steps end
+NO_NOISE = 1e-9  # least residual that counts as noise, relative to the spread of a state
 InitialState = Literal["measured", "estimated"]
 
 
@@ -47,42 +47,45 @@ class Fit:
     """A converged fit; `jacobian` and `rest` are divided by sigma."""
 
     point: Array  # (m,)
-    start: Array  # (n_starts, 2 n_dof) where the predictions begin beside the measured states
-    jacobian: Array  # (N 2 n_dof, m) of what is predicted, without what the initial states explain
+    start: Array  # (n_starts, 2 n_dof) initial minus measured states of the predictions
+    jacobian: Array  # (N 2 n_dof, m) of the predictions, projected off the initial states
     rest: Array  # (N, 2 n_dof) measured - predicted
     sigma: Array  # (2 n_dof,)
     evaluations: int
 
 
 class Misfit:
-    """What the best initial states leave of a recording, as a function of scaled parameters.
+    """Residuals with the best initial states, as a function of scaled parameters.
 
     Estimated initial states are eliminated (variable projection, Golub and Pereyra (1973)): they
-    are solved for at every point by Gauss-Newton steps, and what they explain is projected out of
-    the Jacobian. Predictions that begin anew do not meet, so one state of all of them is moved at
-    once, and each has its own normal equations.
+    are solved for at every point by Gauss-Newton steps, and their effect is projected out of the
+    Jacobian. Successive predictions are independent, so one finite difference perturbs a state of
+    all predictions at once, and each prediction has its own normal equations.
     """
 
     def __init__(self, predictor: Predictor, size: Array, sigma: Array, estimated: bool) -> None:
         self.predictor, self.size, self.sigma, self.estimated = predictor, size, sigma, estimated
         restart = predictor.course.restart
         self.begin = np.flatnonzero(restart)
-        self.group = np.cumsum(restart) - 1  # prediction that each sample belongs to
+        self.group = np.cumsum(restart) - 1  # index of the prediction of each sample
         states = predictor.course.measured.shape[1]
-        self.start = np.zeros((len(self.begin), states))  # beside the measured ones, last accepted
+        self.start = np.zeros((len(self.begin), states))  # last accepted offset of the states
 
     def best(self, x: Array) -> tuple[Array, Array]:
-        """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof)."""
+        """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof).
+
+        x (m,) are the scaled parameters.
+        """
         start, rest = self.start, self._rest(x, self.start)
         realistic = bool(np.isfinite(rest[0, 0]))
         for _ in range(GAUSS_NEWTON_STEPS if self.estimated and realistic else 0):
             slopes = self._slopes(x, start, rest)
-            moved = start - self._explained(slopes, rest[:, :, None])[..., 0]
-            left = self._rest(x, moved)
-            before, after = float(np.sum(rest**2)), float(np.sum(left**2))
+            moved = start - self._project(slopes, rest[:, :, None])[..., 0]
+            moved_rest = self._rest(x, moved)
+            before, after = float(np.sum(rest**2)), float(np.sum(moved_rest**2))
             if not after < before:
                 break
-            start, rest = moved, left
+            start, rest = moved, moved_rest
             if before - after <= GAIN * before:
                 break
         return start, rest
@@ -90,7 +93,8 @@ class Misfit:
     def jacobian(self, x: Array, start: Array, rest: Array) -> Array:
         """Derivative of `rest` by forward differences, shape (N 2 n_dof, m).
 
-        Where a step ahead leaves the positive definite inertias, it is taken back.
+        If the inertia after a forward step is not positive definite, a backward step is used.
+        Raises IdentificationError when neither is.
         """
         columns = []
         for i in range(len(x)):
@@ -100,12 +104,12 @@ class Misfit:
         jacobian = np.stack(columns, axis=2)
         if not np.all(np.isfinite(jacobian)):
             raise IdentificationError(
-                "the fit has come to an inertia that is hardly positive definite: fewer "
-                "parameters, or bounds, keep it away from there"
+                "the fit has reached an inertia that is hardly positive definite: use fewer "
+                "parameters, or bounds"
             )
         if self.estimated:
             slopes = self._slopes(x, start, rest)
-            jacobian -= slopes @ self._explained(slopes, jacobian)[self.group]
+            jacobian -= slopes @ self._project(slopes, jacobian)[self.group]
         return np.asarray(jacobian.reshape(rest.size, -1))
 
     def _slope(self, x: Array, i: int, start: Array, rest: Array, step: float) -> Array:
@@ -117,7 +121,7 @@ class Misfit:
         return np.asarray(-self.predictor.deviation(x * self.size, start) / self.sigma)
 
     def _change(self, rest: Array, moved: Array) -> Array:
-        """moved - rest, where a small change of an attitude may turn an error past half a turn."""
+        """moved - rest, corrected for rotation vectors that jump at half a turn."""
         after = moved * self.sigma
         for columns in self.predictor.attitudes:
             turn = after[:, columns]
@@ -136,7 +140,7 @@ class Misfit:
             slopes.append(self._change(rest, self._rest(x, moved)) / (STEP * spread))
         return np.stack(slopes, axis=2)
 
-    def _explained(self, slopes: Array, values: Array) -> Array:
+    def _project(self, slopes: Array, values: Array) -> Array:
         """Least-squares coefficients of values (N, 2 n_dof, m) on the slopes, per prediction."""
         turned = slopes.transpose(0, 2, 1)
         normal = np.add.reduceat(turned @ slopes, self.begin, axis=0)
@@ -152,10 +156,10 @@ def fit(
     initial_state: InitialState = "estimated",
     final: bool = True,
 ) -> Fit:
-    """Fit from a design point within bounds.
+    """Fit from a design point (m,) within bounds, box = (lower (m,), upper (m,)).
 
-    An unknown sigma begins as the spread of the states; the `final` fit then takes it from what
-    the fit leaves.
+    If `sigma` (2 n_dof,) is None, the spread of the states is used first, and the `final` fit then
+    estimates it from the residuals.
     """
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
     weights = predictor.spread if sigma is None else sigma
@@ -168,9 +172,9 @@ def fit(
         x, evaluations = solved.x, evaluations + int(solved.nfev)
         start, rest = misfit.best(x)
         if final and sigma is None:
-            left = np.sqrt(np.mean((rest * weights) ** 2, axis=0))
-            rest *= weights / np.maximum(left, NO_NOISE * predictor.spread)
-            weights = np.maximum(left, NO_NOISE * predictor.spread)
+            rms = np.sqrt(np.mean((rest * weights) ** 2, axis=0))
+            rest *= weights / np.maximum(rms, NO_NOISE * predictor.spread)
+            weights = np.maximum(rms, NO_NOISE * predictor.spread)
             if np.all(weights == NO_NOISE * predictor.spread):
                 break
     misfit.sigma = weights
@@ -179,12 +183,12 @@ def fit(
 
 
 def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float) -> Any:
-    """Trust-region least squares of scipy, on a problem of as many residuals as unknowns plus one.
+    """Trust-region least squares of scipy on a compressed problem of m + 1 residuals.
 
-    With the triangle R of (e, J) = Q R the residual e is |e| times the first column of Q, and
-    J'J, J'e and |e| are those of the other columns of R and of (|e|, 0, ..., 0): scipy solves the
-    same subproblems, but decomposes a matrix that does not grow with the recording. It refuses a
-    step to where the residual is NaN.
+    With (e, J) = Q R the residual e is |e| times the first column of Q. The residual
+    (|e|, 0, ..., 0) with the other columns of R as Jacobian has the same J'J, J'e and |e|, so scipy
+    solves the same subproblems with a matrix that does not grow with the recording. It rejects a
+    step to a point where the residual is NaN.
     """
     from scipy.optimize import least_squares
 
@@ -209,7 +213,7 @@ Errors = Literal["white", "stationary", "hac"]
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How standard errors are found: by `errors`, or from `bootstrap` replicates where given."""
+    """How standard errors are computed: by `errors`, or by `bootstrap` replicates if set."""
 
     errors: Errors
     bootstrap: int | None
@@ -223,30 +227,35 @@ class Uncertainty:
             )
 
     def of(
-        self, free: FreeParameters, found: Fit, step_s: float, rng: np.random.Generator | None
+        self, free: FreeParameters, fit_result: Fit, step_s: float, rng: np.random.Generator | None
     ) -> tuple[Array, list[Finding]]:
-        """Standard errors of the residual table, NaN where nothing is free, and the covariance."""
+        """Standard errors of the residual table, NaN for fixed entries, and the covariance.
+
+        `step_s` [s] is the sample time, `rng` the generator of the bootstrap.
+        """
         m = len(free)
         directions = np.vstack([free.directions, np.eye(m)])
-        gain = (directions @ np.linalg.pinv(found.jacobian)).reshape(-1, *found.rest.shape)
+        gain = (directions @ np.linalg.pinv(fit_result.jacobian)).reshape(
+            -1, *fit_result.rest.shape
+        )
         if self.bootstrap is None:
-            spread = deviations(gain, found.rest, self.errors)
+            spread = deviations(gain, fit_result.rest, self.errors)
         else:
             flat = gain.reshape(len(gain), -1)
             length = round(self.block_s / step_s)
             spread = block_bootstrap(
-                lambda e: flat @ e.ravel(), found.rest, length, self.bootstrap,
+                lambda e: flat @ e.ravel(), fit_result.rest, length, self.bootstrap,
                 rng or np.random.default_rng(0),
             )  # fmt: skip
-        unknowns = len(found.point) + found.start.size
-        spread = spread * np.sqrt(found.rest.size / max(found.rest.size - unknowns, 1))
+        unknowns = len(fit_result.point) + fit_result.start.size
+        spread = spread * np.sqrt(fit_result.rest.size / max(fit_result.rest.size - unknowns, 1))
         free_entries = np.any(free.directions != 0.0, axis=1)
         table = np.where(free_entries, spread[:-m], np.nan).reshape(free.shape)
-        return table, covariance_findings(free, found, spread[-m:])
+        return table, covariance_findings(free, fit_result, spread[-m:])
 
 
 def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
-    """Standard deviation of sum_k G_k e_k for gains (n, N, states) and what is left (N, states)."""
+    """Standard deviation (n,) of sum_k G_k e_k for gains (n, N, states), residuals (N, states)."""
     if errors == "hac":
         variance = hac_variance(np.einsum("eks,ks->ke", gain, rest))
     else:
@@ -260,17 +269,17 @@ def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def covariance_findings(free: FreeParameters, found: Fit, deviation: Array) -> list[Finding]:
+def covariance_findings(free: FreeParameters, fit_result: Fit, deviation: Array) -> list[Finding]:
     """Covariance of every pair of parameters, i and j counted from 1, j up to i.
 
-    The correlations are those of (J'J)^-1, the standard deviations (m,) the reported ones.
+    The correlations are those of (J'J)^-1, the standard deviations are `deviation` (m,).
     """
-    inverse = np.linalg.pinv(found.jacobian.T @ found.jacobian)
+    inverse = np.linalg.pinv(fit_result.jacobian.T @ fit_result.jacobian)
     root = np.sqrt(np.diag(inverse))
     covariance = inverse / np.outer(root, root) * np.outer(deviation, deviation)
-    found_rows = []
+    findings = []
     for i, j in zip(*np.tril_indices(len(free)), strict=True):
         unit, label = (f"{names[i]} {names[j]}" for names in (free.units, free.labels))
         value = float(covariance[i, j])
-        found_rows.append(Finding("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label))
-    return found_rows
+        findings.append(Finding("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label))
+    return findings

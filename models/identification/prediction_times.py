@@ -1,8 +1,8 @@
-"""How long n predictions take without JIT, with it, and many at once. Hoyer (2021), section 7.6.
+"""Computing time of n predictions without JIT, with JIT, and in packs. Hoyer (2021), section 7.6.
 
-Each way is timed in a process of its own, with an empty cache of machine code, so that the time
-of the first call includes the compilation. `many at once` predicts packs of candidates in one
-compiled call, where the thesis started a thread for each.
+Each way is timed in a separate process with an empty cache of machine code, so that the time of
+the first call includes the compilation. `many at once` predicts packs of candidates in one compiled
+call; the thesis started one thread per candidate.
 """
 
 import json
@@ -34,11 +34,11 @@ from seatrial.models.vessel.plant_table import PlantTable
 WAYS = ("without JIT", "with JIT", "with JIT, many at once")
 LIMIT = 10.0  # of the rates, Hoyer (2021), section 6.4
 LONGEST_S = 600.0
-SHORT_S, REPEATS = 0.1, 5  # a time below is measured again, for others use the machine too
+SHORT_S, REPEATS = 0.1, 5  # shorter times are repeated, since other processes disturb them
 
 
 class Task(NamedTuple):
-    """What is predicted: the nominal model along a recording; arrays only."""
+    """The prediction to time: the nominal model and the recording, as arrays."""
 
     plant: PlantTable
     course: Course
@@ -46,9 +46,9 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictionTimes(Identifier):
-    """Times n predictions of the training part by the nominal model, which it gives back.
+    """Time n predictions of the training part by the nominal model, which is returned unchanged.
 
-    `calls` are the numbers n, `interpreted_calls` those without JIT, which is slow.
+    `calls` are the numbers n with JIT, `interpreted_calls` the numbers without JIT.
     """
 
     calls: tuple[int, ...]
@@ -59,11 +59,14 @@ class PredictionTimes(Identifier):
             numbers = getattr(self, name)
             if not numbers or list(numbers) != sorted({max(n, 1) for n in numbers}):
                 raise ConfigurationError(
-                    f"{name} must be rising numbers from 1 on, got {list(numbers)}"
+                    f"{name} must be increasing positive numbers, got {list(numbers)}"
                 )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The nominal model; the times as findings `prediction_time` (i = n, label = way)."""
+        """The nominal model, with the times as findings `prediction_time` (i = n, label = way).
+
+        Raises IdentificationError when a process fails.
+        """
         nominal = problem.nominal
         plan = predicted_layout(nominal.terms, nominal.dofs, nominal.theta != 0.0)
         course = course_of(problem.training, problem.thruster, None, None, LIMIT, nominal.attitude)
@@ -72,7 +75,7 @@ class PredictionTimes(Identifier):
         findings = []
         for way in WAYS:
             calls = self.interpreted_calls if way == WAYS[0] else self.calls
-            for n, first, later in _in_a_new_process(way, task, calls):
+            for n, first, later in _run_in_subprocess(way, task, calls):
                 findings.append(Finding("prediction_time", "all", first, "s", n, label=way))
                 findings.append(
                     Finding("prediction_time_compiled", "all", later, "s", n, label=way)
@@ -81,15 +84,15 @@ class PredictionTimes(Identifier):
         return Identified(same.model, same.residual, None, tuple(findings))
 
 
-def _in_a_new_process(
+def _run_in_subprocess(
     way: str, task: Task, calls: tuple[int, ...]
 ) -> list[tuple[int, float, float]]:
-    """(n, seconds with what is compiled first, seconds without) measured by `main`."""
+    """Rows (n, seconds with compilation, seconds without) measured by `main`."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"SEATRIAL_CACHE": folder}
         if way == WAYS[0]:
             environment["NUMBA_DISABLE_JIT"] = "1"
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", __name__],
             input=pickle.dumps((way, task, calls)),
             capture_output=True,
@@ -97,19 +100,19 @@ def _in_a_new_process(
             timeout=LONGEST_S,
             check=False,
         )
-    if done.returncode:
-        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        raise IdentificationError(f"prediction times, {way}: {' '.join(last)}")
-    return [(int(n), float(first), float(later)) for n, first, later in json.loads(done.stdout)]
+    if process.returncode:
+        message = process.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        raise IdentificationError(f"prediction times, {way}: {' '.join(message)}")
+    return [(int(n), float(first), float(later)) for n, first, later in json.loads(process.stdout)]
 
 
 def timed(way: str, task: Task, calls: tuple[int, ...]) -> list[tuple[int, float, float]]:
-    """(n, seconds with what is compiled first, seconds without) for each n."""
-    once = at_once if way == WAYS[2] else one_by_one
-    begin = _seconds(once, task, 1)
-    compilation = max(begin - _least(once, task, 1), 0.0)
-    later = [_least(once, task, n) for n in calls]
-    return [(n, compilation + s, s) for n, s in zip(calls, later, strict=True)]
+    """Rows (n, seconds with compilation, seconds without) for each n."""
+    predictions = at_once if way == WAYS[2] else one_by_one
+    first_s = _seconds(predictions, task, 1)
+    compilation = max(first_s - _shortest_seconds(predictions, task, 1), 0.0)
+    seconds = [_shortest_seconds(predictions, task, n) for n in calls]
+    return [(n, compilation + s, s) for n, s in zip(calls, seconds, strict=True)]
 
 
 def _seconds(predicted: Callable[[Task, int], None], task: Task, n: int) -> float:
@@ -118,22 +121,22 @@ def _seconds(predicted: Callable[[Task, int], None], task: Task, n: int) -> floa
     return time.perf_counter() - begin
 
 
-def _least(predicted: Callable[[Task, int], None], task: Task, n: int) -> float:
-    """The least of several times, where they are short."""
+def _shortest_seconds(predicted: Callable[[Task, int], None], task: Task, n: int) -> float:
+    """The shortest of several measured times if they are short, else one time [s]."""
     first = _seconds(predicted, task, n)
     repeats = REPEATS if first < SHORT_S else 0
     return min([first, *(_seconds(predicted, task, n) for _ in range(repeats))])
 
 
 def one_by_one(task: Task, n: int) -> None:
-    """n predictions, one after the other."""
+    """Compute n predictions one after the other."""
     states = np.empty_like(task.course.reached)
     for _ in range(n):
         predict(task.plant, task.course, True, states)
 
 
 def at_once(task: Task, n: int) -> None:
-    """n candidates in one call."""
+    """Predict n candidates in one call."""
     plant, course = task.plant, task.course
     entries = np.repeat(plant.entries[:, None], n, axis=1)
     inverse = np.repeat(plant.inverse_inertia[:, :, None], n, axis=2)
@@ -142,7 +145,7 @@ def at_once(task: Task, n: int) -> None:
 
 
 def main() -> None:
-    """Measure what stands, pickled, in standard input; JSON to standard output."""
+    """Time the pickled task from standard input; write the times as JSON to standard output."""
     way, task, calls = pickle.load(sys.stdin.buffer)
     json.dump(timed(way, task, calls), sys.stdout)
 

@@ -1,4 +1,4 @@
-"""A fit by prediction: what is free, within which bounds, and how its predictions are made."""
+"""Prediction of a recording as a function of free parameters, with their bounds and options."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,7 +31,7 @@ from seatrial.models.vessel.table import Vessel
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Predicts a recording from design points, shape (m,) of the free parameters; SI units."""
+    """Predict a recording from design points, shape (m,) of the free parameters; SI units."""
 
     free: FreeParameters
     plan: Layout
@@ -69,8 +69,8 @@ class Predictor:
     def predict(self, point: Array, offset: Array | None = None) -> Array:
         """States of one design point, shape (N, n_pose + n_dof).
 
-        `offset` (n, 2 n_dof) is where the n predictions begin beside the measured states. The
-        prediction is NaN where the inertia is not positive definite.
+        `offset` (n, 2 n_dof) is added to the measured initial states of the n predictions. The
+        result is NaN if the inertia is not positive definite.
         """
         course = self.course if offset is None else self.course.begun(offset)
         tables = self.free.tables(point[None])
@@ -88,10 +88,10 @@ class Predictor:
         return deviations(self.course.kinematics, self.course.reached, predicted)
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
-        """Prediction errors of n design points (n, m): per state (n, 2 n_dof), and two warnings.
+        """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
 
-        The warnings are the share of rates that had to be limited, (n,), and which points have
-        an inertia that is positive definite, (n,).
+        Also returns the share of rates that had to be limited (n,), and whether the inertia is
+        positive definite (n,).
         """
         tables = self.free.tables(points)
         inverse, realistic = self.plan.inverse_inertia(tables)
@@ -106,25 +106,25 @@ class Predictor:
 
 
 def _canonical(label: str) -> str:
-    """`surge.uu` as the parameters are called, `surge.u^2`."""
+    """The label with the canonical name of the term, such as `surge.u^2` for `surge.uu`."""
     dof, dot, name = label.partition(".")
     return f"{dof}.{basis.term(name)}" if dot else label
 
 
 @dataclass(frozen=True)
 class PredictionOptions(Identifier):
-    """What the identifiers that compare predictions with a recording have in common.
+    """Common options of the identifiers that compare predictions with a recording.
 
-    `parameters` are the free coefficients as `dof.term` (null: the nominal table's nonzero ones);
-    `coriolis: tied` lets C(nu) nu follow from the inertia, `free` gives each of its coefficients
-    to the fit; `ned_force` adds a force (`north`, `east`) that is constant in NED (null: to a
-    vessel in surge, sway and yaw), for a free run sums up what is not modelled. Bounds are
-    `dof.term: [lower, upper]`, in any spelling of the term; the other parameters lie between their
-    nominal value divided and multiplied by `bound_factor` (null: anywhere). `force` is the force
-    that drives the prediction (null: the command through the known lag, else the acting force
-    where recorded, else the command). Predictions begin anew from the measured state every
-    `horizon` samples (null: only at the first). Rates beyond `derivative_limit` (m/s, rad/s and
-    per second again) are limited.
+    `parameters` are the free coefficients as `dof.term` (null: the nonzero ones of the nominal
+    table). With `coriolis: tied` C(nu) nu follows from the inertia, with `free` each of its
+    coefficients is a parameter. `ned_force` adds a force (`north`, `east`) that is constant in NED
+    (null: for a vessel in surge, sway and yaw), since a free run accumulates unmodelled forces.
+    `bounds` are `dof.term: [lower, upper]`, in any spelling of the term; the other parameters lie
+    between their nominal value divided and multiplied by `bound_factor` (null: unbounded). `force`
+    drives the prediction (null: the command filtered by the known lag, else the recorded acting
+    force, else the command). A new prediction begins at the measured state every `horizon` samples
+    (null: only one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second
+    again).
     """
 
     parameters: tuple[str, ...] | None
@@ -149,15 +149,15 @@ class PredictionOptions(Identifier):
                 raise ConfigurationError(
                     f"bounds.{label}: expected a lower and a higher number, got {list(pair)}"
                 )
-        spelled = {_canonical(label): pair for label, pair in self.bounds.items()}
-        object.__setattr__(self, "bounds", spelled)
+        bounds = {_canonical(label): pair for label, pair in self.bounds.items()}
+        object.__setattr__(self, "bounds", bounds)
 
     def needs(self) -> Needs:
-        """The force."""
+        """The force of the prediction."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def free(self, nominal: Vessel) -> FreeParameters:
-        """The free parameters of a vessel."""
+        """The free parameters of a vessel; raises ConfigurationError for unknown ones."""
         if self.ned_force and nominal.dofs != PLANAR:
             raise ConfigurationError(
                 f"identifier.ned_force needs a vessel in {', '.join(PLANAR)}, "

@@ -1,4 +1,4 @@
-"""What every identifier is given, and what it gives back."""
+"""The interface of an identifier: the problem, the result and the options' checks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A recording to learn from and what is believed of the vessel.
+    """A recording and the prior knowledge of the vessel.
 
-    `training` is what an identifier may use. `validation` is held out: it serves only a
-    selection that says so in its name (the thesis's `selection: test`).
+    An identifier uses `training`. `validation` is held out; only `selection: test`, as in the
+    thesis, uses it.
     """
 
     training: Recording
     validation: Recording
     nominal: Vessel
-    thruster: SecondOrderLag | None  # the lag, where it is known
+    thruster: SecondOrderLag | None  # None: not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +40,17 @@ class Identified:
     residual: Vessel
     std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
     findings: tuple[Finding, ...] = field(default=())
-    stages: tuple[Vessel, ...] = ()  # residual tables of each stage, where there were several
-    state_space: StateSpace | None = None  # a linear model with all its inputs, as it is stored
-    control_model: StateSpace | None = None  # of the forces alone, for controllers that take one
+    stages: tuple[Vessel, ...] = ()  # residual table of each stage
+    state_space: StateSpace | None = None  # linear model with all its inputs
+    control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
 
 
 class Needs(NamedTuple):
-    """What an identifier needs beside the motion and the command."""
+    """Data that an identifier needs in addition to the motion and the command."""
 
-    force: str | None = None  # commanded, filtered or actual; None: whichever there is
-    thruster_lag: bool = False  # to be known of the vessel
-    lowpass_hz: float | None = None  # filter that the sample time has to allow
+    force: str | None = None  # commanded, filtered or actual; None: the best available one
+    thruster_lag: bool = False  # whether the thruster lag has to be known
+    lowpass_hz: float | None = None  # must be below the Nyquist frequency
 
 
 class Identifier(ABC):
@@ -63,30 +63,30 @@ class Identifier(ABC):
     def check(  # noqa: B027 - nothing to refuse
         self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool
     ) -> None:
-        """Raise ConfigurationError for what cannot work with this vessel, before any work.
+        """Raise ConfigurationError for options that do not fit the vessel.
 
-        `measured`: the recording is of a file, and what only a simulation has is not there.
+        `measured` is true for a recorded file, which lacks the data only a simulation has.
         """
 
     def needs(self) -> Needs:
-        """What has to be known of the vessel, or recorded."""
+        """Data of the vessel or the recording that the identifier needs."""
         return Needs()
 
     def model_period_s(self, sample_time_s: float) -> float | None:
-        """Sample time [s] of the state-space model for a controller; None: it gives a table."""
+        """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None
 
     def without_bootstrap(self) -> "Identifier":
-        """The same without the standard errors that take long, for a cross-validation."""
+        """This identifier without bootstrap standard errors, for a cross-validation."""
         return self
 
 
 def check_needs(
     needs: Needs, vessel: str, thruster: SecondOrderLag | None, recorded: Recording | None
 ) -> None:
-    """Refuse an identifier that needs a force or a lag that is neither known nor recorded.
+    """Raise ConfigurationError if a force or a lag is needed but neither known nor recorded.
 
-    `recorded` is None where the recording is still to be simulated.
+    `recorded` is None if the recording has not been simulated yet.
     """
     if needs.thruster_lag and thruster is None:
         raise ConfigurationError(
@@ -99,25 +99,25 @@ def check_needs(
 def choose_basis(
     choice: str | tuple[str, ...], extra_terms: Sequence[str], nominal: Vessel
 ) -> tuple[Term, ...]:
-    """`full` (Jervan's 31 terms), `physical` (the nominal model's own), or a list of terms.
+    """The basis: `full` (Jervan's 31 terms), `physical` (those of the nominal model), or a list.
 
-    For a vessel that is not surge-sway-yaw `full` is its own terms too.
+    For a vessel that does not move in surge, sway and yaw `full` equals `physical`.
     """
     if choice == "full" and nominal.dofs == PLANAR:
-        chosen = basis.full_basis(nominal.dofs)
+        terms = basis.full_basis(nominal.dofs)
     elif choice in ("full", "physical"):
-        chosen = nominal.terms
+        terms = nominal.terms
     elif isinstance(choice, str):
         raise ConfigurationError(
             f"identifier.basis: got {choice!r}, expected full, physical or a list of terms"
         )
     else:
-        chosen = basis.terms(choice)
-    return chosen + tuple(t for t in basis.terms(extra_terms) if t not in chosen)
+        terms = basis.terms(choice)
+    return terms + tuple(t for t in basis.terms(extra_terms) if t not in terms)
 
 
 def check_force(kind: str | None) -> None:
-    """Refuse an unknown kind of force."""
+    """Raise ConfigurationError for an unknown kind of force."""
     if kind is not None and kind not in FORCES:
         raise ConfigurationError(f"force: got {kind!r}, expected one of {', '.join(FORCES)}")
 
@@ -128,12 +128,9 @@ def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array
     return recording.force(force) - fitted
 
 
-# No identification: the nominal model as it is, the reference of every comparison.
-
-
 @dataclass(frozen=True)
 class NoIdentifier(Identifier):
-    """Learns nothing: F1 = F0, a residual table without terms."""
+    """No identification, as a reference: F1 = F0, a residual table without terms."""
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The nominal model."""

@@ -1,19 +1,19 @@
-"""From a recording to a regression: which force, which basis, which filter, and the columns.
+"""The regression problem of a recording: force, basis, filter, and columns.
 
     epsilon = tau - F0(nu_dot, nu) = Phi theta + rest            Jervan (2020), eqs. (3.20)-(3.22)
 
-Every identifier of a coefficient table is told the same about its data (`ResidualOptions`) and
-begins with the same samples of Phi and epsilon (`Samples`).
+All identifiers of a coefficient table share the options of the data (`ResidualOptions`) and the
+samples of Phi and epsilon (`Samples`).
 
-Where the thruster lag is not known, the one is taken that makes the filtered force most
-explicable. For each natural frequency and damping the command is passed through the lag and
-regressed on the basis; the pair with the largest R^2 *of the filtered force* wins,
+If the thruster lag is not known, it can be estimated. For each natural frequency and damping the
+command is filtered by the lag and regressed on the basis; the pair with the largest R^2 *of the
+filtered force* is chosen,
 
     maximise mean over dof of 1 - |rest|^2 / |f - mean f|^2,    f = lag(command).
 
-Dividing by the variance of the lack of fit instead would reward a lag that makes the force, and
-with it the lack of fit, large. Standard errors of coefficients are those at the lag that was
-found. An axis that is hardly excited near the lag's frequency does not tell a lag from inertia.
+Dividing by the variance of the lack of fit instead would favour a lag that increases the force and
+with it the lack of fit. Standard errors of coefficients are those for the estimated lag. On an axis
+with little excitation near the lag's frequency, lag and inertia cannot be distinguished.
 """
 
 from dataclasses import dataclass, replace
@@ -42,10 +42,10 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 CONSTANT = basis.term("1")
 NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
-SETTLE_S = 10.0  # the lag's state at the start is not known; its effect is gone by then
-FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] where the search begins
+SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no effect
+FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
-NOTHING_LEFT = 1e-12  # share of the force below which a better fit is rounding
+NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,25 +64,25 @@ class Samples:
 
     @cached_property
     def varying(self) -> NDArray[np.int64]:
-        """Indices of the terms that vary; the others cannot be told from the constant."""
+        """Indices of the terms that vary; the others are collinear with the constant."""
         low, high = np.min(self.phi, axis=0), np.max(self.phi, axis=0)
         return np.flatnonzero(high - low > 1e-12 * np.maximum(-low, high))
 
     @property
     def constant(self) -> int | None:
-        """Index of the term 1, the intercept; None where the basis does not have it."""
+        """Index of the term 1, the intercept; None if it is not in the basis."""
         return self.terms.index(CONSTANT) if CONSTANT in self.terms else None
 
 
 @dataclass(frozen=True)
 class ResidualOptions(Identifier):
-    """What an identifier of a residual table is told about its data.
+    """Data options of the identifiers of a residual table.
 
-    `basis`: full (Jervan's 31 terms), physical (the nominal model's own) or a list of terms, with
-    `extra_terms` beside them. `force`: which force the residual is formed with; null is filtered
-    where the thruster lag is known, else actual where that is recorded, else commanded.
-    `lowpass_hz`: zero-phase low-pass of velocity, acceleration and force alike. `thruster`: the
-    lag is known (taken from the vessel), estimated from the recording, or none.
+    `basis`: full (Jervan's 31 terms), physical (those of the nominal model) or a list of terms;
+    `extra_terms` are added to it. `force`: the force of the residual; null is filtered if the
+    thruster lag is known, else actual if that is recorded, else commanded. `lowpass_hz`: zero-phase
+    low-pass filter of velocity, acceleration and force. `thruster`: the lag is known (from the
+    vessel), estimated from the recording, or none.
     """
 
     basis: str | tuple[str, ...]
@@ -108,27 +108,27 @@ class ResidualOptions(Identifier):
             raise ConfigurationError("force=filtered needs a thruster lag, got thruster=none")
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Refuse what cannot work for this vessel, before any work."""
+        """Raise ConfigurationError for options that do not fit the vessel."""
         if self.force == "filtered" and thruster is None and self.thruster == "known":
             raise ConfigurationError(
                 f"identifier.force=filtered: {nominal.name} has no known thruster lag"
             )
-        chosen = choose_basis(self.basis, self.extra_terms, nominal)
-        if not chosen:
+        terms = choose_basis(self.basis, self.extra_terms, nominal)
+        if not terms:
             raise ConfigurationError("identifier.basis: got no terms, expected at least one")
         known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE}
         known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
-        for one in chosen:
-            for code in one.codes:
+        for term in terms:
+            for code in term.codes:
                 name = basis.VARIABLES[code % basis.N_VARIABLES]
                 if name not in known:
                     raise ConfigurationError(
-                        f"identifier.basis: term {one} has {name}, but {nominal.name} moves in "
+                        f"identifier.basis: term {term} has {name}, but {nominal.name} moves in "
                         f"{', '.join(nominal.dofs)}"
                     )
 
     def needs(self) -> Needs:
-        """The force, by the vessel's own lag where that is to be known, and the low-pass."""
+        """The force, the thruster lag if it must be known, and the low-pass filter."""
         lag = self.force == "filtered" and self.thruster == "known"
         return Needs(self.force, lag, self.lowpass_hz)
 
@@ -137,7 +137,7 @@ class ResidualOptions(Identifier):
         return choose_basis(self.basis, self.extra_terms, nominal)
 
     def filtered(self, recording: Recording, lag: SecondOrderLag | None) -> Recording:
-        """The recording with the force by this lag, and low-passed."""
+        """The recording with the force filtered by the lag, after the low-pass filter."""
         if self.thruster == "none":
             recording = replace(recording, tau_filtered=None)
         elif self.thruster == "estimated":
@@ -145,26 +145,30 @@ class ResidualOptions(Identifier):
         return recording.lowpass(self.lowpass_hz)
 
     def samples(self, recording: Recording, nominal: Vessel, lag: SecondOrderLag | None) -> Samples:
-        """Regressors and lack of fit of a recording."""
+        """Regressors and lack of fit of a recording.
+
+        Raises IdentificationError for values that are not finite or too few samples.
+        """
         filtered = self.filtered(recording, lag)
         terms, x = self.terms(nominal), filtered.variables()
         phi, heading = basis.evaluate(terms, x), basis.evaluate(NED_COLUMNS, x)
         epsilon, force = lack_of_fit(filtered, nominal, self.force), filtered.force(self.force)
-        found = Samples(terms, phi, epsilon, force, heading, recording.period_s)
+        samples = Samples(terms, phi, epsilon, force, heading, recording.period_s)
         if not (np.all(np.isfinite(phi)) and np.all(np.isfinite(epsilon))):
             raise IdentificationError("the training part has values that are not finite")
-        if len(found) <= len(terms) + 1:
+        if len(samples) <= len(terms) + 1:
             raise IdentificationError(
-                f"the training part has {len(found)} samples for {len(terms)} terms"
+                f"the training part has {len(samples)} samples for {len(terms)} terms, "
+                f"expected at least {len(terms) + 2}"
             )
-        return found
+        return samples
 
 
 def ned_columns(heading: Array) -> Array:
     """Columns of a force (north, east) that is constant in NED, shape (3, N, 2).
 
-    heading (N, 2) is (cos psi, sin psi). tau = F - R(psi)' f, hence epsilon gets -(cos, sin) f in
-    surge and (sin, -cos) f in sway: the two unknowns are shared.
+    heading (N, 2) is (cos psi, sin psi). tau = F - R(psi)' f, hence epsilon contains -(cos, sin) f
+    in surge and (sin, -cos) f in sway: both share the two unknowns.
     """
     c, s = heading.T
     zero = np.zeros_like(c)
@@ -172,14 +176,14 @@ def ned_columns(heading: Array) -> Array:
 
 
 def ned_table(force: Array) -> Array:
-    """The same as coefficients of cos(psi) and sin(psi), shape (2, 3); force (north, east) [N]."""
+    """Coefficients of cos(psi) and sin(psi), shape (2, 3), of a force (north, east) [N]."""
     north, east = force
     return np.array([[-north, -east, 0.0], [-east, north, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What does not change while the lag does."""
+    """The data of the search for the lag that do not depend on the lag."""
 
     options: ResidualOptions
     problem: Problem
@@ -199,14 +203,14 @@ class _Search:
         return float(np.mean(ratios))
 
     def force(self, lag: SecondOrderLag) -> Array:
-        """Filtered and low-passed command [N, Nm], (N, n_dof)."""
+        """Command [N, Nm] after the lag and the low-pass filter, (N, n_dof)."""
         return self.options.filtered(self.problem.training, lag).force("filtered")[self.keep]
 
 
 def thruster_of(
     options: ResidualOptions, problem: Problem
 ) -> tuple[SecondOrderLag | None, tuple[Finding, ...]]:
-    """The lag to filter the command with, by `options.thruster`, and what was found of it."""
+    """The thruster lag according to `options.thruster`, and the findings of its estimation."""
     if options.thruster == "known":
         return problem.thruster, ()
     if options.thruster == "none":
@@ -217,21 +221,24 @@ def thruster_of(
 def estimate(
     options: ResidualOptions, problem: Problem
 ) -> tuple[SecondOrderLag, tuple[Finding, ...]]:
-    """The lag of the largest R^2, by a grid and then the simplex of Nelder and Mead."""
+    """The lag with the largest R^2, by a grid search and the simplex method of Nelder and Mead.
+
+    Raises IdentificationError when the training part is too short.
+    """
     from scipy.optimize import minimize  # slow to import
 
     search = _prepare(options, problem)
     grid = np.array([(np.log(w), np.log(d)) for w in FREQUENCIES for d in DAMPINGS])
     start = grid[int(np.argmin([search.unexplained(point) for point in grid]))]
-    found = minimize(
+    optimum = minimize(
         lambda logs: np.log(search.unexplained(np.clip(logs, -5.0, 6.0)) + NOTHING_LEFT),
         start,
         method="Nelder-Mead",
         options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 500},
     )
-    frequency, damping = (float(value) for value in np.exp(np.clip(found.x, -5.0, 6.0)))
+    frequency, damping = (float(value) for value in np.exp(np.clip(optimum.x, -5.0, 6.0)))
     lag = SecondOrderLag(frequency, damping)
-    r2 = 1.0 - search.unexplained(found.x)
+    r2 = 1.0 - search.unexplained(optimum.x)
     return lag, (
         Finding("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
         Finding("thruster_damping", "all", lag.damping),
@@ -240,7 +247,7 @@ def estimate(
 
 
 def _prepare(options: ResidualOptions, problem: Problem) -> _Search:
-    """The basis with cos(psi), sin(psi) beside it, so that a constant force does not mislead."""
+    """Prepare the search; cos(psi) and sin(psi) are added to the basis for a constant force."""
     training = problem.training
     any_lag = SecondOrderLag(1.0, 1.0)
     samples = options.samples(training, problem.nominal, any_lag)

@@ -2,10 +2,10 @@
 
 The output y_k is paired with the input that acts over [t_k, t_{k+1}).
 
-Rows of the block Hankel matrices here are windows in time, columns the samples in a window: the
-transpose of the literature's. Windows never reach across a gap in the data, and a bootstrap may
-repeat them. Only some rows are in memory at a time, so that a long record needs no more than a
-short one.
+The rows of the block Hankel matrices are windows in time, the columns the samples in a window: the
+transpose of the literature's matrices. A window never contains a gap in the data, and a bootstrap
+may repeat windows. Only a block of rows is in memory at a time, so that the memory does not grow
+with the recording.
 """
 
 from dataclasses import dataclass
@@ -22,21 +22,21 @@ from seatrial.models.vessel.basis import Array, Codes, Term
 from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
 
 Output = Literal["body_pose", "pose"]
-EXCITED = 1e-11  # smallest to largest singular value of the inputs' Hankel matrix
+EXCITED = 1e-11  # least ratio of smallest to largest singular value of the inputs' Hankel matrix
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """Outputs (N, m) and inputs (N, r) of contiguous stretches, sampled every `period_s` [s].
 
-    The first m inputs are the forces, the others terms of the motion or the attitude.
+    The first m inputs are the forces, the others are terms of the motion or the attitude.
     """
 
     y: Array
     u: Array
-    stretch: Codes  # (N,), counted from 0
+    stretch: Codes  # (N,) index of the contiguous stretch
     period_s: float
-    extra: tuple[Term, ...]  # the terms
+    extra: tuple[Term, ...]  # the terms among the inputs
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     heading: float  # [rad] between the axes of the output and those of the body
@@ -50,14 +50,14 @@ def sampled(
     period_s: float | None,
     span: float,
 ) -> Sampled:
-    """The pose, and the mean force and `extra` terms over each period.
+    """Sample the pose, and the mean of the force and the `extra` terms over each period.
 
-    `period_s` is rounded to whole samples and never shorter than the recording's; None keeps
-    that. `body_pose` sums increments in body axes; `pose` is the NED pose, for which the heading
-    must stay within `span` [rad] of its mean: IdentificationError otherwise.
+    `period_s` is rounded to whole samples of the recording, at least one; None is one. `body_pose`
+    sums increments in body axes; `pose` is the NED pose, for which the heading must stay within
+    `span` [rad] of its mean. Raises IdentificationError otherwise.
     """
     recorded_period = recording.period_s
-    every = max(round((period_s or recorded_period) / recorded_period), 1)
+    samples = max(round((period_s or recorded_period) / recorded_period), 1)
     turns = recording.dofs in (PLANAR, DOFS)
     psi = recording.attitude[:, 2] if turns else np.zeros(1)
     if output == "pose":
@@ -70,9 +70,11 @@ def sampled(
     for number, part in enumerate(np.split(np.arange(len(recording)), edges)):
         eta = recording.eta[part]
         pose = body_pose(eta, recording.dofs) if output == "body_pose" else eta - eta[0]
-        rows = len(part) // every
-        y.append(pose[: rows * every : every])
-        u.append(acting[part][: rows * every].reshape(rows, every, acting.shape[1]).mean(axis=1))
+        rows = len(part) // samples
+        y.append(pose[: rows * samples : samples])
+        u.append(
+            acting[part][: rows * samples].reshape(rows, samples, acting.shape[1]).mean(axis=1)
+        )
         stretch.append(np.full(rows, number))
     names = poses_of(recording.dofs)
     body = output == "body_pose" and turns
@@ -80,7 +82,7 @@ def sampled(
         y=np.vstack(y),
         u=np.vstack(u),
         stretch=np.concatenate(stretch).astype(np.int64),
-        period_s=every * recorded_period,
+        period_s=samples * recorded_period,
         extra=extra,
         inputs=(*(f"tau_{dof}" for dof in recording.dofs), *(one.name for one in extra)),
         outputs=tuple(f"body {name}" if body else name for name in names),
@@ -89,10 +91,10 @@ def sampled(
 
 
 def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:
-    """Pose summed in body axes, from 0: J^-1 delta eta, J half-way; shape (N, n_dof).
+    """Sum of pose increments in body axes, from 0: J^-1 delta eta, J half-way; shape (N, n_dof).
 
-    Its rate is the body velocity, whatever the attitude. eta is (x, y, psi) in the plane, (x, y,
-    z, phi, theta, psi) in six degrees of freedom; on other axes nothing turns.
+    Its rate is the body velocity at any attitude. eta (N, n_dof) is (x, y, psi) in the plane, (x,
+    y, z, phi, theta, psi) in six degrees of freedom; in other degrees of freedom J is the identity.
     """
     steps, middle = np.diff(eta, axis=0), 0.5 * (eta[1:] + eta[:-1])
     if dofs == PLANAR:
@@ -109,7 +111,7 @@ def _check_heading(psi: Array, span: float) -> None:
     turned = float(np.max(np.abs(psi - np.mean(psi))))
     if turned > span:
         raise IdentificationError(
-            f"a linear model of the NED pose holds near one heading only: the heading turns "
+            f"a linear model of the NED pose holds near one heading only: the heading deviates by "
             f"{np.degrees(turned):.0f} deg from its mean, expected at most {np.degrees(span):.0f}; "
             f"use identifier.output=body_pose"
         )
@@ -121,7 +123,7 @@ class Record(NamedTuple):
     y: Array  # (N, m)
     u: Array  # (N, r)
     stretch: Codes  # (N,), not decreasing
-    times: Codes  # a window counts as often as its first sample is in here
+    times: Codes  # first samples of the windows used, with repetitions
 
 
 def stretches(values: Array, stretch: Codes) -> list[Array]:
@@ -132,13 +134,13 @@ def stretches(values: Array, stretch: Codes) -> list[Array]:
 def starts(record: Record, length: int) -> Codes:
     """First samples of the windows of `length` samples that lie within one stretch."""
     n = len(record.y) - length + 1
-    whole = record.stretch[length - 1 :] == record.stretch[: max(n, 0)]
-    kept = record.times[record.times < n]
-    return np.asarray(kept[whole[kept]])
+    contiguous = record.stretch[length - 1 :] == record.stretch[: max(n, 0)]
+    times = record.times[record.times < n]
+    return np.asarray(times[contiguous[times]])
 
 
 class Window(NamedTuple):
-    """A block of the Hankel matrix: x_{k+first} ... x_{k+first+length-1} for a window from k on."""
+    """A block of the Hankel matrix: x_{k+first} ... x_{k+first+length-1} for a window at k."""
 
     x: Array  # (N, m)
     first: int
@@ -146,7 +148,7 @@ class Window(NamedTuple):
 
 
 def hankel(blocks: list[Window], rows: Codes) -> Array:
-    """Transposed block Hankel matrices beside each other, of the windows that start at `rows`."""
+    """Transposed block Hankel matrices, side by side, of the windows that start at `rows`."""
     return np.hstack([
         x[rows[:, None] + np.arange(first, first + length)].reshape(len(rows), length * x.shape[1])
         for x, first, length in blocks
@@ -154,10 +156,10 @@ def hankel(blocks: list[Window], rows: Codes) -> Array:
 
 
 def triangular(blocks: list[Window], rows: Codes) -> Array:
-    """R, lower triangular, of the LQ factorisation of the stacked block Hankel matrices.
+    """Lower triangular factor of the LQ factorisation of the stacked block Hankel matrices.
 
-    Raises IdentificationError when there are too few windows, or the inputs (the first block) do
-    not excite every direction.
+    Raises IdentificationError when there are too few windows, or when the inputs (the first
+    block) are not persistently exciting.
     """
     columns = sum(length * x.shape[1] for x, _, length in blocks)
     if len(rows) < columns:
@@ -170,8 +172,9 @@ def triangular(blocks: list[Window], rows: Codes) -> Array:
     excitation = np.linalg.svd(R[:inputs, :inputs], compute_uv=False)
     if excitation[-1] < EXCITED * excitation[0]:
         raise IdentificationError(
-            f"the inputs do not excite all {len(excitation)} directions of L samples: "
-            f"singular values fall to {excitation[-1] / excitation[0]:.1e} of the largest"
+            f"the inputs do not excite all {len(excitation)} directions of L samples: got a "
+            f"singular value ratio of {excitation[-1] / excitation[0]:.1e}, expected at least "
+            f"{EXCITED:g}"
         )
     return R
 
@@ -179,21 +182,22 @@ def triangular(blocks: list[Window], rows: Codes) -> Array:
 def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record, Record]:
     """y_k - e_k and e_k, the least-squares prediction from J past samples and its error.
 
-    The first J samples of every stretch are lost.
+    The first J samples of every stretch are dropped. Raises IdentificationError when there are
+    too few windows.
     """
-    known = [Window(record.u, 0, J), Window(record.y, 0, J)]
-    known += [Window(record.u, J, 1)] if feedthrough else []
-    count = sum(one.length * one.x.shape[1] for one in known)
+    past = [Window(record.u, 0, J), Window(record.y, 0, J)]
+    past += [Window(record.u, J, 1)] if feedthrough else []
+    count = sum(window.length * window.x.shape[1] for window in past)
     rows = starts(record, J + 1)
     if len(rows) <= count:
         raise IdentificationError(
             f"got {len(rows)} windows of {J} past samples, expected more than {count}"
         )
-    both = [*known, Window(record.y, J, 1)]
-    R = triangle(hankel(both, rows[turn]) for turn in turns(len(rows)))
+    windows = [*past, Window(record.y, J, 1)]
+    R = triangle(hankel(windows, rows[turn]) for turn in turns(len(rows)))
     coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
     every = starts(record._replace(times=np.arange(len(record.y))), J + 1)
-    parts = [hankel(known, every[turn]) @ coefficients for turn in turns(len(every))]
+    parts = [hankel(past, every[turn]) @ coefficients for turn in turns(len(every))]
     explained, y = np.vstack(parts), record.y[every + J]
     position = np.full(len(record.y), -1)
     position[every + J] = np.arange(len(every))

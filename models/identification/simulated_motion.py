@@ -1,13 +1,13 @@
 """Instruments: the motion of a noise-free simulation under the recorded force.
 
 Ljungberg's instruments Z(k) are the regressors of a model that is simulated with the same inputs:
-they follow the true motion, since the inputs do, and know nothing of the noise in the measured
-one. The simulation is that of the closed loop with a controller that plays the recorded force
-back. In a recording under feedback the force does depend on past noise; white noise at an instant
-is still independent of a motion that only the force before it made.
+they are correlated with the true motion and independent of the measurement noise. The closed-loop
+simulation is used with a controller that applies the recorded force. In a recording under feedback
+the force depends on past noise, but white noise at an instant is independent of a motion caused by
+earlier forces.
 
-The heading is measured, not simulated: a simulated one drifts, and its sine and cosine would lose
-the true ones. The wind that instruments know is the mean of the measured one in NED.
+The heading is measured, not simulated, since a simulated heading drifts, and its sine and cosine
+would lose their correlation with the true ones. The wind is the mean of the measured wind in NED.
 """
 
 from dataclasses import replace
@@ -27,28 +27,28 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 
-RUNAWAY = 20.0  # a velocity this many times the largest measured one has run away
+RUNAWAY = 20.0  # a simulation beyond this multiple of the largest measured velocity has diverged
 STEP_S = 0.1  # longest integration step
 
 
 class Playback(NamedTuple):
-    """A force for every control period [N, Nm], shape (N, n_dof)."""
+    """Recorded forces for every control period [N, Nm], shape (N, n_dof)."""
 
     forces: Array
 
 
 class Adrift(NamedTuple):
-    """Guidance and reference of a vessel that nobody guides."""
+    """Guidance and reference of an uncontrolled vessel."""
 
     gain: float = 0.0
 
 
 @lean_kernel
-def _play(
+def _apply_recorded_force(
     table: Playback, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """The next force; state (1,) is how many were played."""
+    """Apply the next recorded force; state (1,) is the number of forces applied."""
     k = int(state[0])
     for i in range(tau.shape[0]):
         tau[i], tau_fb[i] = table.forces[k, i], 0.0
@@ -56,70 +56,70 @@ def _play(
 
 
 @lean_kernel
-def _ask_nothing(table: Adrift, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+def _constant_setpoint(table: Adrift, state: Array, k: int, eta: Array, setpoint: Array) -> None:
     for i in range(setpoint.shape[0]):
         setpoint[i] = table.gain
 
 
 @lean_kernel
-def _stay(table: Adrift, state: Array, setpoint: Array) -> None:
+def _hold_setpoint(table: Adrift, state: Array, setpoint: Array) -> None:
     for i in range(state.shape[0]):
         state[i, 0] = setpoint[i]
 
 
-CONTROLLERS[Playback] = _play
-GUIDANCE[Adrift] = _ask_nothing
-REFERENCES[Adrift] = _stay
+CONTROLLERS[Playback] = _apply_recorded_force
+GUIDANCE[Adrift] = _constant_setpoint
+REFERENCES[Adrift] = _hold_setpoint
 
 
 def simulated_motion(
     recording: Recording, model: Vessel, force: str | None, restart_s: float | None
 ) -> tuple[Recording, NDArray[np.bool_]]:
-    """The recording with the motion of a model in place of the measured one.
+    """The recording with the simulated motion of a model in place of the measured one.
 
-    Every stretch without a gap begins at the measured state, and every `restart_s` again; the mask
-    (N,) is true at these samples, which have the measured noise and are no instruments.
-    Raises IdentificationError when the model cannot be simulated.
+    The simulation starts at the measured state in every stretch without a gap, and again every
+    `restart_s` [s]. The mask (N,) is true at these samples, which have measurement noise and cannot
+    be instruments. Raises IdentificationError when the model cannot be simulated.
     """
     wind = mean_wind(recording)
     limits = RUNAWAY * np.max(np.abs(recording.nu), axis=0)
     limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
     motions, first = [], []
     for piece in stretches(recording, restart_s):
-        motions.append(_simulated(piece, model, force, wind, tuple(limits.tolist())))
+        motions.append(_simulate(piece, model, force, wind, tuple(limits.tolist())))
         first.append(np.arange(len(piece)) == 0)
     nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
-    air = None if wind is None else _seen_aboard(wind, recording)
+    air = None if wind is None else _wind_in_body(wind, recording)
     return replace(recording, nu=nu, nu_dot=nu_dot, wind=air), np.concatenate(first)
 
 
 def stretches(recording: Recording, restart_s: float | None) -> list[Recording]:
-    """The stretches without a gap, cut into pieces of at least `restart_s`."""
+    """The stretches without a gap, split into pieces of at least `restart_s` [s]."""
     pieces = recording.pieces()
     if restart_s is None:
         return pieces
     length = max(round(restart_s / recording.period_s), 2)
-    cut = []
+    parts = []
     for piece in pieces:
         edges = list(range(0, max(len(piece) - length, 0) + 1, length))
         ends = [*edges[1:], len(piece)]
-        cut += [piece.part(slice(a, b)) for a, b in zip(edges, ends, strict=True)]
-    return cut
+        parts += [piece.part(slice(a, b)) for a, b in zip(edges, ends, strict=True)]
+    return parts
 
 
 def mean_wind(recording: Recording) -> Array | None:
-    """Mean of the measured wind in NED [m/s], shape (2,); None where it was not measured."""
+    """Mean of the measured wind in NED [m/s], shape (2,); None if it was not measured."""
     if recording.wind is None:
         return None
     north_east = in_ned(recording.wind, recording.attitude[:, 2])
     return np.asarray(np.mean(north_east, axis=0))
 
 
-def _seen_aboard(wind: Array, recording: Recording) -> Array:
+def _wind_in_body(wind: Array, recording: Recording) -> Array:
     return in_body(np.tile(wind, (len(recording), 1)), recording.attitude[:, 2])
 
 
-def _simulated(
+def _simulate(
     piece: Recording,
     model: Vessel,
     force: str | None,
@@ -127,8 +127,8 @@ def _simulated(
     limits: tuple[float, ...],
 ) -> tuple[Array, Array]:
     """Velocity and acceleration of a model from the first measured state on, (N, n_dof) each."""
-    # A recorded acting force is what acts at a period's end, exact where it follows the command at
-    # once; what passed a known lag is continuous and acts by its mean.
+    # A recorded acting force is that at the end of a period, exact if it follows the command
+    # without lag; a force filtered by a known lag is continuous, so its mean is used.
     at_end = piece.force(force) is piece.tau_actual
     forces = piece.held_force(force)[:, 2 if at_end else 1]
     n, n_dof = forces.shape
@@ -145,7 +145,7 @@ def _simulated(
         )  # fmt: skip
     except (Diverged, ConfigurationError) as error:
         raise IdentificationError(
-            f"the simulation that instruments are taken from fails under the recorded force: "
-            f"{error}; a shorter restart_s keeps it near the measured motion"
+            f"the simulation of the instruments fails under the recorded force: {error}; "
+            f"a shorter restart_s keeps it near the measured motion"
         ) from error
     return voyage.log.nu, voyage.log.nu_dot

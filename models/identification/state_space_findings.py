@@ -1,8 +1,8 @@
-"""What is stored of an identified state-space model, and how well it fits.
+"""Findings of an identified state-space model, and its fit.
 
-The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A model can be biased and predict one
-step nearly perfectly, because the predictor corrects it at every sample; ten steps and a free run
-from the first sample show the bias.
+The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A biased model can predict one step nearly
+perfectly, because the predictor corrects it at every sample; predictions of ten steps and a free
+run from the first sample show the bias.
 """
 
 import numpy as np
@@ -17,51 +17,51 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
 
 
-def realisation_findings(found: Realisation) -> list[Finding]:
-    """Order, singular values and what the predictor and the states are like."""
-    model = found.model
-    single = {
+def realisation_findings(realisation: Realisation) -> list[Finding]:
+    """Order, singular values, spectral radii, controllability and observability."""
+    model = realisation.model
+    quantities = {
         "selected_order": model.order,
         "spectral_radius": model.spectral_radius,
         "predictor_radius": model.predictor_radius,
-        "gain_recomputed": found.gain_recomputed,
+        "gain_recomputed": realisation.gain_recomputed,
         "controllable_order": model.controllable_order,
         "observable_order": model.observable_order,
     }
-    listed = [Finding(name, "all", float(value)) for name, value in single.items()]
-    values = enumerate(found.singular_values, start=1)
-    return listed + [Finding("singular_value", "all", float(v), i=i) for i, v in values]
+    findings = [Finding(name, "all", float(value)) for name, value in quantities.items()]
+    values = enumerate(realisation.singular_values, start=1)
+    return findings + [Finding("singular_value", "all", float(v), i=i) for i, v in values]
 
 
 def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[Finding]:
     """The eigenvalues, and the Markov parameters up to a lag.
 
-    i and j of a Markov parameter are the lag and the input, its dof the output; of an eigenvalue
-    i counts them, the largest magnitude first.
+    For a Markov parameter i is the lag, j the input and dof the output; for an eigenvalue i is its
+    number, the largest magnitude first.
     """
-    listed = []
+    findings = []
     for i, value in enumerate(model.eigenvalues, start=1):
-        listed.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
-        listed.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))
+        findings.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
+        findings.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))
     for lag, matrix in enumerate(model.markov(lags)):
-        listed += [
+        findings += [
             Finding("markov", dofs[row], float(value), i=lag, j=j + 1, label=model.inputs[j])
             for (row, j), value in np.ndenumerate(matrix)
         ]
-    return listed
+    return findings
 
 
 def physical_findings(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Finding]:
     """Condition of the transform, stiffness, and the delay of each pose behind its force."""
-    listed = [Finding("physical_form", "all", 1.0)]
-    listed.append(Finding("physical_condition", "all", form.condition))
+    findings = [Finding("physical_form", "all", 1.0)]
+    findings.append(Finding("physical_condition", "all", form.condition))
     for row, dof in enumerate(dofs):
-        listed.append(Finding("delay", dof, float(form.delay[row]), "s"))
+        findings.append(Finding("delay", dof, float(form.delay[row]), "s"))
         for j, other in enumerate(dofs):
             unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
             stiffness = float(form.stiffness[row, j])
-            listed.append(Finding("stiffness", dof, stiffness, unit, j=j + 1, label=other))
-    return listed
+            findings.append(Finding("stiffness", dof, stiffness, unit, j=j + 1, label=other))
+    return findings
 
 
 def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) -> list[Finding]:
@@ -75,7 +75,7 @@ def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) ->
         start = model.initial_state(y, u)
         predicted["one_step"].append(model.predict(y, u, 1, start))
         predicted["ten_step"].append(model.predict(y, u, TEN, start))
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may run away
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
             free = model.initial_state(y, u, free_run=True)
             predicted["free_run"].append(model.simulate(u, free))
     labels = {"one_step": HIDES_BIAS}

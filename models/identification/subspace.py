@@ -3,18 +3,19 @@
     x_{k+1} = A x_k + B u_k + K e_k        y_k = C x_k + D u_k + e_k
 
 Block Hankel matrices of L rows, with J past samples as instruments, are compressed by one QR
-factorisation; an SVD of what the past explains of the future is the extended observability
-matrix, whose shift is A and whose first block is C. Everything else is linear in the data.
+factorisation. An SVD of the part of the future explained by the past gives the extended
+observability matrix. Its shift invariance gives A, and its first block is C. The other matrices
+follow from linear least squares.
 
-`open`: the future inputs are projected away, the past removes the noise. With feedback the future
-inputs contain past noise, and the model stays biased however long the record is.
+`open`: the future inputs are projected out, and the past samples as instruments remove the noise.
+With feedback the future inputs contain past noise, and the model is biased for any record length.
 
-`closed` (dsr_e): first the innovations e_k = y_k - y_k/[u past, y past] over J samples, which
-feedback does not disturb; then, with e known, a deterministic problem with the inputs (u, e) and
-the output y - e.
+`closed` (dsr_e): first the innovations e_k = y_k - y_k/[u past, y past] are estimated from J past
+samples, which is valid under feedback; then, with e known, a deterministic problem is solved with
+the inputs (u, e) and the output y - e.
 
 Di Ruscio (2009), "A bootstrap subspace identification method", Modeling, Identification and
-Control 30; as used by Bargouth (2022), section 3.7. He writes D for C and E for D.
+Control 30; as used by Bargouth (2022), section 3.7, who writes D for C and E for D.
 """
 
 from collections.abc import Iterator
@@ -38,23 +39,21 @@ from seatrial.models.identification.sampled_data import (
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
 
-# The gain K of an identified predictor x_{k+1} = A x_k + B u_k + K e_k that forgets its start.
-
-
-FLOORS = (1e-9, 1e-6, 1e-3, 1.0)  # process noise added to all states, relative to what there is
+FLOORS = (1e-9, 1e-6, 1e-3, 1.0)  # process noise added to all states, relative to the mean of Q
 
 
 def observer_gain(A: Array, C: Array) -> Array:
-    """A gain G with A - G C stable: the Kalman predictor's for noise of unit size everywhere."""
+    """A gain G (n, m) with A - G C stable: that of the Kalman predictor for unit covariances."""
     return _riccati_gain(A, C, np.eye(len(A)), np.zeros((len(A), len(C))), np.eye(len(C)))
 
 
 def with_gain(model: StateSpace, K: Array, e: Array) -> tuple[StateSpace, bool]:
-    """The model with K, or where A - K C is not stable, with the stable K of the same spectrum.
+    """The model with gain K (n, m), or with the stable K of the same spectrum.
 
-    Noise of the covariances K R K', K R and R has the same spectrum for both; the second one
-    solves the Riccati equation. Data without noise leave K open: then process noise that enters
-    as the inputs do, and 1 % of the output's size on it, are assumed.
+    If A - K C is not stable, the Riccati equation with the covariances K R K', K R and R gives the
+    stable gain with the same noise spectrum; R is that of the innovations e (N, m). Data without
+    noise do not determine K: then process noise at the inputs and measurement noise of 1 % of the
+    output are assumed. Also returns whether the gain was recomputed.
     """
     m = len(model.C)
     if not np.any(K):
@@ -72,8 +71,8 @@ def with_gain(model: StateSpace, K: Array, e: Array) -> tuple[StateSpace, bool]:
 def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
     """K = (A P C' + S)(C P C' + R)^-1 with P of the Riccati equation of the predictor.
 
-    Noise that leaves some state alone has no stabilising solution, or one that cannot be computed:
-    then a little more is added to all states.
+    If the noise does not excite every state, there may be no stabilising solution; then process
+    noise is added to all states, in increasing amounts.
     """
     size = max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
     for share in FLOORS:
@@ -85,20 +84,20 @@ def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
         if spectral_radius(A - K @ C) < 1.0:
             return K
     raise IdentificationError(
-        f"the identified model has no stable predictor: its outputs do not show every state, "
+        f"the identified model has no stable predictor: it is not detectable from its outputs, "
         f"spectral radius {spectral_radius(A):.4g}"
     )
 
 
 Variant = Literal["open", "closed"]
-DETERMINED = 1e-11  # smallest to largest singular value of a regression
-NOISE_FREE = 1e-9  # innovations below this share of the output are rounding
-ORDER_FLOOR = 1e-10  # singular values below this share of the largest are rounding
+DETERMINED = 1e-11  # least ratio of smallest to largest singular value of a regression
+NOISE_FREE = 1e-9  # innovations below this fraction of the output are rounding
+ORDER_FLOOR = 1e-10  # singular values below this fraction of the largest are rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Realisation:
-    """An identified model and what its order was chosen by."""
+    """An identified model and the singular values that its order was chosen from."""
 
     model: StateSpace
     singular_values: Array
@@ -118,17 +117,19 @@ def identify_innovations(
     stretch: Codes | None = None,
     times: Codes | None = None,
 ) -> Realisation:
-    """A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
+    """Identify A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
 
     `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
-    `closed` cannot. `stretch` numbers the contiguous parts of the data, `times` the samples to
-    use (a bootstrap's). Raises IdentificationError when the data do not determine the model.
+    `closed` cannot. `stretch` (N,) is the index of the contiguous part of each sample, `times` are
+    the indices of the samples to use (for a bootstrap), `period_s` [s] is the sample time. Raises
+    IdentificationError when the data do not determine the model, ConfigurationError for options
+    that do not fit the data.
     """
     _check(y, u, L, J, order, variant, feedthrough)
     y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
-    one = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
+    parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
     every = np.arange(len(y)) if times is None else times
-    record = Record(y / y_scale, u / u_scale, one, every)
+    record = Record(y / y_scale, u / u_scale, parts, every)
     if variant == "closed":
         model, values, recomputed = _identify_closed(record, L, J, order)
     else:
@@ -139,7 +140,7 @@ def identify_innovations(
 
 
 def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
-    """The model with F, from its own innovations, and x0 at the first sample."""
+    """The model with F, the factor of its innovations' covariance, and the initial state x0."""
     errors, states = [], []
     parts = (stretches(values, record.stretch) for values in (record.y, record.u))
     for y, u in zip(*parts, strict=True):
@@ -153,7 +154,7 @@ def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
 def _identify_open(
     record: Record, L: int, J: int, order: int | None, feedthrough: bool
 ) -> tuple[StateSpace, Array, bool]:
-    """The future inputs projected away, the past as instruments; B and D by output error."""
+    """Project out the future inputs, with the past as instruments; B and D by output error."""
     m = record.y.shape[1]
     rows = starts(record, J + L + 1)
     inputs, ahead = L + int(feedthrough), Window(record.y, J, L + 1)
@@ -176,7 +177,7 @@ def _identify_open(
 def _identify_closed(
     record: Record, L: int, J: int, order: int | None
 ) -> tuple[StateSpace, Array, bool]:
-    """Innovations first, then a deterministic problem with the inputs (u, e). dsr_e."""
+    """Estimate the innovations, then solve a deterministic problem with the inputs (u, e)."""
     m, r = record.y.shape[1], record.u.shape[1]
     explained, e = explained_by_past(record, J, False)
     noise, scale = _innovation_inputs(e.y)
@@ -193,7 +194,7 @@ def _identify_closed(
 
 
 def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:
-    """A, C and the singular values from the future that the state explains, (L + 1) m rows.
+    """A, C and the singular values from the future explained by the state, Z with (L + 1) m rows.
 
     Z_{J|L} = O_L X = U S V',  C = the first m rows of U,  A = U' Z_{J+1|L} V S^-1.
     """
@@ -219,25 +220,26 @@ def input_matrices(
     direct: bool,
     known: StateSpace | None = None,
 ) -> tuple[Array, Array]:
-    """B (n, p) and D (m, p) of the inputs v by least squares on the whole record.
+    """B (n, p) and D (m, p) of the inputs v (N, p) by least squares on the record.
 
     x_{k+1} = (A - G C) x_k + (B - G D) v_k + G y_k, y_k = C x_k + D v_k is linear in B, D and the
-    first state of every stretch, for any G: with G = 0 the error of a free run, with a stabilising
-    G that of a predictor. What the inputs `record.u` add through `known` is taken off before.
+    first state of every stretch, for any G. With G = 0 the error of a free run is minimised, with a
+    stabilising G that of a predictor. The response of the model `known` to the inputs `record.u`
+    is subtracted first.
     """
     n, m, p = len(A), len(C), v.shape[1]
     n_direct = m * p if direct else 0
-    target = record.y - _known_part(record, A, C, gain, known)
+    target = record.y - _known_response(record, A, C, gain, known)
     R = triangle(_regressors(record, target, v, (A, C, gain), direct))
-    found = _solved(R, n * p + n_direct)
-    B = found[: n * p].reshape(p, n).T
-    return B, found[n * p :].reshape(-1, m).T if direct else np.zeros((m, p))
+    solution = _solve_triangular(R, n * p + n_direct)
+    B = solution[: n * p].reshape(p, n).T
+    return B, solution[n * p :].reshape(-1, m).T if direct else np.zeros((m, p))
 
 
 def _regressors(
     record: Record, target: Array, v: Array, model: tuple[Array, Array, Array], direct: bool
 ) -> Iterator[Array]:
-    """The columns that `input_matrices` fits, and its target beside them, some rows at a time."""
+    """The regressors of `input_matrices` and the target as last column, in blocks of rows."""
     A, C, gain = model
     n, m, p = len(A), len(C), v.shape[1]
     stretch, chosen = record.stretch - record.stretch[0], np.sort(record.times)
@@ -251,20 +253,22 @@ def _regressors(
         yield np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[turn][rows].ravel()])
 
 
-def _solved(R: Array, count: int) -> Array:
+def _solve_triangular(R: Array, count: int) -> Array:
     """The first `count` unknowns from the triangular factor of [columns, right-hand side].
 
-    Of minimal norm where the columns leave them open: a short burst of innovations may not
-    determine K, nor the rows that a bootstrap chose a first state.
+    The solution has minimal norm if the columns are dependent: few innovations may not determine
+    K, and the rows of a bootstrap sample may not determine a first state.
     """
     size = np.linalg.norm(R[:, :-1], axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    found = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0]
-    return np.asarray((found / size)[:count])
+    solution = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0]
+    return np.asarray((solution / size)[:count])
 
 
-def _known_part(record: Record, A: Array, C: Array, gain: Array, known: StateSpace | None) -> Array:
-    """Output of the observer that G y and the known inputs drive, from rest in every stretch."""
+def _known_response(
+    record: Record, A: Array, C: Array, gain: Array, known: StateSpace | None
+) -> Array:
+    """Output of the observer driven by G y and the known inputs, from zero in every stretch."""
     m, r = len(C), record.u.shape[1]
     B, D = (np.zeros((len(A), r)), np.zeros((m, r))) if known is None else (known.B, known.D)
     inputs = np.hstack([gain, B - gain @ D])
@@ -278,9 +282,10 @@ def _responses(
     A: Array, C: Array, G: Array, v: Array, stretch: Codes, direct: bool, begin: int, x: Array,
     phi: Array,
 ) -> None:  # fmt: skip
-    """d y_k / d (B, D, first states), columns of B and D by input, for the rows k from `begin`.
+    """Write d y_k / d (B, D, first states) for the rows k from `begin`, B and D input by input.
 
-    phi (rows, m, q) is zero before; x (n, q) are the states' derivatives, kept from row to row.
+    phi (rows, m, q) must be zero on entry; x (n, q) are the derivatives of the state, updated in
+    place.
     """
     n, m, p, q = A.shape[0], C.shape[0], v.shape[1], phi.shape[2]
     first = n * p + (m * p if direct else 0)
@@ -310,16 +315,16 @@ def _responses(
 
 
 def _innovation_inputs(e: Array) -> tuple[Array, Array]:
-    """The innovations above rounding, each of unit size, and the map (kept, m) back from e."""
+    """The innovations above rounding with unit rms, and the map (n_kept, m) that scales them."""
     size = np.sqrt(np.mean(e**2, axis=0))
-    kept = np.flatnonzero(size > NOISE_FREE)
-    back = np.zeros((len(kept), e.shape[1]))
-    back[np.arange(len(kept)), kept] = 1.0 / size[kept]
-    return e[:, kept] / size[kept], back
+    columns = np.flatnonzero(size > NOISE_FREE)
+    scaling = np.zeros((len(columns), e.shape[1]))
+    scaling[np.arange(len(columns)), columns] = 1.0 / size[columns]
+    return e[:, columns] / size[columns], scaling
 
 
 def _scales(values: Array, what: str) -> Array:
-    """Standard deviations; the effect of an input that never changes looks like a first state."""
+    """Standard deviations; raises IdentificationError for a column that does not vary."""
     size = np.std(values, axis=0)
     for column in np.flatnonzero(~(size > 0.0)):
         raise IdentificationError(f"{what} {column + 1} does not vary: got {values[0, column]:g}")
@@ -329,7 +334,7 @@ def _scales(values: Array, what: str) -> Array:
 def _check(
     y: Array, u: Array, L: int, J: int, order: int | None, variant: str, feedthrough: bool
 ) -> None:
-    """Refuse what cannot be identified from any data of these shapes."""
+    """Raise an error for options or data that no model can be identified with."""
     if len(y) != len(u):
         raise ConfigurationError(f"got {len(y)} outputs and {len(u)} inputs, expected as many")
     if L < 2 or J < 1:

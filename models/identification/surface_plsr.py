@@ -1,14 +1,14 @@
 """Surface analysis: PLSR over model order and number of terms. Jervan (2020), 4.4 and 4.5.1.
 
-For each degree of freedom alone and each order, the regression begins with all terms; the term
-with the smallest |Theta_pre| is dropped and it is fitted again, down to max(2, order) terms. With
-30 terms these are 464 models an output. The MSE of each on data that were left out is the surface
+For each degree of freedom and each order, the regression begins with all terms; then the term with
+the smallest |Theta_pre| is dropped and the model is fitted again, down to max(2, order) terms. With
+30 terms these are 464 models per output. Their MSE on left-out data is the surface
 
     minimum       the (order, terms) of the least MSE
-    parsimonious  on the terms found there, the smallest order within 10 % of it
+    parsimonious  with the terms of the minimum, the smallest order within 10 % of its MSE
 
-and the whole may be repeated on what is left, F2 = F1 + Theta Phi, eq. (3.26). A stage that does
-not lower the MSE adds nothing.
+The method can be repeated on the residual in stages, F2 = F1 + Theta Phi, eq. (3.26). A stage that
+does not lower the MSE adds no terms.
 """
 
 from dataclasses import dataclass
@@ -44,16 +44,16 @@ from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 
-PARSIMONY = 1.1  # an order may cost this factor of the least MSE
-RESOLUTION = 1e-12  # of the output's mean square; below it, moments cannot tell two models apart
+PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least MSE
+RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
 FEWEST = 2
 
 
 @kernel
 def surface(xx: Array, xy: Array, theta: Array) -> None:
-    """Theta_pre of every (order, number of terms), from E'E (J, J) and E'f (J, 1).
+    """Write Theta_pre of every (order, number of terms), from E'E (J, J) and E'f (J, 1).
 
-    theta (J, J, J): order - 1, number of terms - 1, term; models that do not exist stay as given.
+    theta (J, J, J): order - 1, number of terms - 1, term; other entries are not changed.
     """
     n = xx.shape[0]
     kept = np.empty(n, dtype=np.int64)
@@ -90,7 +90,7 @@ def whole_surface(moment: Array, beta: Array) -> Array:
 
 
 def exists(n: int) -> NDArray[np.bool_]:
-    """Which (order, number of terms) are models, shape (n, n): at least 2 and the order."""
+    """Mask of the models (order, number of terms), shape (n, n): terms >= max(2, order)."""
     order, count = np.arange(1, n + 1)[:, None], np.arange(1, n + 1)
     return np.asarray(count >= np.maximum(order, min(FEWEST, n)))
 
@@ -105,34 +105,34 @@ class Choice(NamedTuple):
 
 
 def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) -> Choice:
-    """Choose order and terms of one output by the MSE on what the pairs leave out.
+    """Choose order and terms of one output by the MSE on the left-out data of the pairs.
 
-    Where no model is better than none, order 0 and no terms are chosen.
+    If no model is better than the empty one, order 0 and no terms are chosen.
     """
     n = len(beta)
     mse = left_out_mse(
         pairs, lambda used, left: mean_squares(left, whole_surface(used, beta))[..., 0]
     )
     mse[~exists(n)] = np.nan
-    nothing = left_out_mse(pairs, lambda _, left: mean_squares(left, np.zeros((1 + n, 1))))[0]
-    if nothing <= np.nanmin(mse):
+    empty_mse = left_out_mse(pairs, lambda _, left: mean_squares(left, np.zeros((1 + n, 1))))[0]
+    if empty_mse <= np.nanmin(mse):
         return Choice(0, np.zeros(0, dtype=np.int64), mse, np.zeros(0))
-    best, count = least(mse, RESOLUTION * nothing)
+    best, count = least(mse, RESOLUTION * empty_mse)
     kept = np.flatnonzero(whole_surface(moment, beta)[best, count, 1:, 0])
-    on_kept = left_out_mse(
+    order_mse = left_out_mse(
         [(restrict(used, kept), restrict(left, kept)) for used, left in pairs],
         lambda used, left: mean_squares(left, all_orders(used, beta[kept], len(kept)))[..., 0],
     )
     if parsimonious:
-        best = int(np.argmax(on_kept <= PARSIMONY * np.min(on_kept)))
-    return Choice(best + 1, kept, mse, on_kept)
+        best = int(np.argmax(order_mse <= PARSIMONY * np.min(order_mse)))
+    return Choice(best + 1, kept, mse, order_mse)
 
 
 def least(mse: Array, resolution: float) -> tuple[int, int]:
-    """Where the least MSE stands; where several are exact, the one with most terms and orders.
+    """Indices (order - 1, terms - 1) of the least MSE.
 
-    An MSE from moments loses what stands below rounding, so among exact models the one that has
-    left out least is kept.
+    An MSE below `resolution` is rounding; among such models the one with the most terms, then the
+    highest order, is chosen.
     """
     exact = np.argwhere(mse <= resolution)
     if len(exact) == 0:
@@ -142,21 +142,21 @@ def least(mse: Array, resolution: float) -> tuple[int, int]:
 
 
 def restrict(moment: Array, kept: NDArray[np.int64]) -> Array:
-    """Moments of one output with some of the terms alone."""
+    """Moments of one output with a subset of the terms."""
     rows = np.concatenate([[0], 1 + kept, [len(moment) - 1]])
     return np.asarray(moment[np.ix_(rows, rows)])
 
 
 def after(moment: Array, theta: Array) -> Array:
-    """Moments of Z with the outputs replaced by what theta (1 + J, K) leaves of them."""
+    """Moments of Z with the outputs replaced by the residuals of theta (1 + J, K)."""
     change = np.eye(len(moment))
     change[: len(theta), len(theta) :] = -theta
     return np.asarray(change.T @ moment @ change)
 
 
 def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[Array]:
-    """Coefficients on Z (1 + J, K) of each stage, each fitted to what the last one left."""
-    found = []
+    """Coefficients on Z (1 + J, K) of each stage, fitted to the residual of the last stage."""
+    coefficients = []
     for choices in stages:
         theta = np.zeros((1 + len(beta), len(choices)))
         for k, choice in enumerate(choices):
@@ -165,13 +165,13 @@ def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[A
             part = restrict(output_moment(moment, len(beta), k), choice.kept)
             fitted = all_orders(part, beta[choice.kept], choice.order)[-1, :, 0]
             theta[np.concatenate([[0], 1 + choice.kept]), k] = fitted
-        found.append(theta)
+        coefficients.append(theta)
         moment = after(moment, theta)
-    return found
+    return coefficients
 
 
-def _left_by(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
-    """Both moments with what a stage, fitted to the first, explains taken out of the outputs."""
+def _residual_moments(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
+    """Both moments for the residuals of a stage that is fitted to the first."""
     (theta,) = fit_stages(used, beta, [stage])
     return after(used, theta), after(out, theta)
 
@@ -180,8 +180,8 @@ def _left_by(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
 class SurfacePlsr(PartialLeastSquares):
     """PLSR of each degree of freedom alone, with order and terms from its surface.
 
-    `validation` says what the surface is computed on, `selection` which of its models is taken,
-    `stages` how often it is repeated on what is left. The bootstrap keeps order and terms.
+    `validation` selects the left-out data of the surface, `selection` the model, and `stages` is
+    the number of stages. All bootstrap replicates have the same order and terms.
     """
 
     selection: Literal["minimum", "parsimonious"]
@@ -194,21 +194,23 @@ class SurfacePlsr(PartialLeastSquares):
             raise ConfigurationError(f"stages must be 1 to 10, got {self.stages}")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of all stages, with the surfaces."""
+        """Identify the residual table of all stages; the surfaces are findings."""
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
         splits = split(self.validation, z.x, held_out, self.folds, rng)
-        whole = part(z.x, slice(None))
-        moment, pairs = whole.moment(z.y), splits.pairs(splits.moments(z.y))
+        all_samples = part(z.x, slice(None))
+        moment, pairs = all_samples.moment(z.y), splits.pairs(splits.moments(z.y))
         stages: list[list[Choice]] = []
         for stage in range(self.stages):
             stages.append(self.stage(moment, z, pairs, stages))
             findings += surface_findings(stages[-1], z.y_scale**2, dofs, stage, self.validation)
 
         def theta(outputs: Array) -> Array:
-            return np.asarray(np.sum(fit_stages(whole.moment(outputs), z.beta, stages), axis=0))
+            return np.asarray(
+                np.sum(fit_stages(all_samples.moment(outputs), z.beta, stages), axis=0)
+            )
 
         sums = np.cumsum(fit_stages(moment, z.beta, stages), axis=0)
         tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
@@ -221,17 +223,17 @@ class SurfacePlsr(PartialLeastSquares):
     def stage(
         self, moment: Array, z: Columns, pairs: list[Pair], before: list[list[Choice]]
     ) -> list[Choice]:
-        """Choose the models of one stage; every fold is fitted by itself from the first on."""
+        """Choose the models of one stage; in every fold the stages before are fitted separately."""
         for fitted in before:
-            pairs = [_left_by(fitted, z.beta, used, out) for used, out in pairs]
-            moment, _ = _left_by(fitted, z.beta, moment, moment)
-        sparing = self.selection == "parsimonious"
+            pairs = [_residual_moments(fitted, z.beta, used, out) for used, out in pairs]
+            moment, _ = _residual_moments(fitted, z.beta, moment, moment)
+        parsimonious = self.selection == "parsimonious"
         return [
             choose(
                 [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs],
                 output_moment(moment, z.n_x, k),
                 z.beta,
-                sparing,
+                parsimonious,
             )
             for k in range(len(z.y_scale))
         ]
@@ -240,43 +242,48 @@ class SurfacePlsr(PartialLeastSquares):
 def surface_findings(
     choices: list[Choice], square: Array, dofs: tuple[str, ...], stage: int, label: str
 ) -> tuple[Finding, ...]:
-    """The surface of each degree of freedom, the orders on its terms, and what was chosen."""
+    """The surface of each degree of freedom, the MSE of the orders, and the choice."""
     suffix = f"_stage{stage + 1}" if stage else ""
-    found = []
+    findings = []
     for k, (dof, choice) in enumerate(zip(dofs, choices, strict=True)):
         unit = SQUARE_UNIT[dof]
         for a, j in np.argwhere(~np.isnan(choice.surface_mse)):
             value = float(choice.surface_mse[a, j] * square[k])
             i, n = int(a) + 1, int(j) + 1
-            found.append(Finding(f"surface_mse{suffix}", dof, value, unit, i, n, label))
+            findings.append(Finding(f"surface_mse{suffix}", dof, value, unit, i, n, label))
         models = float(np.count_nonzero(~np.isnan(choice.surface_mse)))
-        found.append(Finding(f"surface_models{suffix}", dof, models, label=label))
+        findings.append(Finding(f"surface_models{suffix}", dof, models, label=label))
         for a, mse in enumerate(choice.order_mse * square[k]):
-            found.append(Finding(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label))
-        found.append(Finding(f"selected_order{suffix}", dof, float(choice.order), label=label))
+            findings.append(
+                Finding(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label)
+            )
+        findings.append(Finding(f"selected_order{suffix}", dof, float(choice.order), label=label))
         count = float(len(choice.kept))
-        found.append(Finding(f"selected_variables{suffix}", dof, count, label=label))
-    return tuple(found)
+        findings.append(Finding(f"selected_variables{suffix}", dof, count, label=label))
+    return tuple(findings)
 
 
 def stage_findings(samples: Samples, stages: list[Vessel]) -> tuple[Finding, ...]:
     """Training MSE before the first and after each stage, and each stage's coefficients.
 
-    i is the number of the stage; one stage alone is the residual table and is not repeated.
+    i is the number of the stage. The coefficients of a single stage are omitted, since they equal
+    the residual table.
     """
-    rest, found = samples.epsilon, []
+    rest, findings = samples.epsilon, []
     for stage in range(len(stages) + 1):
         if stage:
             rest = rest - samples.phi @ stages[stage - 1].theta
         for k, dof in enumerate(stages[0].dofs):
             mse = float(np.mean(rest[:, k] ** 2))
-            found.append(Finding("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
+            findings.append(Finding("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
     for stage, table in enumerate(stages if len(stages) > 1 else [], start=1):
-        for one, row in zip(table.terms, table.theta, strict=True):
+        for term, row in zip(table.terms, table.theta, strict=True):
             for dof, value in zip(table.dofs, row, strict=True):
-                unit = coefficient_unit(one, dof)
+                unit = coefficient_unit(term, dof)
                 if value:
-                    found.append(
-                        Finding("stage_coefficient", dof, float(value), unit, stage, label=one.name)
+                    findings.append(
+                        Finding(
+                            "stage_coefficient", dof, float(value), unit, stage, label=term.name
+                        )
                     )
-    return tuple(found)
+    return tuple(findings)

@@ -1,16 +1,17 @@
-"""Standard errors that know that residuals of motion are autocorrelated.
+"""Standard errors for autocorrelated residuals.
 
-A low-pass makes neighbouring residuals alike, so the textbook error, for white residuals, is far
-too small. An estimate is linear in the residuals, theta_hat - theta = sum_i g_i e_i, and with an
-autocovariance gamma of the residuals
+After a low-pass filter neighbouring residuals are correlated, so the textbook standard error for
+white residuals is far too small. An estimate is linear in the residuals, theta_hat - theta =
+sum_i g_i e_i, and with an autocovariance gamma of the residuals
 
     stationary   var = sum_lag w(lag) gamma_e(lag) sum_i g_i g_(i+lag)
     hac          var = sum_lag w(lag) sum_i (g_i e_i) (g_(i+lag) e_(i+lag))
 
 both with the Bartlett weights w of Newey and West (1987) and the bandwidth of Andrews (1991).
-`hac` allows residuals whose size changes with the motion, but needs many independent manoeuvres:
-three turns in a training lap leave it half of the true spread in yaw. `stationary` does not. Or
-blocks of residuals are drawn again (Kuensch, 1989), the regressors kept, and the model refitted.
+`hac` allows a variance of the residuals that changes with the motion, but needs many independent
+manoeuvres: with three turns in a training lap it gives half of the true standard error in yaw.
+`stationary` does not need them. The alternative is a block bootstrap (Kuensch, 1989): blocks of
+residuals are resampled with the same regressors, and the model is fitted again.
 """
 
 from collections.abc import Callable
@@ -23,11 +24,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 
 ErrorKind = Literal["stationary", "hac"]
-PIECE = 8192  # samples that are transformed together, at least
+PIECE = 8192  # least number of samples in one transform
 
 
 def check_bootstrap(bootstrap: int | None, block_s: float) -> None:
-    """Refuse too few replicates and empty blocks."""
+    """Raise ConfigurationError for fewer than 20 replicates or empty blocks."""
     if bootstrap is not None and bootstrap < 20:
         raise ConfigurationError(f"bootstrap must be at least 20 or null, got {bootstrap}")
     if not block_s > 0.0:
@@ -37,7 +38,7 @@ def check_bootstrap(bootstrap: int | None, block_s: float) -> None:
 def stationary_variance(gain: Array, rest: Array) -> Array:
     """Variance of sum_i g_i e_i for gains (N, P) and a stationary residual (N,), shape (P,).
 
-    Of several residuals (N, K), each by itself, shape (P, K).
+    For several residuals (N, K) it is computed for each, shape (P, K).
     """
     residuals = rest.reshape(len(rest), -1)
     widths = bandwidth(autocovariances(residuals, 2), len(rest))
@@ -59,8 +60,8 @@ def hac_variance(influence: Array) -> Array:
 def autocovariances(series: Array, lags: int | None = None) -> Array:
     """Sum over samples of x_i x_(i+lag), lags 0 to `lags` - 1, shape (lags, P), by FFT.
 
-    `lags` None are all N. Few of a long record come from pieces of it, each with the samples that
-    its own meet: pieces that fit into the cache, not a transform of the whole.
+    `lags` None computes all N. For few lags of a long record the sum is computed in pieces that fit
+    into the cache, each with the following samples that the lags need.
     """
     n = len(series)
     lags = n if lags is None else min(lags, n)
@@ -68,9 +69,9 @@ def autocovariances(series: Array, lags: int | None = None) -> Array:
     size = next_fast_len(piece + lags - 1, real=True)
     spectrum = np.zeros((size // 2 + 1, series.shape[1]), dtype=np.complex128)
     for a in range(0, n, piece):
-        those = np.fft.rfft(series[a : a + piece], size, axis=0)
-        met = np.fft.rfft(series[a : a + piece + lags - 1], size, axis=0)
-        spectrum += those.conj() * met
+        piece_spectrum = np.fft.rfft(series[a : a + piece], size, axis=0)
+        shifted_spectrum = np.fft.rfft(series[a : a + piece + lags - 1], size, axis=0)
+        spectrum += piece_spectrum.conj() * shifted_spectrum
     return np.asarray(np.fft.irfft(spectrum, size, axis=0)[:lags])
 
 
@@ -87,21 +88,22 @@ def bandwidth(covariances: Array, n: int) -> Array:
 
 
 def bartlett_weights(widths: Array, lags: int) -> Array:
-    """Weights of both signs of each lag, shape (lags, P), for bandwidths (P,)."""
+    """Bartlett weights for the sum over both signs of each lag, (lags, P), bandwidths (P,)."""
     weights = np.clip(1.0 - np.arange(lags)[:, None] / (widths + 1.0), 0.0, None)
     weights[1:] *= 2.0
     return np.asarray(weights)
 
 
 def _lags(widths: Array, n: int) -> int:
-    """How many lags have a weight at the widest bandwidth."""
+    """Number of lags with a non-zero weight at the largest bandwidth."""
     return min(n, int(np.ceil(np.max(widths, initial=0.0))) + 1)
 
 
 def residual_blocks(rest: Array, length: int, rng: np.random.Generator) -> Array:
-    """Residuals (N, K) drawn again in blocks of `length` samples that may begin anywhere.
+    """Resample residuals (N, K) in blocks of `length` samples with random starts.
 
-    The record is closed to a ring so that every sample is as likely; all columns move together.
+    The record is treated as periodic, so that all samples are equally likely. All columns are
+    resampled together.
     """
     n = len(rest)
     starts = rng.integers(n, size=-(-n // length))
@@ -117,7 +119,7 @@ def block_bootstrap(
     replicates: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Standard deviation of fit(residuals drawn again) over the replicates."""
+    """Standard deviation of fit(resampled residuals) over the replicates."""
     length = max(length, 1)
     fits = [fit(residual_blocks(rest, length, rng)) for _ in range(replicates)]
     return np.asarray(np.std(fits, axis=0, ddof=1))

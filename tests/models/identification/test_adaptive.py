@@ -106,7 +106,9 @@ def test_a_model_that_explains_nothing_is_refused(monkeypatch: Any) -> None:
     results = trials.run(one)
     assert times(results) == []
     labels = {d.label for d in results.diagnostics if d.name == "update_refused"}
-    assert "it explains the window's end no better" in labels
+    assert (
+        "the candidate does not explain the end of the window better than the last model" in labels
+    )
 
 
 def test_another_controller_keeps_its_memory() -> None:

@@ -210,7 +210,7 @@ def test_the_ned_pose_serves_near_one_heading_only(
 ) -> None:
     ned = identifier("dsr", bootstrap=None, output="pose")
     with pytest.raises(
-        IdentificationError, match=r"heading turns 1\d\d deg.*use identifier.output=body_pose"
+        IdentificationError, match=r"heading deviates by 1\d\d deg.*use identifier.output=body_pose"
     ):
         ned.identify(calm.problem, rng)
     ned = replace(ned, heading_span_deg=60.0)  # these data are linear at any heading
@@ -336,7 +336,7 @@ def test_the_order_by_the_gap_is_the_physical_one(
         ({"period_s": 0.0}, "period_s must be positive or null, got 0"),
         ({"condition_limit": -1.0}, "condition_limit must be positive"),
         ({"heading_span_deg": 0.0}, "heading_span_deg must be positive"),
-        ({"extra_terms": ["1"]}, "a constant looks like a first state"),
+        ({"extra_terms": ["1"]}, "expected a term that varies"),
         ({"extra_terms": ["u_dot"]}, "are in the model already"),
         ({"extra_terms": ["u"]}, "are in the model already"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
@@ -357,7 +357,7 @@ def test_what_cannot_work_is_refused_before_any_work(
     dsr.check(milliampere, None, False)
     with pytest.raises(ConfigurationError, match="got 8, but milliampere has 6 states"):
         replace(dsr, order=8).check(milliampere, None, False)
-    with pytest.raises(ConfigurationError, match="the lag is not known"):
+    with pytest.raises(ConfigurationError, match="the thruster lag is not known"):
         replace(dsr, force="filtered").check(milliampere, None, False)
     with pytest.raises(ConfigurationError, match="expected at most L x outputs = 6"):
         replace(dsr, order=8, L=2, physical_form="optional").check(milliampere, None, False)

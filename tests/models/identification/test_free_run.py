@@ -371,7 +371,7 @@ def test_parameters_can_be_named_and_new(milliampere):
 @pytest.mark.parametrize(
     ("labels", "message"),
     [
-        (["heave.w"], "expected a degree of freedom out of surge"),
+        (["heave.w"], "expected one of the degrees of freedom surge"),
         (["surge.u", "surge.u"], "given twice"),
         (["surge.vv_dotx"], "expected factors"),
         ([], "no coefficient"),

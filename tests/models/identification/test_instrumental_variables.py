@@ -75,7 +75,7 @@ def test_instruments_that_do_not_determine_are_refused() -> None:
     z, phi, y = simultaneous(100, np.random.default_rng(3))
     with pytest.raises(IdentificationError, match="got 1 instruments for 2 terms"):
         solve(z[:, :1], phi, y)
-    with pytest.raises(IdentificationError, match="do not tell a, b from each other"):
+    with pytest.raises(IdentificationError, match="do not distinguish a, b from each other"):
         solve(z[:, [0, 0]], phi, y, ("a", "b"))
 
 

@@ -315,7 +315,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("triple_ramp"))
     option = identifier("least_squares", parameters=["surge.|u|u", "surge.u^2"], **EULER)
-    with pytest.raises(IdentificationError, match=r"does not tell surge.\|u\|u, surge.u\^2"):
+    with pytest.raises(IdentificationError, match=r"does not distinguish surge.\|u\|u, surge.u\^2"):
         option.identify(problem, None)
 
 
@@ -330,7 +330,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
         ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),
         ({"bound_factor": 1.0}, "bound_factor must be above 1"),
         ({"derivative_limit": 0.0}, "derivative_limit must be positive"),
-        ({"parameters": ["yaw.r"]}, "expected a degree of freedom out of surge"),
+        ({"parameters": ["yaw.r"]}, "expected one of the degrees of freedom surge"),
         ({"ned_force": True}, "ned_force needs a vessel in surge, sway, yaw"),
         ({"force": "measured"}, "force: got 'measured'"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
