@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import open_results
@@ -137,7 +136,7 @@ def arguments(path: Path, metadata: Path, port: int) -> list[str]:
     return ["serve", str(path), "--host", HOST, "--port", str(port), "-m", str(metadata), *words]
 
 
-def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, Any]:
+def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, object]:
     """Return Datasette's metadata for tables and views with the `known` columns."""
     tables = {
         name: {

@@ -8,15 +8,12 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from seatrial.runner.compare.formats import Format
-
-if TYPE_CHECKING:
-    from seatrial.runner.compare.grid import Grid
-
+from seatrial.runner.compare.formats import Format, render
+from seatrial.runner.compare.grid import Grid
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
@@ -67,15 +64,13 @@ def shown_path(path: Path) -> Path:
     return path.relative_to(here) if path.is_relative_to(here) else path
 
 
-def show_grid(grid: "Grid", form: Format) -> None:
+def show_grid(grid: Grid, form: Format) -> None:
     """Print one grid."""
     show_grids([grid], form)
 
 
-def show_grids(grids: Sequence["Grid"], form: Format) -> None:
+def show_grids(grids: Sequence[Grid], form: Format) -> None:
     """Print grids one after the other; on a terminal they are fitted to its width."""
-    from seatrial.runner.compare.formats import render
-
     terminal = sys.stdout.isatty()
     width = None
     if terminal:

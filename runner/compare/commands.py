@@ -20,6 +20,7 @@ from seatrial.runner.compare.cli import (
 from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
 from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.grid import grid_of
 
 
 @app.command()
@@ -126,7 +127,6 @@ def plot(options: PlotOptions) -> None:
 @app.command()
 def metrics(form: Form = Format.RICH) -> None:
     """List the metrics that trials store: unit, better direction, stage and formula."""
-    from seatrial.runner.compare.grid import grid_of
     from seatrial.runner.record.catalogue import all_declared
 
     headers = ("metric", "unit", "better", "stage", "what it is")

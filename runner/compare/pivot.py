@@ -135,9 +135,9 @@ def _with_unobserved(
     factors = (*row_factors, *column_factors)
     own_positions = [i for i, factor in enumerate(factors) if factor in OWN_FACTORS]
     own_parts = {tuple((row + column)[i] for i in own_positions) for row, column in observed}
-    seen = {_run_part(row + column, factors) for row, column in observed}
+    observed_parts = {_run_part(row + column, factors) for row, column in observed}
     keys = set(observed)
-    for part in set(_runs_by_part(runs, factors)) - seen:
+    for part in set(_runs_by_part(runs, factors)) - observed_parts:
         for own in own_parts or {("",) * len(own_positions)}:
             levels = list(part)
             for position, level in zip(own_positions, own, strict=True):

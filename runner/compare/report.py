@@ -210,10 +210,10 @@ def _variants(
     by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]
     match figure.each:
         case "metric and dof":
-            for metric in (one for one in METRICS if one.headline):
-                yield from ((metric.caption, replace(one, metric=metric.name)) for one in by_dof)
+            for metric in (entry for entry in METRICS if entry.headline):
+                yield from ((metric.caption, replace(part, metric=metric.name)) for part in by_dof)
         case "dof":
-            yield from ((figure.caption, one) for one in by_dof)
+            yield from ((figure.caption, part) for part in by_dof)
         case "column":
             yield figure.caption, replace(request, facet=request.columns)
         case _:

@@ -83,6 +83,7 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
+DiagnosticRow = sa.Row[Any]
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
@@ -189,12 +190,12 @@ class Results:
 
     def diagnostics(
         self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
-    ) -> dict[int, list[sa.Row[Any]]]:
+    ) -> dict[int, list[DiagnosticRow]]:
         """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run."""
         d = Diagnostic.__table__.c
         query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
         query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
-        by_run: dict[int, list[sa.Row[Any]]] = {run.id: [] for run in runs}
+        by_run: dict[int, list[DiagnosticRow]] = {run.id: [] for run in runs}
         for row in self.reader.select(query.order_by(d.id)):
             if row.run_id in by_run:
                 by_run[row.run_id].append(row)
@@ -259,5 +260,5 @@ class Results:
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return "none" if value is None else str(value)

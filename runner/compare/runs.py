@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
@@ -179,14 +178,14 @@ def _properties(run: RunDetail) -> list[list[Scalar]]:
     return [pair for pair in properties if pair[1] not in (None, "")]
 
 
-def _property(value: Any) -> Scalar:
+def _property(value: object) -> Scalar:
     """Return a value for display: dates to the second, `yes` for true, None for false."""
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d %H:%M:%S} UTC"
     return None if value is False else "yes" if value is True else plain(value)
 
 
-def _config_text(value: Any) -> str:
+def _config_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
@@ -247,7 +246,7 @@ def _quoted(text: str) -> str:
     return f"'{escaped}'"
 
 
-def plain(value: Any) -> Scalar:
+def plain(value: object) -> Scalar:
     """Return a value of the database as a cell value: dates as ISO text, JSON as JSON text."""
     if isinstance(value, datetime):
         return value.isoformat()
