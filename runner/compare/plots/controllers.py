@@ -39,7 +39,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     if not figures:
         raise ConfigurationError(
             f"plot controllers: got no two finished runs that differ in {request.rows} only, "
-            f"expected one mission sailed by each of them with the {request.model} model"
+            f"expected a mission that each of them sailed with the {request.model} model"
         )
     return figures
 
