@@ -38,9 +38,7 @@ FIGURE = Figure(
 
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
-NARROWEST = (
-    0.02  # smallest range of the axis, so that rounding errors of an exact fit are not magnified
-)
+NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
 
 
 @dataclass(frozen=True)

@@ -131,9 +131,8 @@ def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:
     place = kinds.index(number)
     colour, style = PALETTE[place % len(PALETTE)], STYLES[place // len(PALETTE) % len(STYLES)]
     parts = _intervals(columns["manoeuvre"] == number)
-    parts.sort(
-        key=lambda part: columns["role"][part.start] == TESTING
-    )  # the first line, which is in the legend, is thick
+    # the first line, which is in the legend, is thick
+    parts.sort(key=lambda part: columns["role"][part.start] == TESTING)
     for i, part in enumerate(parts):
         thin = columns["role"][part.start] == TESTING
         axes.plot(
