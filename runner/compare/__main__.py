@@ -1,6 +1,6 @@
 """Entry point: `python -m runner.compare`, installed as `seatrial-results`.
 
-Exit codes: 0, 1 where a check found something wrong (verify), 2 for bad input, 130 on Ctrl-C.
+Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad input, 130 on Ctrl-C.
 """
 
 import os
@@ -15,13 +15,13 @@ PROGRAM = "seatrial-results"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit; errors that a user can cause are one line on stderr."""
+    """Run the command line and exit; a user error is printed as one line on stderr."""
     import_from_working_folder()
     sys.exit(run(arguments))
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """The exit code of one command line; None stands for the arguments of this process."""
+    """Run one command line and return its exit code; None takes the arguments of this process."""
     with masked_output():
         return _run(arguments)
 
@@ -29,7 +29,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     from typer.main import get_command
 
-    from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - they add their commands
+    from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
     from seatrial.runner.compare.cli import app
 
     try:
@@ -42,7 +42,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return complain(str(error))
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:  # the reader of a pipe, `head` perhaps, has seen enough
+    except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -54,15 +54,16 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def complain(message: str) -> int:
-    """Prints one line and gives the exit code of bad input."""
+    """Print one line on stderr and return the exit code of bad input."""
     print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
     return 2
 
 
 def _usage_message(error: Exception) -> str | None:
-    """What the command line parser complains about; None for what is not its exception.
+    """Return the message of a parser error, or None for any other exception.
 
-    Typer ships its parser under different names from version to version: it is known by its form.
+    The module of the parser differs between versions of Typer, so its exceptions are recognised
+    by their attributes.
     """
     describe = getattr(error, "format_message", None)
     if describe is None:

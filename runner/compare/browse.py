@@ -1,7 +1,6 @@
-"""Opens a logbook in Datasette: titles, descriptions, units and ready queries in its metadata.
+"""Opens a logbook in Datasette, with titles, descriptions, units and example queries.
 
-Datasette is the extra `browse`. It listens on 127.0.0.1 only; the file is opened read-only, and
-no one but the person at this machine is let in.
+Datasette is the extra `browse`. It listens on 127.0.0.1 only, and the file is opened read-only.
 """
 
 import json
@@ -11,32 +10,32 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import open_results
+from seatrial.runner.database.engine import open_to_read
 from seatrial.runner.database.tables import Base
 
 HOST = "127.0.0.1"
 LICENCE_NOTE = "Numbers are SI, angles radians, unless a column `unit` says otherwise; times UTC."
 TABLES = {
-    "run_overview": "One row a run: status, choices, headline metrics. Start here.",
-    "metric_wide": "One row a run, stage, model and DOF; one column a metric.",
-    "coefficient_error": "Identified against true coefficients, where the truth is not zero.",
+    "run_overview": "One row for each run: status, choices, headline metrics. Start here.",
+    "metric_wide": "One row for each run, stage, model and DOF; one column for each metric.",
+    "coefficient_error": "Identified and true coefficients, if the true value is not zero.",
     "sweep": "One start of the program with several trials.",
     "run": "One attempt at one trial: configuration, provenance, outcome.",
     "metric": "One figure of merit of a run, with its unit.",
     "coefficient": "One entry of a model of a run; a vessel can be rebuilt from these.",
     "diagnostic": "How an identification went: error over order, singular values, Pareto sets.",
     "series": "Files of sampled columns beside the database, with checksums.",
-    "reuse": "Trials of a sweep that another run had done already.",
+    "reuse": "Trials of a sweep that an earlier run had already completed.",
 }
 COLUMNS = {
     "fingerprint": "SHA-256 of the resolved configuration and of the code that computes results",
     "attempt": "counts the runs of one fingerprint",
     "superseded": "1 where another attempt at the same trial counts instead",
     "status": "running, finished, diverged, failed or interrupted",
-    "heartbeat_at": "last sign of life of a running run, UTC",
+    "heartbeat_at": "last heartbeat of a running run, UTC",
     "started_at": "UTC",
     "finished_at": "UTC",
     "duration_s": "wall time [s]",
@@ -50,9 +49,9 @@ COLUMNS = {
     "below_true_model": "1 where the force error fits lag or feedback, not the vessel",
     "force_mse": "mean square lack of fit of the force, held-out part [N^2 or (Nm)^2]",
     "force_mae": "mean absolute lack of fit of the force [N or Nm]",
-    "force_mse_filtered": "as force_mse, thruster lag taken into account [N^2 or (Nm)^2]",
+    "force_mse_filtered": "as force_mse, corrected for thruster lag [N^2 or (Nm)^2]",
     "coefficient_error": "largest relative error of a coefficient [1]",
-    "pose_rmse_one_step": "root mean square pose error one step ahead, held-out part; hides bias",
+    "pose_rmse_one_step": "RMS pose error one step ahead, held-out part; hides bias",
     "pose_rmse_ten_step": "the same ten steps ahead [m or rad]",
     "pose_rmse_free_run": "the same of a free run from the first sample [m or rad]",
     "velocity_rmse_one_step": "as pose_rmse_one_step [m/s or rad/s]; hides bias",
@@ -90,7 +89,7 @@ QUERIES = {
         " AND superseded = 0 ORDER BY run_id DESC",
     ),
     "worst_coefficients": (
-        "Coefficients farthest from the truth",
+        "Coefficients with the largest errors",
         "SELECT identifier, disturbance, dof, term, count(*) AS n,"
         " avg(relative_error) AS mean_relative_error FROM coefficient_error"
         " WHERE model = 'identified' AND superseded = 0 GROUP BY identifier, disturbance, dof, term"
@@ -105,36 +104,40 @@ QUERIES = {
 
 
 def browse_database(database: str, port: int, open_browser: bool) -> int:
-    """Serves the database until it is interrupted; the exit code of Datasette."""
+    """Serve the database until interrupted; return the exit code of Datasette."""
     with open_results(database) as results:
         path = results.reader.address.path
-        known = columns_of(path) if path else {}
-        found = results.reader.stored_passwords()
+        columns = columns_of(path) if path else {}
+        passwords = results.reader.stored_passwords()
     if path is None:
-        raise ConfigurationError("browse: Datasette reads SQLite; PostgreSQL has its own browsers")
-    if found:  # Datasette shows rows as they are
         raise ConfigurationError(
-            f"browse: {found[0].where}: {found[0].what}; expected a logbook without passwords:"
-            " seatrial-results scrub removes them"
+            "browse: Datasette reads SQLite; use a PostgreSQL client for PostgreSQL"
+        )
+    if passwords:  # Datasette does not mask them
+        raise ConfigurationError(
+            f"browse: {passwords[0].where}: {passwords[0].what}; expected a logbook without"
+            " passwords: seatrial-results scrub removes them"
         )
     if find_spec("datasette") is None:
-        raise ConfigurationError("browse: Datasette is missing: pip install 'seatrial[browse]'")
+        raise ConfigurationError(
+            "browse: Datasette is not installed: pip install 'seatrial[browse]'"
+        )
     with TemporaryDirectory(prefix="seatrial-browse-") as folder:
         metadata = Path(folder) / "metadata.json"
-        metadata.write_text(json.dumps(metadata_of(path, known)), encoding="utf-8")
+        metadata.write_text(json.dumps(metadata_of(path, columns)), encoding="utf-8")
         command = [*arguments(path, metadata, port), *(["--open"] if open_browser else [])]
         return subprocess.run([sys.executable, "-m", "datasette", *command], check=False).returncode
 
 
 def arguments(path: Path, metadata: Path, port: int) -> list[str]:
-    """Arguments of Datasette: this host only, no downloads, a time limit on queries."""
+    """Return the arguments of Datasette: local host, no downloads, limited query time."""
     settings = {"allow_download": "off", "sql_time_limit_ms": "10000", "max_returned_rows": "5000"}
-    given = [word for name, value in settings.items() for word in ("--setting", name, value)]
-    return ["serve", str(path), "--host", HOST, "--port", str(port), "-m", str(metadata), *given]
+    words = [word for name, value in settings.items() for word in ("--setting", name, value)]
+    return ["serve", str(path), "--host", HOST, "--port", str(port), "-m", str(metadata), *words]
 
 
-def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, Any]:
-    """Datasette's metadata for a logbook whose tables and views have the `known` columns."""
+def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, object]:
+    """Return Datasette's metadata for tables and views with the `known` columns."""
     tables = {
         name: {
             "description": text,
@@ -151,18 +154,16 @@ def metadata_of(path: Path, known: Mapping[str, list[str]]) -> dict[str, Any]:
 
 
 def columns_of(path: Path) -> dict[str, list[str]]:
-    """The columns of every table and view that is described."""
-    from seatrial.runner.database.engine import open_to_read
-
+    """Return the columns of every described table and view."""
     connection = open_to_read(path)
     try:
-        named = set(TABLES) | {table.name for table in Base.metadata.sorted_tables}
+        names = set(TABLES) | {table.name for table in Base.metadata.sorted_tables}
         return {
             name: [
                 row[0]
                 for row in connection.execute("SELECT name FROM pragma_table_info(?)", [name])
             ]
-            for name in sorted(named)
+            for name in sorted(names)
         }
     finally:
         connection.close()

@@ -1,6 +1,6 @@
-"""The options of the commands that have many, as one object each.
+"""The options of `table` and `plot`, each as one dataclass.
 
-Nothing slow is imported here: --help reads it.
+This module is imported by --help and therefore imports nothing slow.
 """
 
 import inspect
@@ -26,11 +26,11 @@ T = TypeVar("T")
 
 
 def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:
-    """Make a function of one dataclass a command: the fields become its arguments and options."""
+    """Turn a function of one dataclass into a command; the fields become its options."""
 
     def command_of(function: Callable[[T], None]) -> Callable[..., None]:
-        def command(**given: Any) -> None:
-            function(options(**given))
+        def command(**values: Any) -> None:
+            function(options(**values))
 
         command.__name__, command.__doc__ = function.__name__, function.__doc__
         command.__annotations__ = get_type_hints(options, include_extras=True)
@@ -42,7 +42,7 @@ def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., No
 
 @dataclass(frozen=True)
 class TableOptions:
-    """What `table` is given."""
+    """Options of `table`."""
 
     rows: Annotated[
         str | None,
@@ -53,22 +53,21 @@ class TableOptions:
     columns: Annotated[
         str | None,
         typer.Option(
-            "--columns", "-c", help="Factors of the columns; none.  [default: disturbance]"
+            "--columns", "-c", help="Factors of the columns, or none.  [default: disturbance]"
         ),
     ] = None
     metric: Annotated[
         Several,
-        typer.Option(
-            "--metric", "-m", help="Metric (see: metrics); several by commas or repetition."
-        ),
+        typer.Option("--metric", "-m", help="Metric (see: metrics); repeated or comma-separated."),
     ] = None
     coefficient: Annotated[
-        Several, typer.Option("--coefficient", help="Term whose coefficient is shown, as u_dot.")
+        Several,
+        typer.Option("--coefficient", help="Term whose coefficient is shown, such as u_dot."),
     ] = None
     coefficients: Annotated[
         bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
     ] = False
-    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ...; all.")] = None
+    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ... or all.")] = None
     stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None
     model: Annotated[
         Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
@@ -82,7 +81,7 @@ class TableOptions:
     ] = "t"
     baseline: Annotated[
         str | None,
-        typer.Option(help="As identifier=none: adds ratio, paired test and wins against it."),
+        typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
     ] = None
     where: Where = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
@@ -96,7 +95,7 @@ def _completed(incomplete: str) -> list[str]:
 
 @dataclass(frozen=True)
 class PlotOptions:
-    """What `plot` is given."""
+    """Options of `plot`."""
 
     kind: Annotated[
         str,
@@ -106,7 +105,7 @@ class PlotOptions:
         ),
     ]
     run: Annotated[
-        int | None, typer.Option("--run", help="Run of a figure over time; else the newest.")
+        int | None, typer.Option("--run", help="Run of a figure over time.  [default: newest]")
     ] = None
     metric: Annotated[str, typer.Option("--metric", "-m", help="Metric of the bars.")] = "force_mse"
     rows: Annotated[
@@ -124,12 +123,16 @@ class PlotOptions:
     ] = None
     log: Annotated[
         bool | None,
-        typer.Option("--log/--linear", help="Scale of the bars; else by the range of the figures."),
+        typer.Option(
+            "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
+        ),
     ] = None
     where: Where = None
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder of the files; else figures beside the series."),
+        typer.Option(
+            "--output", "-o", help="Folder of the files.  [default: figures in the results folder]"
+        ),
     ] = None
     database: Database = DEFAULT_DATABASE
     results_dir: ResultsDir = None

@@ -1,4 +1,4 @@
-"""Commands that ask: runs, show, table, plot, sql."""
+"""Commands that read the logbook: runs, show, table, plot, metrics, stats, sql."""
 
 from typing import Annotated, Any
 
@@ -20,6 +20,7 @@ from seatrial.runner.compare.cli import (
 from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
 from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.grid import grid_of
 
 
 @app.command()
@@ -27,10 +28,10 @@ def runs(
     database: Database = DEFAULT_DATABASE,
     where: Where = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
-    limit: Annotated[int, typer.Option(min=1, help="How many, newest first.")] = 50,
+    limit: Annotated[int, typer.Option(min=1, help="Number of runs, newest first.")] = 50,
     form: Form = Format.RICH,
 ) -> None:
-    """List runs, newest first, failed ones too."""
+    """List runs, newest first, including failed ones."""
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.runs import run_list
 
@@ -42,13 +43,15 @@ def runs(
 def show(
     run: Annotated[int, typer.Argument(help="Number of the run.")],
     database: Database = DEFAULT_DATABASE,
-    traceback: Annotated[bool, typer.Option("--traceback", help="Only its traceback.")] = False,
+    traceback: Annotated[
+        bool, typer.Option("--traceback", help="Print only its traceback.")
+    ] = False,
     command: Annotated[
-        bool, typer.Option("--command", help="Only the command that repeats it, on one line.")
+        bool, typer.Option("--command", help="Print only the command that repeats it.")
     ] = False,
     form: Form = Format.RICH,
 ) -> None:
-    """Show all that is known of one run."""
+    """Show everything stored about one run."""
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.runs import command_of, run_details, traceback_of
 
@@ -66,9 +69,9 @@ def show(
 def table(options: TableOptions) -> None:
     """Compare a metric or coefficients over seeds.
 
-    Rows and columns go by any choice (vessel, disturbance, excitation, identifier, controller,
-    evaluation, seed, ...), by a dotted name of the configuration (plant.scale), or by metric,
-    term, dof, stage and model.
+    Rows and columns are factors: a choice (vessel, disturbance, excitation, identifier, controller,
+    evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
+    stage or model.
     """
     from seatrial.runner.compare.comparison_table import comparison
     from seatrial.runner.compare.results import open_results
@@ -80,11 +83,13 @@ def table(options: TableOptions) -> None:
 
 
 class PlotCommand(TyperCommand):
-    """Lists the figures in its help; they are looked for when it is asked for."""
+    """The command `plot`; its help lists the figures of the folder `plots`."""
 
     def format_help(self, *arguments: Any) -> None:
         """Write the help text."""
-        listed = (f"{one.name}: {one.help} Needs: {one.needs}." for one in figures().values())
+        listed = (
+            f"{figure.name}: {figure.help} Needs: {figure.needs}." for figure in figures().values()
+        )
         self.help = "\n\n".join([self.help or "", *listed])
         super().format_help(*arguments)
 
@@ -94,8 +99,8 @@ class PlotCommand(TyperCommand):
 def plot(options: PlotOptions) -> None:
     """Draw figures as PNG and SVG and print their paths.
 
-    A figure of one run takes the newest that meets --where, with --facet one for each level
-    (--facet seed).
+    A figure of one run shows the newest run that meets --where; with --facet there is one figure
+    for each level (--facet seed).
     """
     from seatrial.runner.compare.plots import draw
     from seatrial.runner.compare.plots.request import PlotRequest
@@ -121,14 +126,13 @@ def plot(options: PlotOptions) -> None:
 
 @app.command()
 def metrics(form: Form = Format.RICH) -> None:
-    """List the metrics that trials store: unit, which way is better, stage and formula."""
-    from seatrial.runner.compare.grid import grid_of
+    """List the metrics that trials store: unit, better direction, stage and formula."""
     from seatrial.runner.record.catalogue import all_declared
 
     headers = ("metric", "unit", "better", "stage", "what it is")
     rows = [
-        (one.name, one.units, one.better_text, ", ".join(one.stages), one.formula)
-        for one in all_declared()
+        (metric.name, metric.units, metric.better_text, ", ".join(metric.stages), metric.formula)
+        for metric in all_declared()
     ]
     show_grid(grid_of("", headers, rows, labels=len(headers)), form)
 
@@ -140,7 +144,7 @@ def stats(
     digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
     form: Form = Format.RICH,
 ) -> None:
-    """Describe the columns of a measured recording as its run stored them."""
+    """Show the stored statistics of the columns of a measured recording."""
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.runs import recording_statistics
 
@@ -150,11 +154,11 @@ def stats(
 
 @app.command()
 def sql(
-    query: Annotated[str, typer.Argument(metavar="SELECT", help="One query that reads.")],
+    query: Annotated[str, typer.Argument(metavar="SELECT", help="A query that only reads.")],
     database: Database = DEFAULT_DATABASE,
     form: Form = Format.RICH,
 ) -> None:
-    """Answer a query in SQL; whatever would write is refused."""
+    """Run a query in SQL; a query that writes is rejected."""
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.runs import answer
 

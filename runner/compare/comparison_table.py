@@ -1,4 +1,4 @@
-"""The comparison table: figures over seeds by rows and columns, with all that qualifies them."""
+"""The comparison table: statistics over seeds by rows and columns, with their qualifications."""
 
 import math
 from collections import Counter
@@ -21,44 +21,49 @@ MARK = "†"
 UNSETTLED, INFEASIBLE = "‡", "§"
 MIXED = "mixed"
 FLAG_NOTE = (
-    f"{MARK} below_true_model: a force error below the true plant's own fits lag or feedback,"
-    " not the vessel; such a figure is never set in bold"
+    f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
+    " lag or feedback, not the vessel; such a value is never set in bold"
 )
 UNSETTLED_NOTE = (
     f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
-    " the design does not settle"
+    " the design is not asymptotically stable"
 )
-INFEASIBLE_NOTE = f"{INFEASIBLE} infeasible_limits: the weather needs more than the limits give"
+INFEASIBLE_NOTE = (
+    f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
+)
 TEST_NOTE = (
     "× is the ratio of means to {}; p is that of the two-sided Wilcoxon signed-rank test over"
-    " paired seeds (not corrected for several comparisons); won is the number of pairs it is"
-    " better in"
+    " paired seeds (not corrected for multiple comparisons); won is the number of pairs in which it"
+    " is better"
 )
 
 
 def comparison(results: Results, request: TableRequest) -> Grid:
-    """The table; raises ConfigurationError for unknown names or where nothing matches."""
-    found = gather(results, request)
-    rows = (*found.extra, *request.rows)
-    table = pivot(found.shown, found.runs, rows, request.columns, found.flagged, request.names)
+    """Return the table; raise ConfigurationError for unknown names or if no run matches."""
+    selection = gather(results, request)
+    rows = (*selection.extra, *request.rows)
+    table = pivot(
+        selection.shown, selection.runs, rows, request.columns, selection.flagged, request.names
+    )
     tests = {}
     if request.baseline is not None:
-        tests = against_baseline(table, found.all, *request.baseline)
-    return _Writer(request, found, table, tests, pooled(results, table)).grid()
+        tests = against_baseline(table, selection.all, *request.baseline)
+    return _Writer(request, selection, table, tests, pooled(results, table)).grid()
 
 
 class _Writer:
-    """Turns a pivot into a grid: texts, bold, marks, notes, and records for machines."""
+    """Turns a pivot into a grid: texts, bold, marks, notes and records."""
 
     def __init__(
         self,
         request: TableRequest,
-        found: Found,
+        selection: Found,
         table: Pivot,
         tests: Mapping[Place, PairedTest],
         notes: Sequence[str],
     ) -> None:
-        self.request, self.found, self.table, self.tests = request, found, table, tests
+        self.request, self.selection = request, selection
+        self.table, self.tests = table, tests
         self.notes, self.row_keys = notes, table.row_keys
         self.figures = {
             place: summary(cell.sample, request.statistics, request.interval)
@@ -68,7 +73,7 @@ class _Writer:
         self.best = best_cells(table, self._losses())
 
     def grid(self) -> Grid:
-        """The finished table; a column of units where the rows have different ones."""
+        """Return the table; it has a column of units if the rows have different units."""
         by_row = self._unit() == MIXED and all(self._unit(row=r) != MIXED for r in self.row_keys)
         rows = [
             [
@@ -84,11 +89,11 @@ class _Writer:
         return Grid(self._title(), headers, rows, len(labels), notes, self._records())
 
     def _name(self, factor: str) -> str:
-        """A factor as it is shown: the name of a coefficient is its term."""
+        """Return the displayed name of a factor: the name of a coefficient is its term."""
         return "term" if factor == "metric" and self.request.of_coefficients else factor
 
     def _location(self, cell: Cell) -> float:
-        """The figure a cell is judged by: its median if that is shown and the mean is not."""
+        """Return the value that represents a cell: the median if shown without the mean."""
         if not cell.observed:
             return math.nan
         shown = self.request.statistics
@@ -96,13 +101,14 @@ class _Writer:
         return summary(cell.sample, ["median" if median else "mean"]).popitem()[1]
 
     def _losses(self) -> Mapping[Place, float]:
-        """What the best is chosen by: the figure, or a coefficient's distance from the truth."""
+        """Return the losses that select the best cells: smaller is better."""
         return {place: self._loss(place, value) for place, value in self.location.items()}
 
     def _loss(self, place: Place, value: float) -> float:
+        """Return the loss of a value; for a coefficient the distance from the true value."""
         if self.request.of_coefficients:
             return abs(value - _truth(self.table.cells[place]))
-        name = self.table.level(*place, "metric") or self.found.fixed.get("metric") or ""
+        name = self.table.level(*place, "metric") or self.selection.fixed.get("metric") or ""
         better = definition_of(name).better
         return math.nan if better is None else float(loss(np.array(value), better))
 
@@ -125,15 +131,17 @@ class _Writer:
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
 
     def _flaws(self, cells: Iterable[Cell]) -> list[tuple[str, str]]:
-        """Marks and notes of what is wrong with the controllers that sailed the cells' figures."""
-        sailed = {
-            (one.run.id, one.model)
+        """Return marks and notes on flaws of the controllers behind the deployment metrics."""
+        deployed = {
+            (observation.run.id, observation.model)
             for cell in cells
-            for one in cell.observed
-            if one.stage == "deployment"
+            for observation in cell.observed
+            if observation.stage == "deployment"
         }
-        found = [(UNSETTLED, UNSETTLED_NOTE)] if sailed & self.found.unsettled else []
-        return found + ([(INFEASIBLE, INFEASIBLE_NOTE)] if sailed & self.found.infeasible else [])
+        flaws = [(UNSETTLED, UNSETTLED_NOTE)] if deployed & self.selection.unsettled else []
+        return flaws + (
+            [(INFEASIBLE, INFEASIBLE_NOTE)] if deployed & self.selection.infeasible else []
+        )
 
     def _is_baseline(self, place: Place) -> bool:
         if self.request.baseline is None:
@@ -142,12 +150,12 @@ class _Writer:
         return self.table.level(*place, factor) == level
 
     def _unit(self, row: Key | None = None, column: Key | None = None) -> str:
-        """The unit of a row, of a column, or of the whole table; MIXED where it has several."""
+        """Return the unit of a row, a column or the whole table; MIXED if there are several."""
         units = {
-            unit_text(one.unit)
+            unit_text(observation.unit)
             for (left, top), cell in self.table.cells.items()
             if row in (None, left) and column in (None, top)
-            for one in cell.observed
+            for observation in cell.observed
         }
         return units.pop() if len(units) == 1 else (MIXED if units else "")
 
@@ -158,31 +166,33 @@ class _Writer:
         return header
 
     def _title(self) -> str:
-        fixed, unit = self.found.fixed, self._unit()
-        what = fixed.get("metric") or ", ".join(self.request.names) or "coefficients"
-        own = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
-        about = [with_unit(what, "" if unit == MIXED else unit)]
-        about += [fixed[name] for name in own if name in fixed]
-        runs = len({run.id for run in self.found.runs})
+        fixed, unit = self.selection.fixed, self._unit()
+        subject = fixed.get("metric") or ", ".join(self.request.names) or "coefficients"
+        factors = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
+        about = [with_unit(subject, "" if unit == MIXED else unit)]
+        about += [fixed[name] for name in factors if name in fixed]
+        runs = len({run.id for run in self.selection.runs})
         return f"{', '.join(about)}: {_statistics_text(self.request)}, {runs} run{'s'[: runs != 1]}"
 
     def _qualifications(self) -> list[str]:
         notes = []
         if any(cell.flagged for cell in self.table.cells.values()):
             notes.append(FLAG_NOTE)
-        shown = {one.name for cell in self.table.cells.values() for one in cell.observed}
+        shown = {
+            observation.name for cell in self.table.cells.values() for observation in cell.observed
+        }
         notes += sorted({definition_of(name).note for name in shown} - {""})
         notes += [note for _, note in self._flaws(self.table.cells.values())]
         if self.tests and self.request.baseline is not None:
             notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
-        unfinished = Counter(run.status for run in self.found.runs if run.status != "finished")
+        unfinished = Counter(run.status for run in self.selection.runs if run.status != "finished")
         if unfinished:
             counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
-            notes.append(f"not in the figures: {counts} (see: runs --status failed)")
+            notes.append(f"not included: {counts} (see: runs --status failed)")
         return notes
 
     def _records(self) -> list[dict[str, Scalar]]:
-        """One object a cell, full precision."""
+        """Return one record for each cell, at full precision."""
         return [
             self._record(row, column)
             for row in self.row_keys
@@ -200,8 +210,8 @@ class _Writer:
             record[self._name(factor)] = level
         for factor in OWN_FACTORS:
             if factor != "stage" or not self.request.of_coefficients:
-                record.setdefault(self._name(factor), self.found.fixed.get(factor))
-        record["unit"] = " ".join(sorted({one.unit for one in cell.observed}))
+                record.setdefault(self._name(factor), self.selection.fixed.get(factor))
+        record["unit"] = " ".join(sorted({observation.unit for observation in cell.observed}))
         record |= self.figures[place]
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
@@ -229,7 +239,7 @@ class _Writer:
 
 
 def _statistics_text(request: TableRequest) -> str:
-    """What the figures are: `mean ± standard deviation (n)`."""
+    """Return the names of the statistics: `mean ± standard deviation (n)`."""
     words = {
         "std": "± standard deviation",
         "n": "(n)",
@@ -240,7 +250,7 @@ def _statistics_text(request: TableRequest) -> str:
 
 
 def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> str:
-    """`2757 ± 12`, `median 2757, q25 2750`, `2757 [2740, 2775]`; n comes with the counts."""
+    """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; n is in the counts."""
     digits = request.digits
     texts: list[str] = []
     for name in request.statistics:
@@ -258,13 +268,13 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
 
 
 def _spread_text(figures: Mapping[str, float | int]) -> str:
-    """The standard deviation; what rounding leaves of equal values is no spread."""
+    """Return the standard deviation; the rounding error of equal values is printed as 0."""
     size = abs(figures.get("mean", figures.get("median", 0.0)))
     return "0" if figures["std"] < SAME * size else number_text(figures["std"], 2)
 
 
 def _counts_text(cell: Cell, request: TableRequest) -> str:
-    """` (n=18, 2 failed)`; what is missing is shown whatever statistics are chosen."""
+    """Return ` (n=18, 2 failed)`; missing runs are shown with any choice of statistics."""
     counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     if cell.without:
         counts.append(f"{cell.without} without value")
@@ -274,7 +284,7 @@ def _counts_text(cell: Cell, request: TableRequest) -> str:
 
 
 def _uncertainty_text(cell: Cell, digits: int) -> str:
-    """The standard error of the estimate itself and the true value, as far as known."""
+    """Return the standard error of the estimate and the true value, if known."""
     error, truth = _std_error(cell), _truth(cell)
     texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}"]
     if not math.isnan(truth):
@@ -283,16 +293,18 @@ def _uncertainty_text(cell: Cell, digits: int) -> str:
 
 
 def _std_error(cell: Cell) -> float:
-    """Root mean square of the standard errors in a cell."""
-    errors = [one.std_error for one in cell.observed if one.std_error is not None]
+    """Return the root mean square of the standard errors in a cell."""
+    errors = [
+        observation.std_error for observation in cell.observed if observation.std_error is not None
+    ]
     return math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else math.nan
 
 
 def _truth(cell: Cell) -> float:
-    """The true value that all runs of a cell share, else NaN."""
-    truths = {one.true_value for one in cell.observed}
-    only = truths.pop() if len(truths) == 1 else None
-    return math.nan if only is None else only
+    """Return the true value that all runs of a cell share, else NaN."""
+    truths = {observation.true_value for observation in cell.observed}
+    truth = truths.pop() if len(truths) == 1 else None
+    return math.nan if truth is None else truth
 
 
 def _test_text(test: PairedTest) -> str:

@@ -1,8 +1,8 @@
-"""The names that --where, --rows and --columns accept, and the SQL that each stands for.
+"""The names that --where, --rows and --columns accept, and the SQL expression of each.
 
 A name is a column of table `run` (identifier, seed, status, ...) or a dotted key of the
-configuration (plant.scale, identifier.force). It is looked up before any SQL is built, and values
-are bound as parameters: text from the command line never becomes SQL.
+configuration (plant.scale, identifier.force). Names are looked up before any SQL is built, and
+values are bound as parameters, so text from the command line never becomes SQL.
 """
 
 import operator as op
@@ -26,7 +26,7 @@ class Names:
     """Columns and configuration keys of one database.
 
     `columns` are the SQL expressions of the plain names; `config` is the JSON column;
-    `keys` are the dotted keys that at least one run has.
+    `keys` are the dotted keys of at least one run.
     """
 
     def __init__(
@@ -42,25 +42,27 @@ class Names:
         self.sqlite = sqlite
 
     def check(self, name: str, option: str) -> None:
-        """Raises ConfigurationError, with the nearest known names, for an unknown one."""
+        """Raise ConfigurationError for an unknown name; the message lists similar names."""
         if name in self.columns or name in self.keys:
             return
         known = list(dict.fromkeys([*self.columns, *sorted(self.keys)]))
-        near = get_close_matches(name, known, n=3, cutoff=0.6)
-        expected = " or ".join(near) if near else f"one of {', '.join(self.columns)} or a dotted"
+        similar = get_close_matches(name, known, n=3, cutoff=0.6)
+        expected = (
+            " or ".join(similar) if similar else f"one of {', '.join(self.columns)} or a dotted"
+        )
         raise ConfigurationError(
             f"{option}: {name!r} is not known; expected {expected}"
-            + ("" if near else " name of the configuration")
+            + ("" if similar else " name of the configuration")
         )
 
     def text(self, name: str) -> Expression:
-        """The value of a checked name as text: what a table shows as row or column."""
+        """Return the value of a checked name as text, as shown in rows and columns."""
         if name in self.columns:
             return self.columns[name]
         return self._key_text(name)
 
     def clause(self, condition: Condition) -> sa.ColumnElement[bool]:
-        """The SQL of a condition; raises ConfigurationError for an unknown name or a wrong type."""
+        """Return the SQL of a condition; ConfigurationError for an unknown name or a wrong type."""
         match condition:
             case Comparison():
                 return self._compare(condition.name, condition.operator, condition.value)
@@ -73,15 +75,15 @@ class Names:
                 return sa.and_(*parts) if condition.by == "and" else sa.or_(*parts)
 
     def _among(self, name: str, values: Sequence[Value]) -> sa.ColumnElement[bool]:
-        """One IN for the plain values: thousands of them, as of a sweep, are no deep expression."""
+        """Return one IN expression; thousands of nested comparisons are too deep for SQL."""
         self.check(name, "--where")
         if name in self.columns:
             column = self.columns[name]
             plain = [_for_column(name, column, value) for value in values if value is not None]
-            found: list[sa.ColumnElement[bool]] = []
-            found += [sa.func.coalesce(column.in_(plain), sa.false())] if plain else []
-            found += [column.is_(None)] if None in values else []
-            return sa.or_(*found)
+            parts: list[sa.ColumnElement[bool]] = []
+            parts += [sa.func.coalesce(column.in_(plain), sa.false())] if plain else []
+            parts += [column.is_(None)] if None in values else []
+            return sa.or_(*parts)
         return sa.or_(*(self._compare_key(name, "=", value) for value in dict.fromkeys(values)))
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
@@ -92,7 +94,7 @@ class Names:
         return self._compare_key(name, operator, value)
 
     def _compare_key(self, key: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
-        """A key is compared as the type of the value; runs where it has another type differ."""
+        """Compare a key as the type of the value; a value of another type is unequal."""
         if value is None:
             text = self._key_text(key)
             return text.is_(None) if operator == "=" else text.is_not(None)
@@ -122,7 +124,7 @@ class Names:
 
 
 def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bool]:
-    """`left operator right`; a missing value is unequal to any other, and never NULL's unknown."""
+    """Return `left operator right`; a missing value is unequal to any other value, not NULL."""
     if operator == "=":
         return left.is_not_distinct_from(right)
     if operator == "!=":
@@ -131,17 +133,17 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
 
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime:
-    """The value in the column's own type; raises ConfigurationError where it has another."""
+    """Return the value in the type of the column; ConfigurationError if it has another type."""
     if value is None:
         return None
-    wanted = column.type
-    if isinstance(wanted, sa.Boolean):
+    kind = column.type
+    if isinstance(kind, sa.Boolean):
         if isinstance(value, bool):
             return value
         raise _mismatch(name, "true or false", value)
-    if isinstance(wanted, Utc):
+    if isinstance(kind, Utc):
         return _moment(name, value)
-    if isinstance(wanted, sa.Integer | sa.Float):
+    if isinstance(kind, sa.Integer | sa.Float):
         if isinstance(value, int | float) and not isinstance(value, bool):
             return value
         raise _mismatch(name, "a number", value)
@@ -161,11 +163,11 @@ def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:
 
 
 def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested configuration with dotted names."""
-    found: dict[str, Any] = {}
+    """Return a nested configuration as one level with dotted names."""
+    values: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
-            found |= flat(value, f"{prefix}{key}.")
+            values |= flat(value, f"{prefix}{key}.")
         else:
-            found[f"{prefix}{key}"] = value
-    return found
+            values[f"{prefix}{key}"] = value
+    return values

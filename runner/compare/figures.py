@@ -1,9 +1,9 @@
-"""What a figure declares of itself, and how figures are found.
+"""The declaration of a figure, and the search for figures.
 
-A file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
-figure; no list names it. The arguments are literals, which are read without importing the file:
-the command line shows them, and matplotlib is slow to import. A figure from elsewhere is any
-module with the same two names; it is asked for by its module name.
+Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
+figure; there is no other list of figures. The arguments of the declaration are literals and are
+read without importing the file, because the help shows them and matplotlib is slow to import. Any
+other module with the same two names is a figure too; it is selected by its module name.
 """
 
 import ast
@@ -30,9 +30,9 @@ PLOTS = Path(__file__).with_name("plots")
 class Figure:
     """A kind of figure.
 
-    `needs` is what runs must have stored. `rows` is the factor of its rows unless --rows is given.
-    A report has it under `caption`, at `place` among the others, once for every level of `each`;
-    without a caption it is in no report.
+    `needs` is the data that runs must have stored. `rows` is the default of --rows. A report shows
+    the figure with `caption` at position `place`, once for every level of `each`; a figure without
+    a caption is not in the report.
     """
 
     name: str
@@ -46,12 +46,12 @@ class Figure:
 
 @cache
 def figures() -> dict[str, Figure]:
-    """The figures of the folder `plots` by name, in alphabetical order."""
-    return {figure.name: figure for figure, _ in sorted(_files(), key=lambda one: one[0].name)}
+    """Return the figures of the folder `plots` by name, in alphabetical order."""
+    return {figure.name: figure for figure, _ in sorted(_files(), key=lambda entry: entry[0].name)}
 
 
 def figure_of(name: str) -> Figure:
-    """The declaration of a figure; ConfigurationError where there is none of this name."""
+    """Return the declaration of a figure; ConfigurationError for an unknown name."""
     figure = figures().get(name)
     if figure is not None:
         return figure
@@ -62,7 +62,7 @@ def figure_of(name: str) -> Figure:
 
 
 def drawings_of(name: str) -> "Drawings":
-    """The function that draws a figure; ConfigurationError where there is none of this name."""
+    """Return the function that draws a figure; ConfigurationError for an unknown name."""
     drawings: Drawings | None = vars(import_module(_module(name))).get("drawings")
     if drawings is None:
         raise ConfigurationError(f"plot: {name} has no function drawings(results, request)")
@@ -70,7 +70,7 @@ def drawings_of(name: str) -> "Drawings":
 
 
 def _module(name: str) -> str:
-    """The module of a figure, by its name or by that of a module from elsewhere."""
+    """Return the module of a figure, given its name or the name of another module."""
     for figure, path in _files():
         if figure.name == name:
             return f"{__package__}.plots.{path.stem}"
@@ -78,7 +78,7 @@ def _module(name: str) -> str:
         return import_module(name).__name__
     except ModuleNotFoundError as error:
         if not f"{name}.".startswith(f"{error.name}."):
-            raise  # of what the module itself imports
+            raise  # an import inside the module failed
     expected = ", ".join(figures())
     raise ConfigurationError(
         f"plot: got {name!r}, expected one of {expected}, or the name of a module"
@@ -87,8 +87,8 @@ def _module(name: str) -> str:
 
 @cache
 def _files() -> tuple[tuple[Figure, Path], ...]:
-    found = ((_declaration(path), path) for path in sorted(PLOTS.glob("*.py")))
-    return tuple((figure, path) for figure, path in found if figure is not None)
+    declarations = ((_declaration(path), path) for path in sorted(PLOTS.glob("*.py")))
+    return tuple((figure, path) for figure, path in declarations if figure is not None)
 
 
 def _declaration(path: Path) -> Figure | None:
@@ -98,6 +98,8 @@ def _declaration(path: Path) -> Figure | None:
     for node in ast.parse(text).body:
         match node:
             case ast.Assign(targets=[ast.Name("FIGURE")], value=ast.Call() as call):
-                options = {one.arg or "": ast.literal_eval(one.value) for one in call.keywords}
+                options = {
+                    keyword.arg or "": ast.literal_eval(keyword.value) for keyword in call.keywords
+                }
                 return Figure(*map(ast.literal_eval, call.args), **options)
     return None

@@ -1,4 +1,4 @@
-"""The ways a grid is written: rich, md, csv, latex, json, html."""
+"""Output formats of a grid: rich, md, csv, latex, json, html."""
 
 import csv
 import html
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Format(StrEnum):
-    """Names of the formats; csv and json are for machines, the others for eyes."""
+    """Names of the formats; csv and json are for programs, the others for readers."""
 
     RICH = "rich"
     MD = "md"
@@ -27,9 +27,9 @@ class Format(StrEnum):
 
 
 def render(grid: Grid, form: Format, width: int | None = None, colour: bool = False) -> str:
-    """The grid as text, without a newline at the end.
+    """Return the grid as text, without a newline at the end.
 
-    `width` [columns] and `colour` concern `rich` alone: None lets the table be as wide as it is.
+    `width` [characters] and `colour` apply to `rich` only; without a width nothing is wrapped.
     """
     if form is Format.RICH:
         return _rich(grid, width, colour)
@@ -50,13 +50,13 @@ def _rich(grid: Grid, width: int | None, colour: bool) -> str:
     console = Console(
         file=io.StringIO(), width=width or 10_000, force_terminal=colour, highlight=False
     )
-    with console.capture() as shown:
+    with console.capture() as capture:
         if grid.title:
             console.print(Text(grid.title, style="bold"), soft_wrap=width is None)
         console.print(table)
         for note in grid.notes:
             console.print(Text(note), soft_wrap=width is None)
-    return "\n".join(line.rstrip() for line in shown.get().splitlines()).strip("\n")
+    return "\n".join(line.rstrip() for line in capture.get().splitlines()).strip("\n")
 
 
 def _markdown(grid: Grid) -> str:
@@ -95,7 +95,7 @@ def _csv(grid: Grid) -> str:
 
 
 def _csv_value(value: Scalar) -> Scalar:
-    """Numbers at full precision, booleans as true and false, nothing for what is missing."""
+    """Numbers at full precision, booleans as true and false; a missing value is empty."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -177,7 +177,7 @@ def _latex(grid: Grid) -> str:
 
 
 def _html(grid: Grid) -> str:
-    """A fragment in ASCII, so that it reads the same in a page of any encoding."""
+    """An HTML fragment in ASCII, which is valid in a page of any encoding."""
     head = "".join(f'<th scope="col">{_html_text(header)}</th>' for header in grid.headers)
     lines = [
         "<table>",
@@ -193,7 +193,7 @@ def _html(grid: Grid) -> str:
 
 
 def html_table(grid: Grid) -> "Markup":
-    """The table for a page: scrolls by itself, headings are buttons that sort it."""
+    """Return the table for a page; it has its own scroll bar, and its headings sort it."""
     from markupsafe import Markup
 
     heads = "".join(
@@ -205,7 +205,7 @@ def html_table(grid: Grid) -> "Markup":
     title = _html_text(grid.title)
     caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
     notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
-    return Markup(  # every text in it went through _html_text
+    return Markup(  # every text in it is escaped by _html_text
         f'{caption}<div class="scroll" tabindex="0"><table><thead><tr>{heads}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>{notes}"
     )
@@ -218,7 +218,7 @@ def _html_row(grid: Grid, row: Sequence[Cell]) -> str:
 
 
 def html_cell(cell: Cell, tag: str) -> str:
-    """One cell; `data-value` carries the number that a sortable table orders it by."""
+    """Return one cell; `data-value` is the number by which a sortable table sorts it."""
     text = _html_text(cell.text)
     scope = ' scope="row"' if tag == "th" else ""
     value = "" if cell.sort is None else f' data-value="{cell.sort!r}"'

@@ -1,4 +1,4 @@
-"""A table ready to be shown, whatever it holds, and the figures in its cells."""
+"""Tables of text cells, ready for output, and the formatting of numbers and units."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from functools import cache
 
 Scalar = str | float | int | bool | None
-"""What a record may hold; dates come as ISO text."""
+"""A value of a record; dates are ISO text."""
 _SUPERSCRIPTS = {"^2": "²", "^3": "³", "^-1": "⁻¹", "^-2": "⁻²"}
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Text of a cell; `sort` is what a sortable table orders it by; prose may be wrapped."""
+    """Text of a cell; a sortable table sorts by `sort`; `prose` may be wrapped."""
 
     text: str
     bold: bool = False
@@ -22,10 +22,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Grid:
-    """A titled table: headers (levels parted by newlines), cells, notes under it.
+    """A titled table: headers (levels separated by newlines), cells, and notes under it.
 
-    The first `labels` columns name the row, the others hold figures. `records` are the same facts
-    for machines, full precision, one object a line of a CSV file; without them the cells are used.
+    The first `labels` columns name the row, the others hold numbers. `records` hold the same data
+    at full precision for CSV and JSON, one record for each line; without them the cells are used.
     """
 
     title: str
@@ -36,7 +36,7 @@ class Grid:
     records: Sequence[Mapping[str, Scalar]] | None = field(default=None, repr=False)
 
     def as_records(self) -> Sequence[Mapping[str, Scalar]]:
-        """The facts for CSV and JSON."""
+        """Return the records for CSV and JSON."""
         if self.records is not None:
             return self.records
         names = [header.replace("\n", " ") for header in self.headers]
@@ -51,21 +51,21 @@ def grid_of(
     notes: Sequence[str] = (),
     digits: int = 4,
 ) -> Grid:
-    """A grid of plain values; records keep their full precision."""
+    """Return a grid of plain values; its records keep their full precision."""
     cells = [[value_cell(value, digits) for value in row] for row in rows]
     records = [dict(zip(headers, row, strict=True)) for row in rows]
     return Grid(title, headers, cells, labels, notes, records)
 
 
 def value_cell(value: Scalar, digits: int = 4) -> Cell:
-    """A cell for one plain value."""
+    """Return a cell for one plain value."""
     if isinstance(value, bool) or value is None or isinstance(value, str):
         return Cell("" if value is None else str(value))
     return Cell(number_text(value, digits), sort=float(value))
 
 
 def number_text(value: float, digits: int = 4) -> str:
-    """A figure with `digits` significant digits, whole thousands kept: 0.04312, 2757, 12346."""
+    """Return a number with `digits` significant digits: 0.04312, 2757, 12346."""
     if isinstance(value, int):
         return str(value)
     if not math.isfinite(value):
@@ -80,7 +80,7 @@ def number_text(value: float, digits: int = 4) -> str:
 
 @cache
 def unit_text(unit: str | None) -> str:
-    """A unit as it is printed: `N^2` becomes N², `1` and nothing stay empty."""
+    """Return a unit as it is printed: `N^2` becomes N²; `1` and None become empty."""
     if unit is None or unit in ("", "1", "-"):
         return ""
     for plain, raised in _SUPERSCRIPTS.items():
@@ -89,12 +89,12 @@ def unit_text(unit: str | None) -> str:
 
 
 def with_unit(name: str, unit: str | None) -> str:
-    """`name [unit]`, or the name alone where there is no unit."""
+    """Return `name [unit]`, or the name alone if there is no unit."""
     shown = unit_text(unit)
     return f"{name} [{shown}]" if shown else name
 
 
 def one_line(text: str, width: int = 80) -> str:
-    """The text without line breaks, cut at `width` columns with an ellipsis."""
+    """Return the text on one line, cut at `width` characters with an ellipsis."""
     flat = " ".join(text.split())
     return flat if len(flat) <= width else flat[: width - 1].rstrip() + "…"

@@ -1,4 +1,4 @@
-"""What keeps a logbook in order: repeating what failed, deleting what is old, checking the rest."""
+"""Maintenance of a logbook: repeating failed trials, deleting old runs and checking files."""
 
 import os
 import re
@@ -24,21 +24,21 @@ PRUNED = (*LOST, "finished")
 
 
 def retry_commands(results: Results, where: str | None, statuses: Sequence[str]) -> list[str]:
-    """One line for a shell a trial whose last attempt has one of the statuses, oldest first."""
-    _only(statuses, LOST)
-    found = [run for run in runs_of(results, where, statuses) if not run.superseded]
+    """Return the commands that repeat trials whose last attempt has a status, oldest first."""
+    _check_statuses(statuses, LOST)
+    candidates = [run for run in runs_of(results, where, statuses) if not run.superseded]
     return [
         repeat_command(
             results.reader.run(run.run_id).overrides, results.reader.address.path, rerun=False
         )
-        for run in reversed(found)
+        for run in reversed(candidates)
     ]
 
 
 def execute_all(commands: Sequence[str], address: Address) -> int:
-    """Starts the commands one after the other; 0 where all succeeded, else 1.
+    """Run the commands one after the other; return 0 if all succeeded, else 1.
 
-    They find the address of a PostgreSQL logbook in SEATRIAL_DATABASE.
+    The commands read the address of a PostgreSQL logbook from SEATRIAL_DATABASE.
     """
     environment = dict(os.environ)
     if not address.sqlite:
@@ -56,7 +56,7 @@ def execute_all(commands: Sequence[str], address: Address) -> int:
 
 
 def age(text: str) -> timedelta:
-    """A duration such as 30d; raises ConfigurationError for anything else."""
+    """Parse a duration such as 30d; raise ConfigurationError for any other text."""
     match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip())
     if match is None:
         raise ConfigurationError(
@@ -68,59 +68,59 @@ def age(text: str) -> timedelta:
 def prunable(
     results: Results, older_than: str | None, statuses: Sequence[str], where: str | None
 ) -> tuple[list[int], Grid]:
-    """The numbers of the runs that would be deleted, and a table of them."""
+    """Return the numbers of the runs that would be deleted, and a table of them."""
     if older_than is None and not statuses and where is None:
         raise ConfigurationError(
             "prune: expected --older-than, --status or --where, or --orphans; got none"
         )
-    _only(statuses, PRUNED)
+    _check_statuses(statuses, PRUNED)
     condition = results.where(where)
     clauses = [] if condition is None else [results.names.clause(condition)]
-    found = results.reader.prunable(
+    summaries = results.reader.prunable(
         *clauses, older_than=age(older_than) if older_than else None, statuses=statuses
     )
-    return [run.run_id for run in found], _runs_grid(found)
+    return [run.run_id for run in summaries], _runs_grid(summaries)
 
 
-def _runs_grid(found: Sequence[RunSummary]) -> Grid:
+def _runs_grid(summaries: Sequence[RunSummary]) -> Grid:
     headers = ("id", "status", *GROUPS, "seed", "started_at", "series", "error")
     rows = [
         [
             *(run.run_id, run.status, *(getattr(run, name) for name in GROUPS), run.seed),
             *(f"{run.started_at:%Y-%m-%d %H:%M}", run.series, one_line(run.error or "", 60)),
         ]
-        for run in found
+        for run in summaries
     ]
-    files = sum(run.series for run in found)
-    return grid_of(f"{len(found)} runs with {files} files", headers, rows, labels=len(headers))
+    files = sum(run.series for run in summaries)
+    return grid_of(f"{len(summaries)} runs with {files} files", headers, rows, labels=len(headers))
 
 
 def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
-    """Deletes runs with their rows and files; what was done, in a line."""
+    """Delete runs with their rows and files; return a summary on one line."""
     with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         pruned = logbook.prune(run_ids)
-    kept = len(run_ids) - pruned.runs
+    running = len(run_ids) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
-    text += f"; {kept} are under way again and were left alone" if kept else ""
+    text += f"; {running} are running again and were not deleted" if running else ""
     if pruned.left:
         raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
     return text
 
 
 def scrub(address: Address, results_dir: Path) -> str:
-    """Removes the passwords that older versions stored; what was done, in a line."""
+    """Remove the passwords that older versions stored; return a summary on one line."""
     with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         rows = logbook.scrub()
     if not rows:
-        return "no password is stored in any row"
+        return "no row contains a password"
     return (
-        f"removed passwords from {rows} rows; backups and exports made before still hold them:"
+        f"removed passwords from {rows} rows; earlier backups and exports still contain them:"
         " change the password"
     )
 
 
 def require_no_choice(*choices: object) -> None:
-    """Raises ConfigurationError where --orphans is given with a choice of runs."""
+    """Raise ConfigurationError if --orphans is combined with a selection of runs."""
     if any(choices):
         raise ConfigurationError(
             "prune: expected --orphans alone, or --older-than, --status and --where"
@@ -128,35 +128,36 @@ def require_no_choice(*choices: object) -> None:
 
 
 def leftovers(results: Results) -> tuple[int, Grid]:
-    """How many series files no run knows, and a table of them."""
-    found = results.reader.orphans()
-    rows: list[list[Scalar]] = [[str(path), path.stat().st_size] for path in found if path.exists()]
-    title = f"{len(found)} files that no run knows"
-    return len(found), grid_of(title, ("file", "bytes"), rows, labels=2)
+    """Return the number of series files that belong to no run, and a table of them."""
+    paths = results.reader.orphans()
+    rows: list[list[Scalar]] = [[str(path), path.stat().st_size] for path in paths if path.exists()]
+    title = f"{len(paths)} files that belong to no run"
+    return len(paths), grid_of(title, ("file", "bytes"), rows, labels=2)
 
 
 def delete_leftovers(address: Address, results_dir: Path) -> str:
-    """Deletes the series files that no run knows; what was done, in a line."""
+    """Delete the series files that belong to no run; return a summary on one line."""
     with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         return f"deleted {len(logbook.remove_orphans())} files"
 
 
 def verification(results: Results) -> tuple[bool, Grid]:
-    """Whether all is whole, and a table of what is not, and of what killed programs have left.
+    """Return whether the logbook has no problem, and a table of problems and unused files.
 
-    Its title says what was checked.
+    Killed programs can leave unused files; they are not a problem. The title of the table says
+    what was checked.
     """
-    found = results.reader.verify()
-    rows = [[problem.where, problem.what] for problem in found.problems]
-    rows += [[str(path), "left over: no run knows this file"] for path in found.leftovers]
-    verdict = f"{len(found.problems)} problems" if found.problems else "all whole"
-    if found.leftovers:
-        verdict += f", {len(found.leftovers)} files left over (prune --orphans)"
-    title = f"checked {found.runs} runs and {found.series} series files: {verdict}"
-    return not found.problems, grid_of(title, ("where", "problem"), rows, labels=2)
+    report = results.reader.verify()
+    rows = [[problem.where, problem.what] for problem in report.problems]
+    rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
+    verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
+    if report.leftovers:
+        verdict += f", {len(report.leftovers)} unused files (prune --orphans)"
+    title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
+    return not report.problems, grid_of(title, ("where", "problem"), rows, labels=2)
 
 
-def _only(statuses: Sequence[str], known: Sequence[str]) -> None:
+def _check_statuses(statuses: Sequence[str], known: Sequence[str]) -> None:
     for status in statuses:
         if status not in known:
             raise ConfigurationError(

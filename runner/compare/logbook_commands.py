@@ -39,7 +39,11 @@ def report(
     title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The file; else report/report.html by the series."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Output file.  [default: report/report.html in the results folder]",
+        ),
     ] = None,
     results_dir: ResultsDir = None,
 ) -> None:
@@ -62,10 +66,10 @@ def retry(
     ] = None,
     where: Where = None,
     execute: Annotated[
-        bool, typer.Option("--execute", help="Start the commands, one after the other.")
+        bool, typer.Option("--execute", help="Run the commands one after the other.")
     ] = False,
 ) -> None:
-    """Print the commands that repeat the trials that failed, or start them."""
+    """Print the commands that repeat failed trials, or run them."""
     from seatrial.runner.compare.housekeeping import execute_all, retry_commands
     from seatrial.runner.compare.results import open_results
 
@@ -83,7 +87,7 @@ def retry(
 
 @app.command()
 def export(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where the files go.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Output folder.")],
     database: Database = DEFAULT_DATABASE,
 ) -> None:
     """Write every table as Parquet and as CSV."""
@@ -98,16 +102,19 @@ def export(
 def prune(
     database: Database = DEFAULT_DATABASE,
     older_than: Annotated[
-        str | None, typer.Option(metavar="AGE", help="Begun longer ago than 30d, 12h or 2w.")
+        str | None,
+        typer.Option(metavar="AGE", help="Only runs started longer ago than 30d, 12h or 2w."),
     ] = None,
     status: Annotated[
         Several, typer.Option(help="failed, diverged, interrupted, finished.")
     ] = None,
     where: Where = None,
     orphans: Annotated[
-        bool, typer.Option("--orphans", help="Series files that no run knows, instead of runs.")
+        bool, typer.Option("--orphans", help="Series files that belong to no run, instead of runs.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Delete; else it is only shown.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Delete; without it the runs are only listed.")
+    ] = False,
     form: Form = Format.RICH,
     results_dir: ResultsDir = None,
 ) -> None:
@@ -119,16 +126,16 @@ def prune(
         address, folder = results.reader.address, results.reader.results_dir
         if orphans:
             housekeeping.require_no_choice(older_than, status, where)
-            found, grid = housekeeping.leftovers(results)
+            count, grid = housekeeping.leftovers(results)
             delete = partial(housekeeping.delete_leftovers, address, folder)
         else:
             runs, grid = housekeeping.prunable(results, older_than, split(status), where)
-            found = len(runs)
+            count = len(runs)
             delete = partial(housekeeping.delete, address, folder, runs)
     show_grid(grid, form)
-    if found and yes:
+    if count and yes:
         typer.echo(delete(), err=True)
-    elif found:
+    elif count:
         what = "files" if orphans else "runs and their files"
         typer.echo(f"nothing is deleted yet: --yes deletes these {what}", err=True)
 
@@ -144,9 +151,9 @@ def verify(
     from seatrial.runner.compare.results import open_results
 
     with open_results(database, results_dir) as results:
-        whole, grid = verification(results)
+        intact, grid = verification(results)
     show_grid(grid, form)
-    if not whole:
+    if not intact:
         raise typer.Exit(1)
 
 
@@ -176,38 +183,49 @@ def browse(
 @app.command()
 def published(
     experiment: Annotated[
-        str | None, typer.Option("--experiment", "-e", help="Only this one of conf/experiment.")
+        str | None,
+        typer.Option("--experiment", "-e", help="Only this experiment of conf/experiment."),
     ] = None,
     summary: Annotated[
-        bool, typer.Option("--summary", help="Only how many figures have which verdict.")
+        bool, typer.Option("--summary", help="Only the number of figures with each verdict.")
     ] = False,
     page: Annotated[
-        Path | None, typer.Option("--page", help="Also write all of it to this HTML file.")
+        Path | None,
+        typer.Option("--page", help="Also write the tables and figures to this HTML file."),
     ] = None,
     printed: Annotated[
         Path | None,
-        typer.Option("--printed", help="Folder of the printed figures; else those supplied."),
+        typer.Option(
+            "--printed", help="Folder of the printed figures.  [default: those of the package]"
+        ),
     ] = None,
     database: Database = DEFAULT_DATABASE,
     results_dir: ResultsDir = None,
     form: Form = Format.RICH,
 ) -> None:
-    """Put printed figures beside ours: ratio, verdict and reason."""
+    """Compare printed figures with the stored results: ratio, verdict and reason."""
     from seatrial.runner.compare.published import FOLDER, by_table, judged, read_folder
-    from seatrial.runner.compare.published_page import NOTE, published_grid, summary_grid
+    from seatrial.runner.compare.published_page import (
+        NOTE,
+        published_grid,
+        summary_grid,
+        write_published,
+    )
     from seatrial.runner.compare.results import open_results
 
     figures = read_folder(printed or FOLDER, experiment)
     with open_results(database, results_dir) as results:
-        tables = [judged(results, one) for one in figures.values() if one]
+        tables = [
+            judged(results, printed_figures)
+            for printed_figures in figures.values()
+            if printed_figures
+        ]
         if page is not None:
-            from seatrial.runner.compare.published_page import write_published
-
             write_published(results, tables, page)
     if summary:
         show_grid(summary_grid(tables), form)
     else:
-        grids = [published_grid(one) for found in tables for one in by_table(found)]
+        grids = [published_grid(rows) for table in tables for rows in by_table(table)]
         grids[-1] = replace(grids[-1], notes=[NOTE])
         show_grids(grids, form)
     if page is not None:

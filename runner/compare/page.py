@@ -1,24 +1,28 @@
-"""Self-contained pages: templates, figures as inline SVG, and files written whole."""
+"""Self-contained HTML pages: templates, figures as inline SVG, and atomic writing of files."""
 
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from seatrial.models.errors import LogbookError
 
-WIDE = 7.0  # from this width on a figure has the row to itself [inch]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDE = 7.0  # a wider figure fills a row of the page [inch]
 CSS_PX_PER_POINT = 4.0 / 3.0
-LEGIBLE = 0.72  # of its natural size a figure may shrink to before it scrolls
+LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as inline SVG; `width` is the narrowest it is legible at [CSS px]."""
+    """A figure as inline SVG; `width` is its smallest legible width [CSS px]."""
 
     caption: str
     svg: Markup
@@ -27,9 +31,7 @@ class Picture:
 
 
 def render_page(template: str, **context: object) -> str:
-    """A page from one of the templates; a value that is missing is an error."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+    """Render a page from a template; a missing value is an error."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
@@ -42,7 +44,7 @@ def render_page(template: str, **context: object) -> str:
 
 
 def write_page(page: str, file: Path) -> None:
-    """Write a page, whole or not at all; LogbookError where the file cannot be written."""
+    """Write a page atomically; LogbookError if the file cannot be written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary = file.with_name(f".{file.name}.tmp")
@@ -52,8 +54,8 @@ def write_page(page: str, file: Path) -> None:
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
 
 
-def picture(figure: Any, caption: str, prefix: str) -> Picture:
-    """A figure as an element of a page; its ids get the prefix, for they must differ there."""
+def picture(figure: "Figure", caption: str, prefix: str) -> Picture:
+    """Return a figure as an element of a page; the prefix makes its ids unique on the page."""
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None})
     svg = out.getvalue()
@@ -65,6 +67,4 @@ def picture(figure: Any, caption: str, prefix: str) -> Picture:
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     width = figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT
     wide = figure.get_figwidth() > WIDE
-    return Picture(
-        caption, Markup(svg), round(LEGIBLE * width), wide
-    )  # drawn here, and nowhere else
+    return Picture(caption, Markup(svg), round(LEGIBLE * width), wide)

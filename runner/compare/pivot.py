@@ -1,4 +1,4 @@
-"""From observations to the cells of a table: grouping, counting, the best, the paired baseline."""
+"""Grouping of observations into the cells of a table, the best cells and the paired baseline."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import DOF_ORDER, GROUPS, MODELS
 
 Key = tuple[str, ...]
-# Figures from different ones of these are no rivals.
+# Cells that differ in one of these factors are not compared with each other.
 CIRCUMSTANCES = (
     *("metric", "stage", "dof"),
     *("vessel", "plant", "disturbance", "excitation", "evaluation", "seed"),
@@ -21,11 +21,11 @@ CIRCUMSTANCES = (
 
 @dataclass(frozen=True)
 class Cell:
-    """What a cell holds.
+    """The content of one cell.
 
-    `observed` have a finite value; `unfinished` counts the runs of this cell by status, `without`
-    those that finished without this number; `flagged` how many fit lag or feedback instead of the
-    vessel (below the true model).
+    `observed` are the finite values; `unfinished` counts the unfinished runs by status, `without`
+    the finished runs that lack this number, and `flagged` the runs below the true model, which fit
+    lag or feedback instead of the vessel.
     """
 
     observed: Sequence[Observation] = ()
@@ -35,13 +35,13 @@ class Cell:
 
     @property
     def sample(self) -> Sample:
-        """The values, shape (n,)."""
+        """The observed values, shape (n,)."""
         return np.array([o.value for o in self.observed], dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Pivot:
-    """Cells by row key and column key; a key has one level for each of its factors."""
+    """Cells by row key and column key; a key holds one level for each factor."""
 
     row_factors: Key
     column_factors: Key
@@ -50,11 +50,11 @@ class Pivot:
     cells: Mapping[tuple[Key, Key], Cell]
 
     def cell(self, row: Key, column: Key) -> Cell:
-        """The cell, empty where no run belongs to it."""
+        """Return the cell, which is empty if no run belongs to it."""
         return self.cells.get((row, column), Cell())
 
     def level(self, row: Key, column: Key, factor: str) -> str | None:
-        """The level of a factor in a cell, None where the table does not go by it."""
+        """Return the level of a factor in a cell; None if it is no factor of the table."""
         levels = dict(zip((*self.row_factors, *self.column_factors), row + column, strict=True))
         return levels.get(factor)
 
@@ -67,14 +67,16 @@ def pivot(
     flagged: frozenset[tuple[int, str]] = frozenset(),
     name_order: Sequence[str] = (),
 ) -> Pivot:
-    """Groups observations of `runs` by the levels of the factors.
+    """Group observations of `runs` by the levels of the factors.
 
-    `runs` are all that belong to the table, finished or not; `flagged` holds (run id, dof) of
-    those below the true model; `name_order` is the order that metrics were asked for in.
+    `runs` are all runs of the table, finished or not; `flagged` holds (run id, dof) of those below
+    the true model; `name_order` is the order of the metrics in the request.
     """
     grouped: dict[tuple[Key, Key], list[Observation]] = defaultdict(list)
-    for one in observations:
-        grouped[_key(one, row_factors), _key(one, column_factors)].append(one)
+    for observation in observations:
+        grouped[_key(observation, row_factors), _key(observation, column_factors)].append(
+            observation
+        )
     keys = _with_unobserved(set(grouped), runs, row_factors, column_factors)
     by_run_part = _runs_by_part(runs, (*row_factors, *column_factors))
     cells = {}
@@ -89,28 +91,28 @@ def pivot(
 
 
 def _cell(
-    found: Sequence[Observation], runs: Sequence[Run], flagged: frozenset[tuple[int, str]]
+    observations: Sequence[Observation], runs: Sequence[Run], flagged: frozenset[tuple[int, str]]
 ) -> Cell:
-    good = [o for o in found if o.value is not None and np.isfinite(o.value)]
-    seen = {o.run.id for o in good}
+    finite = [o for o in observations if o.value is not None and np.isfinite(o.value)]
+    run_ids = {o.run.id for o in finite}
     unfinished = Counter(run.status for run in runs if run.status != FINISHED)
-    without = sum(run.status == FINISHED and run.id not in seen for run in runs)
-    marked = {o.run.id for o in good if is_flagged(o, flagged)}
-    return Cell(good, dict(unfinished), without, len(marked))
+    without = sum(run.status == FINISHED and run.id not in run_ids for run in runs)
+    flagged_ids = {o.run.id for o in finite if is_flagged(o, flagged)}
+    return Cell(finite, dict(unfinished), without, len(flagged_ids))
 
 
-def is_flagged(one: Observation, flagged: frozenset[tuple[int, str]]) -> bool:
-    """Whether this number is a validation force error below the true model's."""
+def is_flagged(observation: Observation, flagged: frozenset[tuple[int, str]]) -> bool:
+    """Return whether this number is a validation force error below the true model's."""
     return (
-        one.stage == "validation"
-        and one.model == "identified"
-        and one.name.startswith("force_")
-        and (one.run.id, one.dof) in flagged
+        observation.stage == "validation"
+        and observation.model == "identified"
+        and observation.name.startswith("force_")
+        and (observation.run.id, observation.dof) in flagged
     )
 
 
-def _key(one: Observation, factors: Key) -> Key:
-    return tuple(one.level(factor) for factor in factors)
+def _key(observation: Observation, factors: Key) -> Key:
+    return tuple(observation.level(factor) for factor in factors)
 
 
 def _run_part(key: Key, factors: Key) -> Key:
@@ -120,22 +122,22 @@ def _run_part(key: Key, factors: Key) -> Key:
 
 
 def _runs_by_part(runs: Sequence[Run], factors: Key) -> Mapping[Key, list[Run]]:
-    found: dict[Key, list[Run]] = defaultdict(list)
+    by_part: dict[Key, list[Run]] = defaultdict(list)
     for run in runs:
-        found[tuple(run.levels[f] for f in factors if f not in OWN_FACTORS)].append(run)
-    return found
+        by_part[tuple(run.levels[f] for f in factors if f not in OWN_FACTORS)].append(run)
+    return by_part
 
 
 def _with_unobserved(
     observed: set[tuple[Key, Key]], runs: Sequence[Run], row_factors: Key, column_factors: Key
 ) -> set[tuple[Key, Key]]:
-    """Adds the cells of runs that left no number, so that a failure keeps its row and column."""
+    """Add the cells of runs without a number, so that a failed run keeps its row and column."""
     factors = (*row_factors, *column_factors)
     own_positions = [i for i, factor in enumerate(factors) if factor in OWN_FACTORS]
     own_parts = {tuple((row + column)[i] for i in own_positions) for row, column in observed}
-    seen = {_run_part(row + column, factors) for row, column in observed}
+    observed_parts = {_run_part(row + column, factors) for row, column in observed}
     keys = set(observed)
-    for part in set(_runs_by_part(runs, factors)) - seen:
+    for part in set(_runs_by_part(runs, factors)) - observed_parts:
         for own in own_parts or {("",) * len(own_positions)}:
             levels = list(part)
             for position, level in zip(own_positions, own, strict=True):
@@ -146,7 +148,7 @@ def _with_unobserved(
 
 
 class _KeyOrder:
-    """Reading order of keys: metrics as asked, DOFs and models as in the field, the rest sorted."""
+    """Order of keys: metrics as requested, DOFs and models in their usual order, others sorted."""
 
     def __init__(self, name_order: Sequence[str]) -> None:
         self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODELS}
@@ -163,55 +165,58 @@ class _KeyOrder:
 
 
 def best_cells(table: Pivot, loss: Mapping[tuple[Key, Key], float]) -> set[tuple[Key, Key]]:
-    """The cells to set in bold: the best among those that compete under equal circumstances.
+    """Return the cells to set in bold: the best among those under equal conditions.
 
-    `loss` gives the figure that cells are compared by, the smaller the better, NaN for a cell that
-    is not judged. Cells below the true model take no part: what they fit is not the vessel.
+    `loss` is the number that cells are compared by: smaller is better, NaN excludes a cell. Cells
+    below the true model are excluded, because they do not fit the vessel.
     """
     groups: dict[Key, list[tuple[Key, Key]]] = defaultdict(list)
     factors = (*table.row_factors, *table.column_factors)
-    apart = [i for i, factor in enumerate(factors) if factor.partition(".")[0] in CIRCUMSTANCES]
+    positions = [i for i, factor in enumerate(factors) if factor.partition(".")[0] in CIRCUMSTANCES]
     for row, column in table.cells:
-        groups[tuple((row + column)[i] for i in apart)].append((row, column))
+        groups[tuple((row + column)[i] for i in positions)].append((row, column))
     best = set()
     for members in groups.values():
-        able = [key for key in members if np.isfinite(loss[key])]
-        able = [key for key in able if not table.cells[key].flagged]
-        if len(members) > 1 and able:
-            top = min(loss[key] for key in able)
-            best |= {key for key in able if abs(loss[key] - top) <= SAME * abs(top)}
+        candidates = [key for key in members if np.isfinite(loss[key])]
+        candidates = [key for key in candidates if not table.cells[key].flagged]
+        if len(members) > 1 and candidates:
+            lowest = min(loss[key] for key in candidates)
+            best |= {key for key in candidates if abs(loss[key] - lowest) <= SAME * abs(lowest)}
     return best
 
 
 def against_baseline(
     table: Pivot, observations: Sequence[Observation], factor: str, level: str
 ) -> dict[tuple[Key, Key], PairedTest]:
-    """Each cell against the runs where `factor` is `level`, all else and the seed being equal.
+    """Test each cell against the runs with `factor` equal to `level`, paired by seed and choices.
 
-    Cells of the baseline itself are left out. Several trials of one cell that share seed and
-    choices count as one pair, by their mean.
+    Cells of the baseline itself are omitted. Trials of one cell with equal seed and choices count
+    as one pair, with their mean.
     """
     factors = (*GROUPS, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
-    kept = tuple(dict.fromkeys(f for f in factors if not f"{f}.".startswith(f"{factor}.")))
+    shared_factors = tuple(
+        dict.fromkeys(f for f in factors if not f"{f}.".startswith(f"{factor}."))
+    )
     reference = _means(
-        (o for o in observations if o.level(factor) == level and o.value is not None), kept
+        (o for o in observations if o.level(factor) == level and o.value is not None),
+        shared_factors,
     )
     tests = {}
     for (row, column), cell in table.cells.items():
         own = [o for o in cell.observed if o.level(factor) != level]
         if own:
-            values = _means(own, kept)
-            shared = sorted(values.keys() & reference.keys())
+            values = _means(own, shared_factors)
+            common = sorted(values.keys() & reference.keys())
             better = definition_of(own[0].name).better
-            left = np.array([values[key] for key in shared], dtype=np.float64)
-            right = np.array([reference[key] for key in shared], dtype=np.float64)
+            left = np.array([values[key] for key in common], dtype=np.float64)
+            right = np.array([reference[key] for key in common], dtype=np.float64)
             tests[row, column] = paired_test(left, right, better)
     return tests
 
 
 def _means(observations: Iterable[Observation], factors: Key) -> dict[Key, float]:
     grouped: dict[Key, list[float]] = defaultdict(list)
-    for one in observations:
-        if one.value is not None and np.isfinite(one.value):
-            grouped[_key(one, factors)].append(one.value)
+    for observation in observations:
+        if observation.value is not None and np.isfinite(observation.value):
+            grouped[_key(observation, factors)].append(observation.value)
     return {key: float(np.mean(values)) for key, values in grouped.items()}

@@ -1,9 +1,9 @@
-"""Printed figures beside ours: what was published, what our runs give, and a verdict.
+"""Comparison of printed figures with the results of our runs, with a verdict for each figure.
 
-A file NAME.csv of printed figures belongs to the experiment NAME. A line says where a figure
-stands (document, table, page, row, quantity), what is printed, and which stored number answers it
-(where, source, stage, model, dof, name, label). Ours is the mean over the runs of the experiment's
-newest sweep that meet the condition.
+A file NAME.csv of printed figures belongs to the experiment NAME. Each line gives the place of a
+figure (document, table, page, row, quantity), its printed value, and the stored number to compare
+it with (where, source, stage, model, dof, name, label). Our value is the mean over those runs of
+the experiment's newest sweep that meet the condition.
 """
 
 import csv
@@ -30,23 +30,23 @@ COLUMNS = (
 )
 SOURCES = ("metric", "coefficient", "diagnostic")
 COMPARISONS = ("value", "lower", "higher", "truth", "none")
-TOLERANCE = 0.05  # relative: nearer to the printed figure than this is reproduced
+TOLERANCE = 0.05  # relative: a figure within it counts as reproduced
 Verdict = Literal["reproduced", "beaten", "not reproduced", "not reproducible", "no runs", "ours"]
 
 
 @dataclass(frozen=True)
 class Printed:
-    """One printed figure, and which stored number answers it.
+    """One printed figure, and the stored number to compare it with.
 
-    `way` is how ours was made, where one printed figure has several beside it. `compare` says what
-    is good: the printed `value` itself, a `lower` or `higher` figure, or an estimate nearer to the
-    stored `truth`; `none` is shown without judging. A `model` such as `identified/nominal` is the
-    ratio of the two within each run. Ours is multiplied by `factor` to have the printed unit.
-    `information` says what ours knows that the source did not (`a known thruster lag`), or that its
-    inputs were `calibrated` on the source's own figures, so that agreement is no evidence; empty is
-    the same data, split and knowledge. A figure without `source` cannot be reproduced, `note` says
-    why; one without `printed` is a row of ours that nothing printed stands beside. The
-    `label` of a diagnostic is its label, its number i, or both (`with JIT 100`).
+    `way` names our method if one printed figure is compared with several methods. `compare` says
+    what is better: the printed `value` itself, a `lower` or `higher` figure, or an estimate nearer
+    to the stored `truth`; `none` gives no verdict. A `model` such as `identified/nominal` is the
+    ratio of the two within each run. Our value times `factor` has the printed unit. `information`
+    says what our method knows in addition to the source (`a known thruster lag`), or `calibrated`
+    if its inputs were fitted to the printed figures, so that agreement is no evidence; it is empty
+    for the same data, split and knowledge. A figure without `source` cannot be reproduced, and
+    `note` gives the reason; a row without `printed` has no printed counterpart. The `label` of a
+    diagnostic is its label, its number i, or both (`with JIT 100`).
     """
 
     experiment: str
@@ -75,38 +75,38 @@ class Printed:
 
 @dataclass(frozen=True)
 class Judged:
-    """A printed figure with ours: value, 95 % interval over runs, how many, and the verdict."""
+    """A printed figure with our value, its 95 % interval over n runs, and the verdict."""
 
     printed: Printed
     value: float
     low: float
     high: float
     n: int
-    lost: int  # runs without the figure: failed, diverged, or it is not defined
+    lost: int  # runs without the figure: failed, diverged or not defined
     verdict: Verdict
     reason: str
 
     @property
     def ratio(self) -> float:
-        """Ours over the printed figure; NaN where either is missing or zero is printed."""
+        """Our value over the printed one; NaN if one is missing or the printed one is zero."""
         printed = self.printed.printed
         return self.value / printed if printed else math.nan
 
 
 def by_table(judged: Sequence[Judged]) -> list[list[Judged]]:
-    """The figures of each printed table, in the order of the file."""
+    """Group the figures by printed table, in the order of the file."""
     tables: dict[str, list[Judged]] = {}
-    for one in judged:
-        tables.setdefault(one.printed.table, []).append(one)
+    for row in judged:
+        tables.setdefault(row.printed.table, []).append(row)
     return list(tables.values())
 
 
 def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[Printed]]:
-    """The printed figures by experiment; ConfigurationError for an unknown one or a bad file."""
-    paths = sorted(folder.glob("*.csv"), key=lambda path: _in_parts(path.stem))
-    files = {path.stem: path for path in paths if _is_ours(path)}
+    """Read the figures by experiment; ConfigurationError for an unknown name or a bad file."""
+    paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
+    files = {path.stem: path for path in paths if _has_columns(path)}
     if not files:
-        raise ConfigurationError(f"{folder}: no files of printed figures here")
+        raise ConfigurationError(f"{folder}: no files of printed figures in this folder")
     if experiment is not None:
         if experiment not in files:
             raise ConfigurationError(
@@ -116,18 +116,18 @@ def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[P
     return {name: read_file(path) for name, path in files.items()}
 
 
-def _in_parts(name: str) -> list[tuple[str, int]]:
-    """A name to sort by: table_4_2 comes before table_4_10."""
+def _sort_key(name: str) -> list[tuple[str, int]]:
+    """Return the sort key of a name: table_4_2 comes before table_4_10."""
     return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D+)(\d*)", name)]
 
 
-def _is_ours(path: Path) -> bool:
+def _has_columns(path: Path) -> bool:
     with path.open(newline="") as file:
         return tuple(next(csv.reader(file), ())) == COLUMNS
 
 
 def read_file(path: Path) -> list[Printed]:
-    """The printed figures of one file; ConfigurationError names the line that is wrong."""
+    """Read the printed figures of one file; ConfigurationError names the wrong line."""
     with path.open(newline="") as file:
         lines = list(csv.DictReader(file))
     return [_printed(path.stem, line, f"{path.name}, line {i}") for i, line in enumerate(lines, 2)]
@@ -154,116 +154,128 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
 
 
 def judged(results: Results, printed: Sequence[Printed]) -> list[Judged]:
-    """Every printed figure of one experiment with ours and its verdict."""
+    """Compare every printed figure of one experiment with our runs."""
     runs = runs_of(results, printed[0].experiment) if printed else []
-    return [_judged(results, one, runs) for one in printed]
+    return [_judged(results, figure, runs) for figure in printed]
 
 
 def runs_of(results: Results, experiment: str) -> list[int]:
-    """Runs of the newest sweep of an experiment, those that it found finished included."""
+    """Return the runs of the newest sweep of an experiment, including reused runs."""
     sweeps = [sweep.id for sweep in results.reader.sweeps() if sweep.name == experiment]
     return results.of_sweep(max(sweeps)) if sweeps else []
 
 
-def _judged(results: Results, one: Printed, ids: Sequence[int]) -> Judged:
-    if not one.source:
-        return Judged(one, math.nan, math.nan, math.nan, 0, 0, "not reproducible", one.note)
-    runs = _chosen(results, one, ids)
+def _judged(results: Results, figure: Printed, ids: Sequence[int]) -> Judged:
+    if not figure.source:
+        return Judged(figure, math.nan, math.nan, math.nan, 0, 0, "not reproducible", figure.note)
+    runs = _runs_of_figure(results, figure, ids)
     if not runs:
-        command = f"{trial_program()} experiment={one.experiment}"
-        reason = f"{command}; {one.note}" if one.note else command
-        return Judged(one, math.nan, math.nan, math.nan, 0, 0, "no runs", reason)
-    values, truths = _values(results, one, runs)
-    sample = np.array([one.factor * value for value in values])
+        command = f"{trial_program()} experiment={figure.experiment}"
+        reason = f"{command}; {figure.note}" if figure.note else command
+        return Judged(figure, math.nan, math.nan, math.nan, 0, 0, "no runs", reason)
+    values, truths = _values(results, figure, runs)
+    sample = np.array([figure.factor * value for value in values])
     lost = len(runs) - len(sample)
     if not len(sample):
         lacking = f"none of {len(runs)} runs has this figure"
-        return Judged(one, math.nan, math.nan, math.nan, 0, lost, "not reproduced", lacking)
-    value = float(np.median(sample) if one.statistic == "median" else np.mean(sample))
+        return Judged(figure, math.nan, math.nan, math.nan, 0, lost, "not reproduced", lacking)
+    value = float(np.median(sample) if figure.statistic == "median" else np.mean(sample))
     low, high = confidence_interval(sample)
     if math.isnan(low):
         low = high = value
-    truth = one.factor * truths[0] if truths else None
-    verdict = verdict_of(one, value, (low, high), truth)
-    return Judged(one, value, low, high, len(sample), lost, verdict, one.note)
+    truth = figure.factor * truths[0] if truths else None
+    verdict = verdict_of(figure, value, (low, high), truth)
+    return Judged(figure, value, low, high, len(sample), lost, verdict, figure.note)
 
 
-def _chosen(results: Results, one: Printed, ids: Sequence[int]) -> list[Run]:
-    """The finished runs, and the lost ones, that answer a printed figure."""
+def _runs_of_figure(results: Results, figure: Printed, ids: Sequence[int]) -> list[Run]:
+    """Return the runs of a printed figure, finished or not."""
     if not ids:
         return []
-    within = f"id in ({', '.join(map(str, ids))})"
-    condition = results.where(f"({one.where}) and {within}" if one.where else within)
+    in_sweep = f"id in ({', '.join(map(str, ids))})"
+    condition = results.where(f"({figure.where}) and {in_sweep}" if figure.where else in_sweep)
     try:
         return results.runs(condition)
-    except ConfigurationError:  # nothing matches: the sweep is not whole yet
+    except ConfigurationError:  # no run matches: the sweep is not complete yet
         return []
 
 
-def _values(results: Results, one: Printed, runs: Sequence[Run]) -> tuple[list[float], list[float]]:
-    """The number of each finished run that has it, and the true values stored beside them."""
+def _values(
+    results: Results, figure: Printed, runs: Sequence[Run]
+) -> tuple[list[float], list[float]]:
+    """Return the number of each finished run that has it, and the stored true values."""
     finished = [run for run in runs if run.status == FINISHED]
-    if one.source == "diagnostic":
-        return _diagnostics(results, one, finished), []
+    if figure.source == "diagnostic":
+        return _diagnostics(results, figure, finished), []
     observed = (
-        results.metrics(finished, [one.name])
-        if one.source == "metric"
-        else _coefficients(results, one, finished)
+        results.metrics(finished, [figure.name])
+        if figure.source == "metric"
+        else _coefficients(results, figure, finished)
     )
-    wanted = [
-        seen
-        for seen in observed
-        if seen.name == one.name
-        and seen.dof == one.dof
-        and one.stage in ("", seen.stage)
-        and _known(seen.value)
+    matching = [
+        observation
+        for observation in observed
+        if observation.name == figure.name
+        and observation.dof == figure.dof
+        and figure.stage in ("", observation.stage)
+        and _known(observation.value)
     ]
-    if "/" in one.model:
-        return _ratios(wanted, one.model), []
-    wanted = [seen for seen in wanted if seen.model == one.model]
-    truths = [seen.true_value for seen in wanted if seen.true_value is not None]
-    return [seen.value for seen in wanted if seen.value is not None], truths
+    if "/" in figure.model:
+        return _ratios(matching, figure.model), []
+    matching = [observation for observation in matching if observation.model == figure.model]
+    truths = [
+        observation.true_value for observation in matching if observation.true_value is not None
+    ]
+    return [observation.value for observation in matching if observation.value is not None], truths
 
 
-def _diagnostics(results: Results, one: Printed, runs: Sequence[Run]) -> list[float]:
-    rows = results.diagnostics(runs, [one.name])
-    found = [
+def _diagnostics(results: Results, figure: Printed, runs: Sequence[Run]) -> list[float]:
+    rows = results.diagnostics(runs, [figure.name])
+    values = [
         row.value
         for run in runs
         for row in rows[run.id]
-        if one.dof in ("", row.dof)
-        and one.label in ("", row.label or "", str(row.i), f"{row.label} {row.i}")
+        if figure.dof in ("", row.dof)
+        and figure.label in ("", row.label or "", str(row.i), f"{row.label} {row.i}")
     ]
-    return [value for value in found if _known(value)]
+    return [value for value in values if _known(value)]
 
 
-def _coefficients(results: Results, one: Printed, runs: Sequence[Run]) -> list[Observation]:
-    """Those of one term; a table that is stored without it has a zero there."""
+def _coefficients(results: Results, figure: Printed, runs: Sequence[Run]) -> list[Observation]:
+    """Return the coefficients of one term; a stored model without the term has a zero."""
     observed = results.coefficients(runs)
-    found = [seen for seen in observed if (seen.name, seen.dof) == (one.name, one.dof)]
-    having = {(seen.run.id, seen.model) for seen in found}
-    tables = {(seen.run.id, seen.model): seen for seen in observed}
+    coefficients = [
+        observation
+        for observation in observed
+        if (observation.name, observation.dof) == (figure.name, figure.dof)
+    ]
+    models_with = {(observation.run.id, observation.model) for observation in coefficients}
+    tables = {(observation.run.id, observation.model): observation for observation in observed}
     zeros = [
         replace(
-            seen, dof=one.dof, name=one.name, value=0.0, std_error=None,
-            true_value=None if seen.true_value is None else 0.0,
+            observation, dof=figure.dof, name=figure.name, value=0.0, std_error=None,
+            true_value=None if observation.true_value is None else 0.0,
         )
-        for table, seen in tables.items()
-        if table not in having
+        for table, observation in tables.items()
+        if table not in models_with
     ]  # fmt: skip
-    return found + zeros
+    return coefficients + zeros
 
 
-def _ratios(seen: Sequence[Observation], models: str) -> list[float]:
-    """Of each run the value of one model over that of another, `identified/nominal`."""
-    above, below = (
-        {one.run.id: one.value for one in seen if one.model == model}
+def _ratios(observations: Sequence[Observation], models: str) -> list[float]:
+    """Return for each run the value of one model over that of another, `identified/nominal`."""
+    numerators, denominators = (
+        {
+            observation.run.id: observation.value
+            for observation in observations
+            if observation.model == model
+        }
         for model in models.split("/", 1)
     )
     return [
         value / divisor
-        for id_, value in above.items()
-        if value is not None and (divisor := below.get(id_))
+        for id_, value in numerators.items()
+        if value is not None and (divisor := denominators.get(id_))
     ]
 
 
@@ -272,24 +284,24 @@ def _known(value: float | None) -> bool:
 
 
 def verdict_of(
-    one: Printed, value: float, interval: tuple[float, float], truth: float | None
+    figure: Printed, value: float, interval: tuple[float, float], truth: float | None
 ) -> Verdict:
-    """What our figure says about the printed one.
+    """Return the verdict on our value, compared with the printed one.
 
-    Beaten: the whole 95 % interval is better by more than the tolerance (an estimate: its worst
-    end is nearer to the truth than the printed one). Reproduced: the printed figure lies within
-    the interval, or within 5 % of ours, or is ours rounded to its decimals.
+    Beaten: the complete 95 % interval is better by more than the tolerance; for an estimate, its
+    worst end is nearer to the truth than the printed one. Reproduced: the printed figure is within
+    the interval, or within 5 % of our value, or equals our value rounded to its decimals.
     """
-    printed = one.printed
-    if printed is None or one.compare == "none":
+    printed = figure.printed
+    if printed is None or figure.compare == "none":
         return "ours"
     low, high = interval
-    margin = max(TOLERANCE * abs(printed), one.rounding * (1.0 + SAME))
-    if one.compare == "lower" and high < printed - margin:
+    margin = max(TOLERANCE * abs(printed), figure.rounding * (1.0 + SAME))
+    if figure.compare == "lower" and high < printed - margin:
         return "beaten"
-    if one.compare == "higher" and low > printed + margin:
+    if figure.compare == "higher" and low > printed + margin:
         return "beaten"
-    if one.compare == "truth" and truth is not None:
+    if figure.compare == "truth" and truth is not None:
         worst = max(abs(low - truth), abs(high - truth))
         if worst < abs(printed - truth) * (1.0 - TOLERANCE):
             return "beaten"

@@ -1,4 +1,4 @@
-"""The page of printed figures beside ours: summary, a table and a figure for each experiment."""
+"""The page that compares printed figures with our results, by experiment."""
 
 import math
 from collections import Counter
@@ -20,10 +20,7 @@ from seatrial.runner.compare.published import TOLERANCE, Judged, by_table, runs_
 from seatrial.runner.compare.results import Results
 from seatrial.runner.invocation import trial_program
 
-# Tables of printed figures beside ours, and the summary of their verdicts.
-
-
-CALIBRATED = "reproduced (calibrated)"  # agreement that was put in, no evidence
+CALIBRATED = "reproduced (calibrated)"  # inputs were fitted to the printed figures: no evidence
 VERDICTS = (
     *("beaten", "reproduced", CALIBRATED, "not reproduced"),
     *("not reproducible", "no runs", "ours"),
@@ -38,63 +35,77 @@ NOTE = (
 
 
 def title_of(judged: Sequence[Judged]) -> str:
-    """`Jervan (2020), Table 4.10, p. 52 (jervan_table_4_10)`."""
-    one = judged[0].printed
-    page = f", p. {one.page}" if one.page else ""
-    return f"{one.document}, {one.table}{page} ({one.experiment})"
+    """Return `Jervan (2020), Table 4.10, p. 52 (jervan_table_4_10)`."""
+    figure = judged[0].printed
+    page = f", p. {figure.page}" if figure.page else ""
+    return f"{figure.document}, {figure.table}{page} ({figure.experiment})"
 
 
 def published_grid(judged: Sequence[Judged], notes: Sequence[str] = ()) -> Grid:
-    """The figures of one printed table, a row each."""
-    rows = [_row(one) for one in judged]
-    return Grid(title_of(judged), HEADERS, rows, 3, notes, [_record(one) for one in judged])
+    """Return the grid of one printed table, one row for each figure."""
+    rows = [_row(comparison) for comparison in judged]
+    return Grid(
+        title_of(judged), HEADERS, rows, 3, notes, [_record(comparison) for comparison in judged]
+    )
 
 
-def _row(one: Judged) -> list[Cell]:
-    printed = one.printed
+def _row(comparison: Judged) -> list[Cell]:
+    printed = comparison.printed
     return [
         Cell(printed.row),
         Cell(with_unit(printed.quantity, printed.unit)),
         Cell(printed.way),
         _printed(printed.printed),
-        Cell(ours_text(one), sort=None if math.isnan(one.value) else one.value),
-        Cell("–") if math.isnan(one.ratio) else Cell(number_text(one.ratio, 3), sort=one.ratio),
-        Cell(verdict_text(one), bold=one.verdict == "beaten"),
-        Cell(reason_text(one), prose=True),
+        Cell(
+            ours_text(comparison), sort=None if math.isnan(comparison.value) else comparison.value
+        ),
+        Cell("–")
+        if math.isnan(comparison.ratio)
+        else Cell(number_text(comparison.ratio, 3), sort=comparison.ratio),
+        Cell(verdict_text(comparison), bold=comparison.verdict == "beaten"),
+        Cell(reason_text(comparison), prose=True),
     ]
 
 
-def verdict_text(one: Judged) -> str:
-    """The verdict; apart where the inputs were fitted to the printed figures."""
-    calibrated = one.printed.information == "calibrated" and one.verdict == "reproduced"
-    return CALIBRATED if calibrated else one.verdict
+def verdict_text(comparison: Judged) -> str:
+    """Return the verdict, marked if the inputs were fitted to the printed figures."""
+    calibrated = (
+        comparison.printed.information == "calibrated" and comparison.verdict == "reproduced"
+    )
+    return CALIBRATED if calibrated else comparison.verdict
 
 
 def _printed(value: float | None) -> Cell:
-    """A printed figure with the digits it was printed with."""
+    """Return the cell of a printed figure, with the printed digits."""
     return Cell("–") if value is None else Cell(f"{value:.10g}", sort=value)
 
 
-def ours_text(one: Judged) -> str:
-    """`0.0071 [0.0069, 0.0073] (n=20)`."""
-    if math.isnan(one.value):
+def ours_text(comparison: Judged) -> str:
+    """Return our value as `0.0071 [0.0069, 0.0073] (n=20)`."""
+    if math.isnan(comparison.value):
         return "–"
-    text = ("median " if one.printed.statistic == "median" else "") + number_text(one.value)
-    if one.high - one.low > 1e-9 * abs(one.value):
-        text += f" [{number_text(one.low)}, {number_text(one.high)}]"
-    lost = f", {one.lost} without" if one.lost else ""
-    return f"{text} (n={one.n}{lost})"
+    text = ("median " if comparison.printed.statistic == "median" else "") + number_text(
+        comparison.value
+    )
+    if comparison.high - comparison.low > 1e-9 * abs(comparison.value):
+        text += f" [{number_text(comparison.low)}, {number_text(comparison.high)}]"
+    lost = f", {comparison.lost} without" if comparison.lost else ""
+    return f"{text} (n={comparison.n}{lost})"
 
 
-def reason_text(one: Judged) -> str:
-    """What ours knows that the source did not, and the note."""
-    information = one.printed.information
-    known = f"knows more: {information}" if information not in ("", "calibrated") else information
-    return "; ".join(text for text in (known, one.reason) if text)
+def reason_text(comparison: Judged) -> str:
+    """Return the additional information that our method uses, and the note."""
+    information = comparison.printed.information
+    information_text = (
+        f"additional information: {information}"
+        if information not in ("", "calibrated")
+        else information
+    )
+    return "; ".join(text for text in (information_text, comparison.reason) if text)
 
 
-def _record(one: Judged) -> Mapping[str, Scalar]:
-    printed = one.printed
+def _record(comparison: Judged) -> Mapping[str, Scalar]:
+    printed = comparison.printed
     return {
         "experiment": printed.experiment,
         "document": printed.document,
@@ -105,31 +116,31 @@ def _record(one: Judged) -> Mapping[str, Scalar]:
         "way": printed.way,
         "unit": printed.unit,
         "printed": printed.printed,
-        "ours": one.value,
-        "low": one.low,
-        "high": one.high,
-        "n": one.n,
-        "without": one.lost,
-        "ratio": one.ratio,
-        "verdict": one.verdict,
+        "ours": comparison.value,
+        "low": comparison.low,
+        "high": comparison.high,
+        "n": comparison.n,
+        "without": comparison.lost,
+        "ratio": comparison.ratio,
+        "verdict": comparison.verdict,
         "information": printed.information,
-        "reason": one.reason,
+        "reason": comparison.reason,
     }
 
 
 def summary_grid(tables: Sequence[Sequence[Judged]]) -> Grid:
-    """How many figures of each table have which verdict."""
-    tables = [one for judged in tables for one in by_table(judged)]
+    """Count the verdicts of each table."""
+    tables = [source for judged in tables for source in by_table(judged)]
     counts = [Counter(map(verdict_text, judged)) for judged in tables]
     shown = [verdict for verdict in VERDICTS if any(verdict in count for count in counts)]
     rows, records = [], []
     for judged, count in zip(tables, counts, strict=True):
-        one = judged[0].printed
-        facts: dict[str, Scalar] = {"source": one.document, "table": one.table}
-        facts |= {"experiment": one.experiment}
-        facts |= {verdict: count[verdict] for verdict in shown}
-        records.append(facts)
-        cells = [Cell(one.document), Cell(one.table), Cell(one.experiment)]
+        source = judged[0].printed
+        record: dict[str, Scalar] = {"source": source.document, "table": source.table}
+        record |= {"experiment": source.experiment}
+        record |= {verdict: count[verdict] for verdict in shown}
+        records.append(record)
+        cells = [Cell(source.document), Cell(source.table), Cell(source.experiment)]
         rows.append([*cells, *(_count(count[verdict]) for verdict in shown)])
     total = sum(counts, Counter())
     rows.append([Cell("all"), Cell(""), Cell(""), *(_count(total[name]) for name in shown)])
@@ -143,7 +154,7 @@ def _count(number: int) -> Cell:
 
 EXPERIMENTS = Path(__file__).parents[2] / "conf" / "experiment"
 COLOURS = {"beaten": "#009E73", "reproduced": "#0072B2", "not reproduced": "#D55E00"}
-ROW_INCH = 0.24  # height of a line of the figure
+ROW_INCH = 0.24  # height of a line of the figure [inch]
 MOST_ROWS = 60
 FIGURES = {"hoyer_figure_7_20": ("topology",), "hoyer_figure_7_21": ("times",)}  # kinds of plots
 
@@ -175,30 +186,32 @@ def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: 
 
 def _chapter(results: Results, judged: Sequence[Judged]) -> Chapter:
     name, tables = judged[0].printed.experiment, by_table(judged)
-    drawn_ones = [(one, ratios(one)) for one in tables]
+    charts = [(rows, ratios(rows)) for rows in tables]
     pictures = [
-        picture(drawing, f"{one[0].printed.table}: ours over printed", f"{name}-{i}-")
-        for i, (one, drawing) in enumerate(drawn_ones)
+        picture(drawing, f"{rows[0].printed.table}: ours over printed", f"{name}-{i}-")
+        for i, (rows, drawing) in enumerate(charts)
         if drawing is not None
     ]
     pictures += _figures(results, name)
-    return Chapter(name, about(name), [html_table(published_grid(one)) for one in tables], pictures)
+    return Chapter(
+        name, about(name), [html_table(published_grid(rows)) for rows in tables], pictures
+    )
 
 
 def _figures(results: Results, experiment: str) -> list[Picture]:
-    """The figures of the source drawn again from the experiment's runs; none before they ran."""
+    """Draw the figures of the source from the experiment's runs; empty without runs."""
     ids = runs_of(results, experiment)
-    made = []
+    pictures = []
     for kind in FIGURES.get(experiment, ()) if ids else ():
         drawings = drawings_of(kind)
         request = PlotRequest(where=f"id in ({', '.join(map(str, ids))})")
         for i, drawing in enumerate(drawings(results, request)):
-            made.append(picture(drawing.figure, kind, f"{experiment}-{kind}-{i}-"))
-    return made
+            pictures.append(picture(drawing.figure, kind, f"{experiment}-{kind}-{i}-"))
+    return pictures
 
 
 def about(experiment: str) -> str:
-    """The comment at the head of an experiment's file; nothing where there is no such file."""
+    """Return the comment at the head of an experiment's file; empty without a file."""
     file = EXPERIMENTS / f"{experiment}.yaml"
     if not file.exists():
         return ""
@@ -212,44 +225,53 @@ def about(experiment: str) -> str:
 
 
 def ratios(judged: Sequence[Judged]) -> Figure | None:
-    """Ours over the printed figure with its interval, a line each; None where there is nothing.
+    """Plot our values over the printed ones with their intervals; None without a ratio.
 
-    Without estimates that the truth judges: beside a printed one that is wrong, 1 is not the aim.
+    Estimates that are compared with the truth are omitted: if the printed estimate is wrong, a
+    ratio of 1 is not the aim.
     """
-    compared = [one for one in judged if one.printed.compare != "truth"]
-    shown = [one for one in compared if math.isfinite(one.ratio) and one.ratio > 0.0][:MOST_ROWS]
+    compared = [comparison for comparison in judged if comparison.printed.compare != "truth"]
+    shown = [
+        comparison
+        for comparison in compared
+        if math.isfinite(comparison.ratio) and comparison.ratio > 0.0
+    ][:MOST_ROWS]
     if not shown:
         return None
-    made = figure(7.0, 1.3 + ROW_INCH * len(shown))
-    axes = made.subplots()
+    chart = figure(7.0, 1.3 + ROW_INCH * len(shown))
+    axes = chart.subplots()
     axes.set_xscale("log")
     axes.axvline(1.0, color=REFERENCE, linewidth=1.0, label="printed")
-    for verdict in dict.fromkeys(one.verdict for one in shown):
+    for verdict in dict.fromkeys(comparison.verdict for comparison in shown):
         _points(axes, shown, verdict)
-    labels = [_label(one) for one in shown]
+    labels = [_label(comparison) for comparison in shown]
     axes.set_yticks(range(len(shown)), labels)
     axes.set_ylim(len(shown) - 0.5, -0.5)
     low, high = axes.get_xlim()
     axes.set_xlim(min(low, 0.5), max(high, 2.0))
     axes.set_xlabel("ours / printed")
-    headed(made, [axes], judged[0].printed.table)
-    footnote(made, ["bars: 95 % interval over runs, where there are several"])
-    return made
+    headed(chart, [axes], judged[0].printed.table)
+    footnote(chart, ["bars: 95 % interval over several runs"])
+    return chart
 
 
-def _label(one: Judged) -> str:
-    printed = one.printed
+def _label(comparison: Judged) -> str:
+    printed = comparison.printed
     return ", ".join(text for text in (printed.row, printed.way, printed.quantity) if text)
 
 
 def _points(axes: Axes, shown: Sequence[Judged], verdict: str) -> None:
-    rows = [(i, one) for i, one in enumerate(shown) if one.verdict == verdict]
+    rows = [(i, comparison) for i, comparison in enumerate(shown) if comparison.verdict == verdict]
     colour = COLOURS.get(verdict, MUTED)
     axes.plot(
-        [one.ratio for _, one in rows], [i for i, _ in rows], "o", color=colour, label=verdict
+        [comparison.ratio for _, comparison in rows],
+        [i for i, _ in rows],
+        "o",
+        color=colour,
+        label=verdict,
     )
-    for i, one in rows:
-        printed = one.printed.printed or math.nan
-        ends = sorted((one.low / printed, one.high / printed))
+    for i, comparison in rows:
+        printed = comparison.printed.printed or math.nan
+        ends = sorted((comparison.low / printed, comparison.high / printed))
         if ends[0] > 0.0:
             axes.plot(ends, [i, i], color=colour)

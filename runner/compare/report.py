@@ -1,4 +1,4 @@
-"""One self-contained page about a set of runs: tables, figures, failures, provenance."""
+"""A self-contained HTML page on a set of runs: tables, figures, failures, provenance."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare.plots.request import PlotRequest
 
 
-# The metrics that have a table, and whether it is open when the page opens.
+# The metrics that have a table, and whether the table is unfolded at first.
 TABLES = {
     "force_mse": True,
     "force_mse_filtered": False,
@@ -48,7 +48,7 @@ MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
 @dataclass(frozen=True)
 class ReportRequest:
-    """What a report is about."""
+    """The runs, rows and columns of a report."""
 
     rows: str = "identifier"
     columns: str = "disturbance"
@@ -67,12 +67,12 @@ class Section:
 
 
 def write_report(results: Results, request: ReportRequest, file: Path) -> None:
-    """Writes the page; LogbookError where the file cannot be written."""
+    """Write the page; LogbookError if the file cannot be written."""
     write_page(render_report(results, request), file)
 
 
 def render_report(results: Results, request: ReportRequest) -> str:
-    """The page as text; raises ConfigurationError where no runs match."""
+    """Return the page as text; raise ConfigurationError if no run matches."""
     where = _where(results, request)
     condition = results.where(where)
     runs = results.runs(condition)
@@ -99,18 +99,18 @@ def render_report(results: Results, request: ReportRequest) -> str:
 
 
 def _where(results: Results, request: ReportRequest) -> str | None:
-    """The condition with the sweep's runs in it: its own, and those it found done already."""
+    """Return the condition, restricted to the runs of the sweep and those it reused."""
     if request.sweep is None:
         return request.where
-    known = [sweep.id for sweep in results.reader.sweeps()]
-    if request.sweep not in known:
-        expected = f"1 to {max(known)}" if known else "none: there are none"
-        raise ConfigurationError(f"--sweep: got {request.sweep}, expected one of {expected}")
+    sweeps = [sweep.id for sweep in results.reader.sweeps()]
+    if request.sweep not in sweeps:
+        expected = f"one of 1 to {max(sweeps)}" if sweeps else "no sweep: the logbook has none"
+        raise ConfigurationError(f"--sweep: got {request.sweep}, expected {expected}")
     ids = results.of_sweep(request.sweep)
     if not ids:
         raise ConfigurationError(f"--sweep: sweep {request.sweep} has no runs yet")
-    within = f"id in ({', '.join(map(str, ids))})"
-    return f"({request.where}) and {within}" if request.where else within
+    in_sweep = f"id in ({', '.join(map(str, ids))})"
+    return f"({request.where}) and {in_sweep}" if request.where else in_sweep
 
 
 def _title(sweeps: Sequence[SweepSummary], request: ReportRequest) -> str:
@@ -125,19 +125,19 @@ def _sweeps(results: Results, runs: Sequence[Run]) -> list[SweepSummary]:
 
 
 def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
-    """Every choice with its levels; many seeds as a range."""
-    found = []
+    """Return every choice with its levels; many seeds become a range."""
+    choices = []
     for name in (*GROUPS, "seed"):
         levels = ordered(run.levels[name] for run in runs)
         text = ", ".join(levels)
         if name == "seed" and len(levels) > 5:
             text = f"{len(levels)} seeds, {levels[0]} to {levels[-1]}"
-        found.append((name, text))
-    return found
+        choices.append((name, text))
+    return choices
 
 
 def _settings(results: Results, runs: Sequence[Run]) -> Markup:
-    """The configuration values that the runs share, and those in which they differ."""
+    """Return a table of all configuration values of the runs."""
     newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in runs}
     configs = results.configs(sorted(newest.values())[-MOST_LISTED:])
     keys = dict.fromkeys(key for config in configs for key in config if key != "seed")
@@ -153,69 +153,71 @@ def _tables(
 ) -> list[Section]:
     levels = {run.levels.get(request.rows) for run in runs}
     baseline = (request.rows, "none") if "none" in levels and len(levels) > 1 else None
-    known, found = results.metric_names(), []
-    apart = ("vessel",) if _several_vessels(runs) and request.rows != "vessel" else ()
+    stored, sections = results.metric_names(), []
+    vessel_rows = ("vessel",) if _several_vessels(runs) and request.rows != "vessel" else ()
     for metric, shown in TABLES.items():
-        if metric not in known:
+        if metric not in stored:
             continue
-        wanted = TableRequest(
+        table_request = TableRequest(
             names=[metric],
-            rows=(*apart, request.rows),
+            rows=(*vessel_rows, request.rows),
             columns=(request.columns,),
             baseline=baseline,
             where=where,
         )
-        grid = comparison(results, wanted)
+        grid = comparison(results, table_request)
         if any(cell.sort is not None for row in grid.rows for cell in row):
-            found.append(Section(definition_of(metric).caption, html_table(grid), shown))
-    return found
+            sections.append(Section(definition_of(metric).caption, html_table(grid), shown))
+    return sections
 
 
 def _pictures(
     results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
 ) -> tuple[list[Picture], list[str]]:
-    """Every kind of figure that the runs have something for, and why any could not be drawn."""
+    """Return every figure that the runs have data for, and messages on failed figures."""
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.plots.style import drawn
 
-    found: list[Picture] = []
-    trouble: list[str] = []
+    pictures: list[Picture] = []
+    messages: list[str] = []
     facet = "vessel" if _several_vessels(runs) else None
     shared = PlotRequest(columns=request.columns, facet=facet, where=where)
-    shown = sorted((one for one in figures().values() if one.caption), key=lambda one: one.place)
+    kinds = sorted(
+        (entry for entry in figures().values() if entry.caption), key=lambda entry: entry.place
+    )
     with drawn():
-        for figure in shown:
+        for figure in kinds:
             drawings_for = drawings_of(figure.name)
             for caption, variant in _variants(figure, shared, request.rows):
                 try:
                     drawings = drawings_for(results, variant)
                 except ConfigurationError:
-                    continue  # these runs have nothing of this kind
+                    continue  # these runs have no data for this figure
                 except LogbookError as error:
-                    trouble.append(f"{caption}: {error}")
+                    messages.append(f"{caption}: {error}")
                     continue
-                about = f"{caption}, {variant.dofs[0]}" if _is_dof(variant.dofs) else caption
+                title = f"{caption}, {variant.dofs[0]}" if _is_dof(variant.dofs) else caption
                 for drawing in drawings:
-                    found.append(picture(drawing.figure, about, f"f{len(found)}-"))
-    return found, trouble
+                    pictures.append(picture(drawing.figure, title, f"f{len(pictures)}-"))
+    return pictures, messages
 
 
 def _variants(
     figure: Figure, shared: "PlotRequest", rows: str
 ) -> Iterator[tuple[str, "PlotRequest"]]:
-    """The figures, with their captions, that one wide or crowded figure is split into."""
-    wanted = replace(shared, rows=figure.rows or rows)
-    by_dof = [replace(wanted, dofs=(dof,)) for dof in DOF_ORDER]  # narrow, for narrow screens
+    """Split a wide figure into requests of narrower ones, with their captions."""
+    request = replace(shared, rows=figure.rows or rows)
+    by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]
     match figure.each:
         case "metric and dof":
-            for metric in (one for one in METRICS if one.headline):
-                yield from ((metric.caption, replace(one, metric=metric.name)) for one in by_dof)
+            for metric in (entry for entry in METRICS if entry.headline):
+                yield from ((metric.caption, replace(part, metric=metric.name)) for part in by_dof)
         case "dof":
-            yield from ((figure.caption, one) for one in by_dof)
+            yield from ((figure.caption, part) for part in by_dof)
         case "column":
-            yield figure.caption, replace(wanted, facet=wanted.columns)
+            yield figure.caption, replace(request, facet=request.columns)
         case _:
-            yield figure.caption, wanted
+            yield figure.caption, request
 
 
 def _several_vessels(runs: Sequence[Run]) -> bool:
@@ -227,12 +229,12 @@ def _is_dof(dofs: Sequence[str]) -> bool:
 
 
 def _warnings(results: Results, condition: Condition | None) -> list[str]:
-    """What the runs warned of, and which did."""
-    found = []
+    """Return the warnings with the numbers of their runs."""
+    messages = []
     for text, ids in results.warnings(condition)[:MOST_LISTED]:
         runs = ", ".join(map(str, ids[:10])) + (", …" if len(ids) > 10 else "")
-        found.append(f"{text} (run{'s'[: len(ids) != 1]} {runs})")
-    return found
+        messages.append(f"{text} (run{'s'[: len(ids) != 1]} {runs})")
+    return messages
 
 
 def _failures(results: Results, runs: Sequence[Run]) -> list[RunDetail]:
@@ -241,24 +243,24 @@ def _failures(results: Results, runs: Sequence[Run]) -> list[RunDetail]:
 
 
 def _provenance(results: Results, condition: Condition | None) -> list[tuple[str, list[str]]]:
-    """Where the results come from: each property with its distinct values."""
-    found: dict[str, Counter[str]] = {}
+    """Return each property of provenance with its distinct values."""
+    counts_of: dict[str, Counter[str]] = {}
     for row in results.provenance(condition):
         dirty = " with uncommitted changes" if row.git_dirty else ""
         facts = {"git commit": f"{row.git_commit or 'unknown'}{dirty}", "host": row.host}
         facts |= {str(name): str(version) for name, version in row.versions.items()}
         facts |= {"command": without_passwords(row.command)} if row.command else {}
         for name, value in facts.items():
-            found.setdefault(name, Counter())[value] += 1
+            counts_of.setdefault(name, Counter())[value] += 1
     return [
-        (name, [value for value, _ in counts.most_common(20)]) for name, counts in found.items()
+        (name, [value for value, _ in counts.most_common(20)]) for name, counts in counts_of.items()
     ]
 
 
 def _listed(results: Results, runs: Sequence[Run]) -> Grid:
     chosen = [run.id for run in runs][-MOST_LISTED:]
-    found = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
+    summaries = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
     names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]
-    rows = [[plain(getattr(run, name)) for name in names] for run in found]
+    rows = [[plain(getattr(run, name)) for name in names] for run in summaries]
     notes = [f"the newest {MOST_LISTED} of {len(runs)}"] if len(runs) > MOST_LISTED else []
     return grid_of("", names, rows, labels=1, notes=notes)

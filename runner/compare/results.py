@@ -1,7 +1,7 @@
-"""The results database as the comparison reads it: runs and their numbers, nothing written.
+"""Read-only queries of the results database: runs and their numbers.
 
-All queries of tables and figures stand here. A trial that was repeated counts once: by its latest
-finished attempt, else by its latest (the view's column `superseded` says which do not count).
+All queries of tables and figures are here. A repeated trial counts once, by its latest finished
+attempt or, without one, by its latest attempt; the column `superseded` marks the other attempts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,21 +23,17 @@ from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import GROUPS
 
-# What tables and figures are made of: runs, and one number of a run each.
-#
-# A *factor* is a name that rows, columns or facets go by: a column of table `run`, a dotted key of
-# the configuration, or a property of the number itself (model, dof, stage, metric).
-
-
-OWN_FACTORS = ("metric", "stage", "model", "dof")  # what the number, not its run, says
+# A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
+# configuration, or a property of the number itself (metric, stage, model, dof).
+OWN_FACTORS = ("metric", "stage", "model", "dof")  # properties of the number, not of its run
 BELOW_TRUE_MODEL = "below_true_model"
-DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, where 1 or more
+DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
 FINISHED = "finished"
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A stored run; `levels` are its choices, its seed and the factors asked for, as text."""
+    """A stored run; `levels` are its choices, its seed and the requested factors, as text."""
 
     id: int
     status: str  # running, finished, diverged, failed or interrupted
@@ -47,7 +43,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One number of a run: a metric, or (stage `coefficient`) a coefficient named by its term."""
+    """One number of a run: a metric, or a coefficient named by its term (stage `coefficient`)."""
 
     run: Run
     stage: str
@@ -60,7 +56,7 @@ class Observation:
     true_value: float | None = None
 
     def level(self, factor: str) -> str:
-        """The value of a factor, as text."""
+        """Return the level of a factor, as text."""
         match factor:
             case "metric":
                 return self.name
@@ -75,7 +71,7 @@ class Observation:
 
 
 def ordered(levels: Iterable[str]) -> list[str]:
-    """Distinct levels in reading order: numbers by size, then `none`, then text."""
+    """Return the distinct levels in order: numbers by size, then `none`, then text."""
     return sorted(set(levels), key=_reading_order)
 
 
@@ -87,15 +83,17 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
+DiagnosticRow = sa.Row[Any]
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
 
 @contextmanager
 def open_results(database: str, results_dir: Path | None = None) -> Iterator["Results"]:
-    """The logbook at a URL or plain path, for reading; LogbookError where there is none.
+    """Open the logbook at a URL or file path for reading; LogbookError if there is none.
 
-    `results_dir` is where its series are: by default the folder of a SQLite file, or `results`.
+    `results_dir` is the folder of its series; the default is the folder of a SQLite file, else
+    `results`.
     """
     url = database if "://" in database else URL.create("sqlite", database=database)
     with Reader.read(url, results_dir=results_dir) as reader:
@@ -103,14 +101,14 @@ def open_results(database: str, results_dir: Path | None = None) -> Iterator["Re
 
 
 class Results:
-    """The questions of tables and figures to one logbook."""
+    """The queries of tables and figures on one logbook."""
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
 
     @cached_property
     def names(self) -> Names:
-        """The names that conditions, rows and columns may use."""
+        """The names that are valid in conditions, rows and columns."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
@@ -119,7 +117,7 @@ class Results:
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
-        """The condition that --where says, its names checked."""
+        """Parse the condition of --where and check its names."""
         condition = parse(text) if text else None
         if condition is not None:
             self.names.clause(condition)
@@ -131,9 +129,10 @@ class Results:
         factors: Sequence[str] = (),
         superseded: bool = False,
     ) -> list[Run]:
-        """Runs that meet the condition, oldest first, with their levels of the factors.
+        """Return the runs that meet the condition, oldest first, with their levels of the factors.
 
-        Without `superseded`, one attempt a trial. Raises ConfigurationError where none is left.
+        Without `superseded` there is one attempt for each trial. Raises ConfigurationError if no
+        run matches.
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         texts = [self.names.text(name) for name in names]
@@ -141,15 +140,15 @@ class Results:
         query = self._of_runs(sa.select(*columns), condition)
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
-        found = [
+        rows = [
             Run(id_, status, dict(zip(names, map(_text, levels), strict=True)), sweep)
             for id_, status, sweep, *levels in map(
                 tuple, self.reader.select(query.order_by(RUN.c.id))
             )
         ]
-        if not found:
+        if not rows:
             raise ConfigurationError(self.why_none(condition))
-        return found
+        return rows
 
     def metrics(
         self,
@@ -158,9 +157,9 @@ class Results:
         condition: Condition | None = None,
         only: Mapping[str, Sequence[str]] | None = None,
     ) -> list[Observation]:
-        """The named metrics of the runs; `condition` is the one that found them.
+        """Return the named metrics of the runs; `condition` is the one that selected the runs.
 
-        `only` are the levels wanted of stage, model and dof; none of one means all of them.
+        `only` restricts stage, model and dof to the given levels; an empty list means all levels.
         """
         m = Metric.__table__.c
         query = sa.select(m.run_id, m.stage, m.model, m.dof, m.name, m.value, m.unit)
@@ -178,7 +177,7 @@ class Results:
     def coefficients(
         self, runs: Sequence[Run], condition: Condition | None = None
     ) -> list[Observation]:
-        """All coefficients of the runs, named by their terms."""
+        """Return all coefficients of the runs, named by their terms."""
         c = Coefficient.__table__.c
         columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
         query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
@@ -191,55 +190,55 @@ class Results:
 
     def diagnostics(
         self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
-    ) -> dict[int, list[sa.Row[Any]]]:
-        """Rows (run_id, name, dof, i, j, label, value, unit) of the named diagnostics, by run."""
+    ) -> dict[int, list[DiagnosticRow]]:
+        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run."""
         d = Diagnostic.__table__.c
         query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
         query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
-        found: dict[int, list[sa.Row[Any]]] = {run.id: [] for run in runs}
+        by_run: dict[int, list[DiagnosticRow]] = {run.id: [] for run in runs}
         for row in self.reader.select(query.order_by(d.id)):
-            if row.run_id in found:
-                found[row.run_id].append(row)
-        return found
+            if row.run_id in by_run:
+                by_run[row.run_id].append(row)
+        return by_run
 
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
-        """What runs warned of, with the runs that did, the first first."""
+        """Return each distinct warning with the numbers of its runs, oldest first."""
         d = Diagnostic.__table__.c
         query = sa.select(d.label, d.run_id).where(d.name == "warning")
         query = query.where(d.run_id.in_(self._ids(condition))).order_by(d.run_id, d.id)
-        found: dict[str, list[int]] = {}
+        runs_of: dict[str, list[int]] = {}
         for text, run_id in map(tuple, self.reader.select(query)):
-            if run_id not in found.setdefault(text, []):
-                found[text].append(run_id)
-        return list(found.items())
+            if run_id not in runs_of.setdefault(text, []):
+                runs_of[text].append(run_id)
+        return list(runs_of.items())
 
     def series_columns(self, condition: Condition | None = None) -> dict[int, dict[str, list[str]]]:
-        """The series that each run has, by kind, with the names of their columns."""
+        """Return the column names of the stored series by run and kind."""
         s = Series.__table__.c
-        found: dict[int, dict[str, list[str]]] = {}
+        by_run: dict[int, dict[str, list[str]]] = {}
         query = sa.select(s.run_id, s.kind, s.columns).where(s.run_id.in_(self._ids(condition)))
         for run_id, kind, columns in map(tuple, self.reader.select(query)):
-            found.setdefault(run_id, {})[kind] = list(columns)
-        return found
+            by_run.setdefault(run_id, {})[kind] = list(columns)
+        return by_run
 
     def metric_names(self) -> list[str]:
-        """Every metric that any run has."""
+        """Return the names of all stored metrics."""
         name = Metric.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
     def configs(self, ids: Sequence[int]) -> list[Mapping[str, Any]]:
-        """Configurations of the given runs, with dotted names."""
+        """Return the configurations of the given runs, with dotted names."""
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
 
     def of_sweep(self, sweep: int) -> list[int]:
-        """Numbers of a sweep's runs: its own, and those it found done already."""
+        """Return the numbers of a sweep's runs, including the finished runs that it reused."""
         own = sa.select(RUN.c.id).where(RUN.c.sweep_id == sweep)
         reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
         return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
     def provenance(self, condition: Condition | None) -> Sequence[sa.Row[Any]]:
-        """Rows (git_commit, git_dirty, host, versions, command) of the runs, newest first."""
+        """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
@@ -253,13 +252,13 @@ class Results:
         return self._of_runs(sa.select(RUN.c.id), condition)
 
     def why_none(self, *filters: object) -> str:
-        """Why a list of runs is empty, in one line."""
+        """Say in one line why a list of runs is empty."""
         ((total,),) = self.reader.select(sa.select(sa.func.count()).select_from(RUN))
         if not total:
             return f"{self.reader.address}: no runs in the logbook yet"
-        narrowed = any(one is not None for one in filters)
+        narrowed = any(item is not None for item in filters)
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return "none" if value is None else str(value)

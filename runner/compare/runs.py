@@ -1,4 +1,4 @@
-"""The statistics of a measured recording that a run stored of its file."""
+"""Lists of runs, the details of one run, and the command that repeats it."""
 
 import json
 import shlex
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
@@ -19,9 +18,6 @@ from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.vocabulary import GROUPS, STATUSES
-
-# Lists of runs, and all that is known of one run.
-
 
 RUN_COLUMNS = (
     "run_id",
@@ -48,19 +44,19 @@ PLACES = ("results_dir=", "database=")
 
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
-    """The newest runs that meet the condition, newest first; every attempt is listed."""
-    found = runs_of(results, where, [status] if status else [], limit)[:limit]
-    if not found:
+    """List the newest runs that meet the condition, newest first, with every attempt."""
+    summaries = runs_of(results, where, [status] if status else [], limit)[:limit]
+    if not summaries:
         raise ConfigurationError(results.why_none(where, status))
-    return _runs_grid([[plain(getattr(run, n)) for n in RUN_COLUMNS] for run in found], limit)
+    return _runs_grid([[plain(getattr(run, n)) for n in RUN_COLUMNS] for run in summaries], limit)
 
 
 def runs_of(
     results: Results, where: str | None, statuses: Sequence[str], limit: int | None = None
 ) -> list[RunSummary]:
-    """Runs that meet the condition and have one of the statuses (any where empty), newest first.
+    """Return runs that meet the condition and have one of the statuses, newest first.
 
-    At least `limit` of them, where there are so many.
+    Empty `statuses` mean any status. The result may have more than `limit` runs.
     """
     for status in statuses:
         if status not in STATUSES:
@@ -68,26 +64,30 @@ def runs_of(
             raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
     condition = results.where(where)
     conditions = [] if condition is None else [results.names.clause(condition)]
-    if statuses:  # a run whose process is gone is known to be interrupted before the view says so
-        shown = [*statuses, *(["running"] if "interrupted" in statuses else [])]
-        conditions.append(run_overview.c.status.in_(shown))
-    certain = not {"running", "interrupted"} & set(statuses)
-    found = results.reader.runs(*conditions, newest_first=True, limit=limit if certain else None)
-    return [run for run in found if not statuses or run.status in statuses]
+    if statuses:  # the view may still show an interrupted run as running
+        candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]
+        conditions.append(run_overview.c.status.in_(candidates))
+    limited = not {"running", "interrupted"} & set(statuses)
+    summaries = results.reader.runs(
+        *conditions, newest_first=True, limit=limit if limited else None
+    )
+    return [run for run in summaries if not statuses or run.status in statuses]
 
 
 def _runs_grid(rows: Sequence[Sequence[Scalar]], limit: int) -> Grid:
-    """The list: facts in full for machines, for eyes only the columns that tell runs apart."""
-    full = grid_of("runs", RUN_COLUMNS, rows)
-    said = [i for i, name in enumerate(RUN_COLUMNS) if _tells(name, [row[i] for row in rows])]
-    headers = ["id" if RUN_COLUMNS[i] == "run_id" else RUN_COLUMNS[i] for i in said]
-    cells = [[_brief(RUN_COLUMNS[i], row[i]) for i in said] for row in rows]
+    """Return the list; the table shows only informative columns, the records hold all."""
+    all_columns = grid_of("runs", RUN_COLUMNS, rows)
+    informative = [
+        i for i, name in enumerate(RUN_COLUMNS) if _is_informative(name, [row[i] for row in rows])
+    ]
+    headers = ["id" if RUN_COLUMNS[i] == "run_id" else RUN_COLUMNS[i] for i in informative]
+    cells = [[_brief(RUN_COLUMNS[i], row[i]) for i in informative] for row in rows]
     brief = grid_of("", headers, cells, labels=len(headers))
     notes = [f"the newest {limit}; --limit shows more"] if len(rows) == limit else []
-    return Grid("", brief.headers, brief.rows, len(headers), notes, full.as_records())
+    return Grid("", brief.headers, brief.rows, len(headers), notes, all_columns.as_records())
 
 
-def _tells(name: str, values: Sequence[Scalar]) -> bool:
+def _is_informative(name: str, values: Sequence[Scalar]) -> bool:
     if name in ("attempt", "superseded"):
         return any(value not in (1, 0, False) for value in values) or any(
             value and name == "superseded" for value in values
@@ -112,43 +112,43 @@ def _brief(name: str, value: Scalar) -> Scalar:
 
 
 def run_details(results: Results, run_id: int) -> list[Grid]:
-    """One run whole: status and provenance, configuration, metrics, coefficients, series."""
+    """Return status, provenance, configuration, metrics, coefficients and series of a run."""
     reader = results.reader
     run = reader.run(run_id)
     configuration = [[key, _config_text(value)] for key, value in flat(run.config).items()]
     properties = _properties(run)
-    at = next(i for i, (name, _) in enumerate(properties) if name == "vessel")
-    warned = results.warnings(Comparison("id", "=", run_id))
-    properties[at:at] = [["warning", text] for text, _ in warned]
+    position = next(i for i, (name, _) in enumerate(properties) if name == "vessel")
+    warnings = results.warnings(Comparison("id", "=", run_id))
+    properties[position:position] = [["warning", text] for text, _ in warnings]
     grids = [
         grid_of(f"run {run_id}", ("property", "value"), properties, labels=2),
         grid_of("configuration", ("key", "value"), configuration, labels=2),
-        _facts("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
-        _facts("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
+        _row_grid("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
+        _row_grid("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
         _excitation(results, run_id),
-        _facts("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
+        _row_grid("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
     ]
     return [grid for grid in grids if grid.rows]
 
 
 def _excitation(results: Results, run_id: int) -> Grid:
-    """What the recording can tell apart, a row a degree of freedom."""
+    """Return which terms the recording can separate, one row for each degree of freedom."""
     runs = results.runs(Comparison("id", "=", run_id), superseded=True)
-    found = results.diagnostics(runs, (*EXCITATION, INSEPARABLE))[run_id]
+    diagnostics = results.diagnostics(runs, (*EXCITATION, INSEPARABLE))[run_id]
     rows: list[list[Scalar]] = []
-    for dof in dict.fromkeys(one.dof for one in found):
-        numbers = {one.name: one.value for one in found if one.dof == dof}
-        groups = [one.label for one in found if one.dof == dof and one.name == INSEPARABLE]
-        told = "; ".join(" ~ ".join(group.split()) for group in groups)
-        known = [numbers.get(name) for name in EXCITATION]
-        whole = [int(n) if n is not None and n == int(n) else n for n in known]
-        rows.append([dof, *whole, told])
+    for dof in dict.fromkeys(row.dof for row in diagnostics):
+        numbers = {row.name: row.value for row in diagnostics if row.dof == dof}
+        groups = [row.label for row in diagnostics if row.dof == dof and row.name == INSEPARABLE]
+        inseparable = "; ".join(" ~ ".join(group.split()) for group in groups)
+        values = [numbers.get(name) for name in EXCITATION]
+        cells = [int(n) if n is not None and n == int(n) else n for n in values]
+        rows.append([dof, *cells, inseparable])
     headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not told apart")
     return grid_of("excitation", headers, rows, labels=1)
 
 
-def _facts(title: str, names: Sequence[str], facts: Sequence[object], labels: int) -> Grid:
-    rows = [[plain(getattr(fact, name)) for name in names] for fact in facts]
+def _row_grid(title: str, names: Sequence[str], records: Sequence[object], labels: int) -> Grid:
+    rows = [[plain(getattr(record, name)) for name in names] for record in records]
     shown = [
         [
             unit_text(str(value)) if name == "unit" else value
@@ -156,16 +156,16 @@ def _facts(title: str, names: Sequence[str], facts: Sequence[object], labels: in
         ]
         for row in rows
     ]
-    full = grid_of(title, names, rows, labels)
-    return replace(grid_of(title, names, shown, labels), records=full.records)
+    plain_grid = grid_of(title, names, rows, labels)
+    return replace(grid_of(title, names, shown, labels), records=plain_grid.records)
 
 
 def _properties(run: RunDetail) -> list[list[Scalar]]:
-    found: list[list[Scalar]] = [[n, _property(getattr(run.summary, n))] for n in SUMMARY]
-    found[3:3] = [["note", run.note]]
+    properties: list[list[Scalar]] = [[n, _property(getattr(run.summary, n))] for n in SUMMARY]
+    properties[3:3] = [["note", run.note]]
     dirty = " with uncommitted changes" if run.git_dirty else ""
     versions: list[list[Scalar]] = [[f"version of {n}", str(v)] for n, v in run.versions.items()]
-    found += [
+    properties += [
         ["heartbeat_at", _property(run.heartbeat_at)],
         ["host", run.host],
         ["pid", run.pid],
@@ -174,18 +174,18 @@ def _properties(run: RunDetail) -> list[list[Scalar]]:
         ["overrides", shlex.join(run.overrides)],
         ["started by", run.command],
     ]
-    found += versions
-    return [pair for pair in found if pair[1] not in (None, "")]
+    properties += versions
+    return [pair for pair in properties if pair[1] not in (None, "")]
 
 
-def _property(value: Any) -> Scalar:
-    """A value as a person reads it: dates to the second, nothing for no."""
+def _property(value: object) -> Scalar:
+    """Return a value for display: dates to the second, `yes` for true, None for false."""
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d %H:%M:%S} UTC"
     return None if value is False else "yes" if value is True else plain(value)
 
 
-def _config_text(value: Any) -> str:
+def _config_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
@@ -196,58 +196,58 @@ def traceback_of(results: Results, run_id: int) -> str:
 
 
 def command_of(results: Results, run_id: int) -> str:
-    """One line for a shell that repeats a run into the same logbook."""
+    """Return the shell command, on one line, that repeats a run into the same logbook."""
     overrides = results.reader.run(run_id).overrides
     return repeat_command(overrides, results.reader.address.path, rerun=True)
 
 
 def answer(results: Results, query: str) -> Grid:
-    """The answer to one query in SQL."""
-    found = results.reader.sql(query)
-    rows = [[plain(value) for value in row] for row in found.rows]
-    return grid_of("", found.columns, rows, labels=0, digits=6)
+    """Return the result of one SQL query."""
+    result = results.reader.sql(query)
+    rows = [[plain(value) for value in row] for row in result.rows]
+    return grid_of("", result.columns, rows, labels=0, digits=6)
 
 
 def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
-    """One line for a shell that repeats a trial, its results going to the same logbook.
+    """Return the shell command, on one line, that repeats a trial into the same logbook.
 
-    `database` is the SQLite file; with None (PostgreSQL) the command takes the address from
-    SEATRIAL_DATABASE, because a URL with its password does not belong on a command line.
+    `database` is the SQLite file. With None (PostgreSQL) the command reads the address from
+    SEATRIAL_DATABASE, because a URL with a password does not belong on a command line.
     """
-    kept = without_address(overrides)
+    words = without_address(overrides)
     if database is not None:
-        kept = [one for one in kept if not one.startswith(PLACES)]
-        kept += _location(database)
-    elif "database=postgresql" not in kept:
-        kept.append("database=postgresql")
-    kept = [one for one in kept if not one.startswith("rerun=")]
-    if any(one.startswith("experiment=") for one in kept):
-        kept.append("hydra.mode=RUN")  # an experiment may hold a sweep
+        words = [word for word in words if not word.startswith(PLACES)]
+        words += _location(database)
+    elif "database=postgresql" not in words:
+        words.append("database=postgresql")
+    words = [word for word in words if not word.startswith("rerun=")]
+    if any(word.startswith("experiment=") for word in words):
+        words.append("hydra.mode=RUN")  # an experiment may define a sweep
     if rerun:
-        kept.append("rerun=true")
-    return f"{trial_program()} {shlex.join(kept)}".rstrip()
+        words.append("rerun=true")
+    return f"{trial_program()} {shlex.join(words)}".rstrip()
 
 
 def _location(database: Path) -> list[str]:
-    """Overrides that lead to a SQLite file; none for the default place."""
+    """Return the overrides that select a SQLite file; empty for the default file."""
     here, file = Path.cwd(), database.resolve()
     folder = file.parent.relative_to(here) if file.parent.is_relative_to(here) else file.parent
-    found = [] if folder == Path("results") else [f"results_dir={_quoted(str(folder))}"]
+    overrides = [] if folder == Path("results") else [f"results_dir={_quoted(str(folder))}"]
     if file.name != "results.db":
-        found.append(f"database.url={_quoted(file_url(folder / file.name))}")
-    return found
+        overrides.append(f"database.url={_quoted(file_url(folder / file.name))}")
+    return overrides
 
 
 def _quoted(text: str) -> str:
-    """A value as Hydra reads it back: quoted where it has more than plain letters."""
+    """Return a value as Hydra parses it: quoted if it has special characters."""
     if all(letter.isalnum() or letter in "/._-:" for letter in text):
         return text
     escaped = text.replace("\\", "\\\\").replace("'", "\\'")
     return f"'{escaped}'"
 
 
-def plain(value: Any) -> Scalar:
-    """A value of the database as a cell holds it: dates as ISO text, JSON as JSON."""
+def plain(value: object) -> Scalar:
+    """Return a value of the database as a cell value: dates as ISO text, JSON as JSON text."""
     if isinstance(value, datetime):
         return value.isoformat()
     if value is None or isinstance(value, str | int | float | bool):
@@ -260,9 +260,9 @@ NAMES = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
 def recording_statistics(results: Results, run_id: int, digits: int) -> Grid:
-    """N, mean, standard deviation, median, minimum and maximum of every column, as recorded.
+    """Return N, mean, standard deviation, median, minimum and maximum of every recorded column.
 
-    Raises LogbookError for a run that has none: only measured files are described.
+    Raises LogbookError for a run without statistics; only measured files have them.
     """
     reader = results.reader
     reader.run(run_id)

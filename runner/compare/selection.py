@@ -1,4 +1,4 @@
-"""What a comparison is asked for, and what the database holds for it."""
+"""The request of a comparison table, and the runs and numbers that it selects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from seatrial.runner.vocabulary import GROUPS
 
 @dataclass(frozen=True)
 class TableRequest:
-    """What a table shows.
+    """The request of a table.
 
-    `names` are metrics, or terms where `of_coefficients`; empty means all terms. Empty `dofs`,
-    `stages`, `models` mean all there are. `baseline` is a factor and its level.
+    `names` are metrics, or terms if `of_coefficients`; empty means all terms. Empty `dofs`,
+    `stages`, `models` mean all. `baseline` is a factor and its level.
     """
 
     names: Sequence[str]
@@ -52,11 +52,11 @@ class TableRequest:
 
 @dataclass(frozen=True)
 class Found:
-    """What the database holds for a request: `shown` go into cells, `all` serve the baseline too.
+    """The numbers selected by a request: `shown` fill the cells, `all` include the baseline.
 
-    `unsettled` and `infeasible` are (run, model) whose controller's design does not settle on its
-    own model, or whose limits are below the weather. `fixed` are the own factors that have one
-    level throughout, `extra` those with several that neither rows nor columns name.
+    `unsettled` are the (run, model) whose controller is unstable on its own model, `infeasible`
+    those whose limits are too small for the weather. `fixed` are the own factors with one level,
+    `extra` those with several levels that are neither rows nor columns.
     """
 
     runs: Sequence[Run]
@@ -70,7 +70,7 @@ class Found:
 
 
 def request_of(options: TableOptions) -> TableRequest:
-    """The request that command line options make; raises ConfigurationError where they clash."""
+    """Return the request of the command line options; ConfigurationError if they conflict."""
     of_coefficients = bool(options.coefficient) or options.coefficients
     if of_coefficients and options.metric:
         raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
@@ -106,7 +106,7 @@ def request_of(options: TableOptions) -> TableRequest:
 
 
 def _listed(texts: Sequence[str] | None) -> Key:
-    """Options that may be repeated or parted by commas, as one list."""
+    """Return the distinct values of a repeated or comma-separated option."""
     parts = (part.strip() for text in texts or () for part in text.split(","))
     return tuple(dict.fromkeys(part for part in parts if part))
 
@@ -116,7 +116,7 @@ def _all_or(levels: Key) -> Key:
 
 
 def _factors(text: str) -> Key:
-    """Factor names, `none` for no factor; a coefficient's `term` is what its metric is to a run."""
+    """Return factor names, none for `none`; the name of a coefficient, `term`, is its metric."""
     names = _listed([text])
     return () if names == ("none",) else tuple("metric" if n == "term" else n for n in names)
 
@@ -127,13 +127,13 @@ def _factor_and_level(baseline: str | None) -> tuple[str, str] | None:
     factor, equals, level = (part.strip() for part in baseline.partition("="))
     if not (factor and equals and level):
         raise ConfigurationError(
-            f"--baseline: got {baseline!r}, expected a factor and its level as identifier=none"
+            f"--baseline: got {baseline!r}, expected a factor and its level such as identifier=none"
         )
     return factor, level
 
 
 def gather(results: Results, request: TableRequest) -> Found:
-    """Reads runs and numbers of a request; raises ConfigurationError for what is not known."""
+    """Read runs and numbers of a request; raise ConfigurationError for an unknown name."""
     for factor in request.factors:
         results.names.check(factor, "--rows/--columns")
     condition = results.where(request.where)
@@ -144,7 +144,7 @@ def gather(results: Results, request: TableRequest) -> Found:
     else:
         only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
         numbers = results.metrics(runs, request.names, condition, only)
-        if not numbers:  # then what there is instead
+        if not numbers:  # read all levels, for the error message
             numbers = results.metrics(runs, request.names, condition)
         flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS), condition)
         flagged = frozenset(
@@ -175,22 +175,22 @@ def gather(results: Results, request: TableRequest) -> Found:
 def _selected(
     results: Results, numbers: Sequence[Observation], request: TableRequest
 ) -> list[Observation]:
-    """The numbers asked for by name, DOF, stage and model; an unknown one is refused by name."""
+    """Select numbers by name, DOF, stage and model; ConfigurationError if none is left."""
     _check_names(results, request, {o.name for o in numbers})
-    kept = list(numbers)
+    selected = list(numbers)
     for factor, levels in _wanted(request).items():
-        have = ordered(o.level(factor) for o in kept)
-        kept = [o for o in kept if not levels or o.level(factor) in levels]
-        if levels and have and not kept:
+        available = ordered(o.level(factor) for o in selected)
+        selected = [o for o in selected if not levels or o.level(factor) in levels]
+        if levels and available and not selected:
             raise ConfigurationError(
                 f"--{factor}: no run has {', '.join(request.names) or 'a coefficient'} with"
-                f" {factor} {', '.join(levels)}; expected one of {', '.join(have)}"
+                f" {factor} {', '.join(levels)}; expected one of {', '.join(available)}"
             )
-    return kept
+    return selected
 
 
 def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
-    """The levels asked for of what a number says itself; none of one means all of them."""
+    """Return the requested levels of the own factors; an empty list means all levels."""
     models = list(request.models)
     if models and request.baseline and request.baseline[0] == "model":
         models.append(request.baseline[1])
@@ -202,12 +202,12 @@ def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
     }
 
 
-def _check_names(results: Results, request: TableRequest, found: set[str]) -> None:
-    """Refuses a name that no run has; one that only these runs lack is an empty cell."""
-    if found.issuperset(request.names):
+def _check_names(results: Results, request: TableRequest, names: set[str]) -> None:
+    """Reject a name that no run has; a name that only these runs lack gives an empty cell."""
+    if names.issuperset(request.names):
         return
     what = "coefficient" if request.of_coefficients else "metric"
-    known = found if request.of_coefficients else found | {*results.metric_names()}
+    known = names if request.of_coefficients else names | {*results.metric_names()}
     for name in request.names:
         if name not in known and known:
             raise ConfigurationError(
@@ -222,40 +222,40 @@ def _check_baseline(
         return
     factor, level = request.baseline
     if factor in OWN_FACTORS:
-        have = ordered(o.level(factor) for o in numbers)
+        available = ordered(o.level(factor) for o in numbers)
     else:
-        have = ordered(run.levels[factor] for run in runs)
-    if level not in have:
+        available = ordered(run.levels[factor] for run in runs)
+    if level not in available:
         raise ConfigurationError(
-            f"--baseline: no run has {factor}={level}; expected one of {', '.join(have)}"
+            f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
         )
 
 
 def pooled(results: Results, table: Pivot) -> list[str]:
-    """Notes on what is averaged within a cell beside seeds."""
+    """Return notes on the factors, other than the seed, that cells average over."""
     choices: dict[str, set[str]] = {}
-    twins: set[int] = set()
+    repeated: set[int] = set()
     labels = itemgetter(*GROUPS, "seed")
     for cell in table.cells.values():
-        seen: dict[tuple[str, ...], int] = {}
+        first_runs: dict[tuple[str, ...], int] = {}
         for run in {o.run.id: o.run for o in cell.observed}.values():
-            same = labels(run.levels)
-            if seen.setdefault(same, run.id) != run.id and len(twins) < 40:
-                twins |= {seen[same], run.id}
-        for name, levels in zip(GROUPS, map(set, zip(*seen, strict=True)), strict=False):
+            choice_levels = labels(run.levels)
+            if first_runs.setdefault(choice_levels, run.id) != run.id and len(repeated) < 40:
+                repeated |= {first_runs[choice_levels], run.id}
+        for name, levels in zip(GROUPS, map(set, zip(*first_runs, strict=True)), strict=False):
             if len(levels) > 1:
                 choices.setdefault(name, set()).update(levels)
     notes = [f"{name} ({', '.join(ordered(levels))})" for name, levels in choices.items()]
-    notes += _differing_keys(results, sorted(twins))
+    notes += _differing_keys(results, sorted(repeated))
     return [f"cells average over {', '.join(notes)}: narrow by --where"] if notes else []
 
 
 def _differing_keys(results: Results, ids: Sequence[int]) -> list[str]:
     configs = results.configs(ids)
     keys = dict.fromkeys(key for config in configs for key in config)
-    found = []
+    notes = []
     for key in keys:
         levels = ordered(str(config.get(key)) for config in configs)
         if len(levels) > 1 and key != "seed" and not key.startswith("database."):
-            found.append(f"{key} ({', '.join(levels[:4])}{', …' if len(levels) > 4 else ''})")
-    return found if len(found) <= 4 else [*found[:4], f"{len(found) - 4} more keys"]
+            notes.append(f"{key} ({', '.join(levels[:4])}{', …' if len(levels) > 4 else ''})")
+    return notes if len(notes) <= 4 else [*notes[:4], f"{len(notes) - 4} more keys"]

@@ -1,7 +1,7 @@
 """Statistics over the seeds of a cell: location, spread, intervals and the paired test.
 
-Samples are one-dimensional arrays of finite numbers, one a run. A statistic that its sample is too
-small for is NaN, never a guess.
+Samples are arrays of finite numbers, shape (n,), one number for each run. A statistic is NaN if the
+sample is too small for it.
 """
 
 import math
@@ -18,9 +18,9 @@ from seatrial.runner.record.catalogue import Better
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
-SAME = 1e-9  # relative: figures closer than this differ by rounding alone
+SAME = 1e-9  # relative: smaller differences are rounding errors
 BOOTSTRAP_RESAMPLES = 10_000
-BOOTSTRAP_SEED = 0  # the same table twice shows the same interval
+BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
 
@@ -41,7 +41,7 @@ DEFAULT = ("mean", "std", "n")
 
 
 def checked(names: Sequence[str]) -> tuple[str, ...]:
-    """The statistics asked for; raises ConfigurationError for one that is not known."""
+    """Return the distinct statistics; raise ConfigurationError for an unknown one."""
     for name in names:
         if name not in SIMPLE and name not in ("n", "ci") and not _QUANTILE.fullmatch(name):
             raise ConfigurationError(f"--statistic: {name!r} is not known; expected {CHOICES}")
@@ -51,19 +51,19 @@ def checked(names: Sequence[str]) -> tuple[str, ...]:
 def summary(
     sample: Sample, names: Sequence[str], interval: IntervalKind = "t"
 ) -> dict[str, float | int]:
-    """The named statistics of one sample; `ci` gives `ci_low` and `ci_high`."""
-    found: dict[str, float | int] = {}
+    """Return the named statistics of a sample, shape (n,); `ci` gives `ci_low` and `ci_high`."""
+    values: dict[str, float | int] = {}
     for name in names:
         if name == "n":
-            found["n"] = int(sample.size)
+            values["n"] = int(sample.size)
         elif name == "ci":
-            found["ci_low"], found["ci_high"] = confidence_interval(sample, interval)
+            values["ci_low"], values["ci_high"] = confidence_interval(sample, interval)
         else:
-            found[name] = _one(sample, name) if sample.size else math.nan
-    return found
+            values[name] = _statistic(sample, name) if sample.size else math.nan
+    return values
 
 
-def _one(sample: Sample, name: str) -> float:
+def _statistic(sample: Sample, name: str) -> float:
     quantile = _QUANTILE.fullmatch(name)
     if quantile:
         return float(np.quantile(sample, int(quantile[1]) / 100.0))
@@ -73,7 +73,7 @@ def _one(sample: Sample, name: str) -> float:
 def confidence_interval(
     sample: Sample, kind: IntervalKind = "t", level: float = 0.95
 ) -> tuple[float, float]:
-    """Interval of the mean: Student's t, or the percentile bootstrap with a fixed seed.
+    """Return the interval of the mean: Student's t, or the percentile bootstrap with a fixed seed.
 
     Both are (NaN, NaN) for fewer than two values.
     """
@@ -90,7 +90,7 @@ def confidence_interval(
 
 def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    # in blocks: the index array of one thousand resamples stays small for any sample
+    # in blocks of one thousand resamples, to limit the memory of the index array
     means = [
         sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
         for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
@@ -102,11 +102,11 @@ def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class PairedTest:
-    """A cell against its baseline over the seeds they share.
+    """Comparison of a cell with its baseline over their common seeds.
 
-    `ratio` is mean over mean, `wins` how often the cell was better, `p_value` that of the
-    two-sided Wilcoxon signed-rank test (NaN where nothing differs or no pair exists). `wins` is
-    None where it is not known which way is better.
+    `ratio` is the ratio of the means, `wins` the number of pairs in which the cell is better (None
+    if the better direction is not known), `p_value` that of the two-sided Wilcoxon signed-rank
+    test (NaN without pairs or without differences).
     """
 
     pairs: int
@@ -116,7 +116,7 @@ class PairedTest:
 
 
 def loss(values: Sample, better: Better) -> Sample:
-    """The values, turned so that the smaller is the better; as they are where neither way is."""
+    """Return the values such that smaller is better; unchanged if no direction is better."""
     if better == "higher":
         return -values
     if isinstance(better, int | float):
@@ -125,7 +125,7 @@ def loss(values: Sample, better: Better) -> Sample:
 
 
 def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> PairedTest:
-    """Compares two samples of equal length whose i-th values share seed and circumstances."""
+    """Compare two samples, shape (n,), whose i-th values have the same seed and choices."""
     if sample.shape != baseline.shape:
         raise ValueError(f"pairs differ in length: {sample.shape} and {baseline.shape}")
     pairs = int(sample.size)
@@ -133,8 +133,8 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
         return PairedTest(0, None if better is None else 0, math.nan, math.nan)
     gain = loss(baseline, better) - loss(sample, better)
     wins = None if better is None else int(np.sum(gain > 0.0))
-    below = float(np.mean(baseline))
-    ratio = float(np.mean(sample)) / below if below != 0.0 else math.nan
+    baseline_mean = float(np.mean(baseline))
+    ratio = float(np.mean(sample)) / baseline_mean if baseline_mean != 0.0 else math.nan
     return PairedTest(pairs, wins, ratio, _wilcoxon(gain))
 
 

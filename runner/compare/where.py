@@ -1,14 +1,14 @@
 """The language of --where: comparisons of known names with values, joined by and, or, not.
 
-    condition  := both ("or" both)*
-    both       := single ("and" single)*
-    single     := "not" single | "(" condition ")" | comparison
-    comparison := NAME ("=" | "==" | "!=" | "<>" | "<" | "<=" | ">" | ">=") VALUE
-                | NAME ["not"] "in" "(" VALUE ("," VALUE)* ")"
-    VALUE      := number | 'text' | "text" | bare_word | true | false | null
+    condition   := conjunction ("or" conjunction)*
+    conjunction := negation ("and" negation)*
+    negation    := "not" negation | "(" condition ")" | comparison
+    comparison  := NAME ("=" | "==" | "!=" | "<>" | "<" | "<=" | ">" | ">=") VALUE
+                 | NAME ["not"] "in" "(" VALUE ("," VALUE)* ")"
+    VALUE       := number | 'text' | "text" | bare_word | true | false | null
 
-Parsing gives a tree of plain objects; nothing of the text reaches SQL but names that are looked
-up in a list of known ones, and values that are bound as parameters (see `names`).
+Parsing gives a tree of plain objects. Only two parts of it reach SQL: names that are in the list of
+known names, and values, which are bound as parameters (see `factors`).
 """
 
 import re
@@ -41,13 +41,13 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
-_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
+_INTEGER = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One name against one value."""
+    """Compares one name with one value."""
 
     name: str
     operator: str  # one of OPERATORS' values
@@ -56,7 +56,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Among:
-    """One name against a list of values."""
+    """Tests whether the value of a name is in a list."""
 
     name: str
     values: tuple[Value, ...]
@@ -64,14 +64,14 @@ class Among:
 
 @dataclass(frozen=True)
 class Not:
-    """The opposite of a condition."""
+    """Negates a condition."""
 
     condition: "Condition"
 
 
 @dataclass(frozen=True)
 class Joined:
-    """Several conditions of which all ("and") or one ("or") must hold."""
+    """Joins conditions: all ("and") or at least one ("or") must hold."""
 
     by: str
     conditions: tuple["Condition", ...]
@@ -82,7 +82,7 @@ Condition = Comparison | Among | Not | Joined
 
 @dataclass(frozen=True)
 class Token:
-    """A piece of the text: kind is text, operator, mark, word or end."""
+    """A token of the text; `kind` is text, operator, mark, word or end."""
 
     kind: str
     text: str
@@ -90,16 +90,13 @@ class Token:
 
 
 def parse(text: str) -> Condition:
-    """The condition that `text` says.
-
-    Raises ConfigurationError, in one line, where the text is not of the grammar above.
-    """
-    return _Parser(text).whole()
+    """Return the condition of a text; raise ConfigurationError if it violates the grammar above."""
+    return _Parser(text).parse()
 
 
 def tokens(text: str) -> list[Token]:
-    """The pieces of a condition, closed by one of kind `end`."""
-    found: list[Token] = []
+    """Split a condition into tokens; the last one is of kind `end`."""
+    pieces: list[Token] = []
     position = 0
     while text[position:].strip():
         match = _TOKEN.match(text, position)
@@ -109,30 +106,30 @@ def tokens(text: str) -> list[Token]:
                 f"--where: cannot read {rest[:20]!r}; expected comparisons such as"
                 ' "seed<10 and identifier=ls"'
             )
-        found.append(Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup)))
+        pieces.append(Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup)))
         position = match.end()
-    return [*found, Token("end", "", len(text))]
+    return [*pieces, Token("end", "", len(text))]
 
 
 class _Parser:
-    """Recursive descent over the tokens, one method a rule of the grammar."""
+    """Recursive descent over the tokens, one method for each rule of the grammar."""
 
     def __init__(self, text: str) -> None:
         self.tokens = tokens(text)
         self.at = 0
         self.depth = 0
 
-    def whole(self) -> Condition:
-        condition = self.either()
+    def parse(self) -> Condition:
+        condition = self.disjunction()
         if self.now.kind != "end":
             raise self.unexpected("and, or, or the end")
         return condition
 
-    def either(self) -> Condition:
-        return self.joined("or", self.both)
+    def disjunction(self) -> Condition:
+        return self.joined("or", self.conjunction)
 
-    def both(self) -> Condition:
-        return self.joined("and", self.single)
+    def conjunction(self) -> Condition:
+        return self.joined("and", self.negation)
 
     def joined(self, word: str, part: Callable[[], Condition]) -> Condition:
         parts: list[Condition] = [part()]
@@ -140,21 +137,21 @@ class _Parser:
             parts.append(part())
         return parts[0] if len(parts) == 1 else Joined(word, tuple(parts))
 
-    def single(self) -> Condition:
+    def negation(self) -> Condition:
         self.depth += 1
         if self.depth > MAX_DEPTH:
             raise ConfigurationError(f"--where: nested deeper than {MAX_DEPTH} levels")
-        found = self.negated_or_nested()
+        condition = self.negated_or_nested()
         self.depth -= 1
-        return found
+        return condition
 
     def negated_or_nested(self) -> Condition:
         if self.take_word("not"):
-            return Not(self.single())
+            return Not(self.negation())
         if self.take_mark("("):
-            inside = self.either()
+            condition = self.disjunction()
             self.need_mark(")")
-            return inside
+            return condition
         return self.comparison()
 
     def comparison(self) -> Condition:
@@ -184,11 +181,11 @@ class _Parser:
 
     def values(self) -> tuple[Value, ...]:
         self.need_mark("(")
-        found = [self.value()]
+        values = [self.value()]
         while self.take_mark(","):
-            found.append(self.value())
+            values.append(self.value())
         self.need_mark(")")
-        return tuple(found)
+        return tuple(values)
 
     def value(self) -> Value:
         token = self.now
@@ -209,14 +206,14 @@ class _Parser:
         return token
 
     def take_word(self, word: str) -> bool:
-        found = self.now.kind == "word" and self.now.text.lower() == word
-        self.at += found
-        return found
+        matches = self.now.kind == "word" and self.now.text.lower() == word
+        self.at += matches
+        return matches
 
     def take_mark(self, mark: str) -> bool:
-        found = self.now.kind == "mark" and self.now.text == mark
-        self.at += found
-        return found
+        matches = self.now.kind == "mark" and self.now.text == mark
+        self.at += matches
+        return matches
 
     def need_mark(self, mark: str) -> None:
         if not self.take_mark(mark):
@@ -230,9 +227,9 @@ class _Parser:
 
 
 def bare_value(word: str) -> Value:
-    """The value of an unquoted word: a constant, a number, or the text itself."""
+    """Return the value of an unquoted word: a constant, a number, or the text itself."""
     if word.lower() in CONSTANTS:
         return CONSTANTS[word.lower()]
-    if _WHOLE.fullmatch(word):
+    if _INTEGER.fullmatch(word):
         return int(word)
     return float(word) if _NUMBER.fullmatch(word) else word

@@ -1,4 +1,4 @@
-"""Figures of stored runs, one a file."""
+"""Figures of stored runs, one in each file."""
 
 from pathlib import Path
 
@@ -9,16 +9,16 @@ from seatrial.runner.compare.results import Results
 
 
 def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> list[Path]:
-    """Draws the figures of a kind into a folder; the paths of the files written.
+    """Draw the figures of a kind into a folder and return the paths of the files.
 
-    Raises ConfigurationError where there is no such kind, or no run has what the figure needs.
+    Raises ConfigurationError for an unknown kind, or if no run has the data of the figure.
     """
     from seatrial.runner.compare.plots.style import drawn, save
 
     drawings = drawings_of(kind)
     with drawn():
-        made = drawings(results, request)
+        figures = drawings(results, request)
         try:
-            return [path for drawing in made for path in save(drawing, folder)]
+            return [path for drawing in figures for path in save(drawing, folder)]
         except OSError as error:
             raise LogbookError(f"{folder}: cannot write the figure: {error.strerror}") from error

@@ -38,42 +38,44 @@ GROUP_WIDTH = 0.8  # of the distance between two groups
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, one panel a degree of freedom."""
-    made = [_drawing(results, request, facet) for facet in facets(results, request)]
-    found = [one for one in made if one is not None]
-    if not found:
+    """Draw one figure for each facet, with one panel for each degree of freedom."""
+    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
+    complete = [drawing for drawing in candidates if drawing is not None]
+    if not complete:
         raise ConfigurationError(
             f"plot bars: no finished run has {request.metric} of model {request.model}"
             f"; metrics are {', '.join(results.metric_names()) or 'none yet'}"
         )
-    return found
+    return complete
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
     names = (request.metric, BELOW_TRUE_MODEL)
     numbers = results.metrics(facet.runs, names, facet.condition)
     flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
-    shown = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
-    shown = [o for o in shown if o.model == request.model]
-    dofs = [d for d in DOF_ORDER if any(o.dof == d for o in shown)]
+    observations = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
+    observations = [o for o in observations if o.model == request.model]
+    dofs = [d for d in DOF_ORDER if any(o.dof == d for o in observations)]
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
     if not dofs:
         return None
     rows, columns = (request.rows,), (request.columns,)
     tables = {
-        dof: pivot([o for o in shown if o.dof == dof], facet.runs, rows, columns, flagged)
+        dof: pivot([o for o in observations if o.dof == dof], facet.runs, rows, columns, flagged)
         for dof in dofs
     }
     first = tables[dofs[0]]
     width = max(3.4, 0.9 + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
-    made, axes = panels(1, len(dofs), width, 3.8)
-    for one, dof in zip(axes, dofs, strict=True):
-        label = metric_label(request.metric, dof, next(o.unit for o in shown if o.dof == dof))
-        _panel(one, tables[dof], request, label, width)
-    headed(made, axes, facet.title(f"{request.model.capitalize()} model"))
-    footnote(made, _notes(tables, pooled(results, first)))
-    return Drawing(facet.file(f"bars-{request.metric}"), made)
+    figure, axes = panels(1, len(dofs), width, 3.8)
+    for panel, dof in zip(axes, dofs, strict=True):
+        label = metric_label(
+            request.metric, dof, next(o.unit for o in observations if o.dof == dof)
+        )
+        _panel(panel, tables[dof], request, label, width)
+    headed(figure, axes, facet.title(f"{request.model.capitalize()} model"))
+    footnote(figure, _notes(tables, pooled(results, first)))
+    return Drawing(facet.file(f"bars-{request.metric}"), figure)
 
 
 def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
@@ -97,7 +99,7 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
 
 
 def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
-    """As asked for, else where the smallest bar would not be seen beside the largest."""
+    """Return whether the axis is logarithmic: as requested, else by the range of the means."""
     if request.log is not None:
         return request.log
     means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.observed]
@@ -146,13 +148,13 @@ def _bars(
 
 
 def _spread_out(n: int) -> NDArray[np.float64]:
-    """Places of n points within -0.5 to 0.5 that neither line up nor change from time to time."""
+    """Return n positions in -0.5 to 0.5, shape (n,), spread by the golden ratio."""
     golden = 0.6180339887498949
     return np.asarray((np.arange(n) * golden) % 1.0 - 0.5, dtype=np.float64)
 
 
 def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
-    """Above a bar: what is missing from it, and the mark of what fits lag or feedback."""
+    """Write the counts of missing runs and the mark † above a bar."""
     lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     lines += [f"{cell.without} no value"] if cell.without else []
     lines += ["†"] if cell.flagged else []
@@ -171,9 +173,9 @@ def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> No
 
 def _notes(tables: Mapping[str, Pivot], notes: Sequence[str]) -> list[str]:
     cells = [cell for table in tables.values() for cell in table.cells.values()]
-    most = max(len(cell.observed) for cell in cells)
-    what = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
-    found = [what if most > 1 else "one seed", *notes]
+    largest = max(len(cell.observed) for cell in cells)
+    legend = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
+    texts = [legend if largest > 1 else "one seed", *notes]
     if any(cell.flagged for cell in cells):
-        found.append("† below the true model: fits lag or feedback, not the vessel")
-    return found
+        texts.append("† below the true model: fits lag or feedback, not the vessel")
+    return texts

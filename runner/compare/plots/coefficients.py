@@ -1,7 +1,7 @@
 """Identified against true coefficients with 95 % intervals, per degree of freedom.
 
-Coefficients differ by orders of magnitude, so each is shown relative to its true value, or to its
-estimate where the truth is not known.
+Coefficients differ by orders of magnitude, so each is shown relative to its true value or, if
+that is not known, to its estimate.
 """
 
 import math
@@ -37,13 +37,13 @@ FIGURE = Figure(
 )
 
 NORMAL_95 = 1.959963984540054
-WIDEST = 4.0  # of the axis, in multiples of the reference; beyond it an arrow says how far
-NARROWEST = 0.02  # an exact fit shows as one, not as its rounding errors
+WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
+NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One coefficient of one group: relative to `reference`, with its interval."""
+    """A coefficient of one group of runs, relative to `reference`, with its interval."""
 
     term: str
     unit: str
@@ -55,53 +55,58 @@ class Estimate:
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, one panel a degree of freedom, one mark a group of runs and term."""
-    made = [_drawing(results, request, facet) for facet in facets(results, request)]
-    found = [one for one in made if one is not None]
-    if not found:
+    """Draw one figure for each facet, one panel for each DOF, one mark for each group and term."""
+    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
+    complete = [drawing for drawing in candidates if drawing is not None]
+    if not complete:
         raise ConfigurationError(
             f"plot coefficients: no finished run that matches has coefficients of model"
             f" {request.model}"
         )
-    return found
+    return complete
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
     numbers = [
-        one
-        for one in results.coefficients(facet.runs, facet.condition)
-        if one.model == request.model and one.run.status == FINISHED and one.value is not None
+        observation
+        for observation in results.coefficients(facet.runs, facet.condition)
+        if observation.model == request.model
+        and observation.run.status == FINISHED
+        and observation.value is not None
     ]
-    dofs = [dof for dof in DOF_ORDER if any(one.dof == dof for one in numbers)]
+    dofs = [dof for dof in DOF_ORDER if any(observation.dof == dof for observation in numbers)]
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
-    by_dof = {dof: _groups([one for one in numbers if one.dof == dof], request) for dof in dofs}
+    by_dof = {
+        dof: _groups([observation for observation in numbers if observation.dof == dof], request)
+        for dof in dofs
+    }
     by_dof = {dof: groups for dof, groups in by_dof.items() if any(groups.values())}
     if not by_dof:
         return None
     labels = ordered(label for groups in by_dof.values() for label in groups)
     terms = {dof: _terms(groups) for dof, groups in by_dof.items()}
-    rows = max(len(found) for found in terms.values())
+    rows = max(len(estimates) for estimates in terms.values())
     height = 1.4 + rows * max(0.3, 0.13 * len(labels) + 0.08)
-    made, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
-    for one, (dof, groups) in zip(axes, by_dof.items(), strict=True):
-        _panel(one, dof, terms[dof], groups, labels)
-    headed(made, axes, facet.title(f"Coefficients of the {request.model} model"))
-    footnote(made, _notes(numbers, by_dof))
-    return Drawing(facet.file("coefficients"), made)
+    figure, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
+    for panel, (dof, groups) in zip(axes, by_dof.items(), strict=True):
+        _panel(panel, dof, terms[dof], groups, labels)
+    headed(figure, axes, facet.title(f"Coefficients of the {request.model} model"))
+    footnote(figure, _notes(numbers, by_dof))
+    return Drawing(facet.file("coefficients"), figure)
 
 
 def _groups(
     numbers: Sequence[Observation], request: PlotRequest
 ) -> Mapping[str, Sequence[Estimate]]:
-    """Estimates by group of runs, labelled by the row, and the column and vessel if several."""
+    """Return estimates by group: the row, and column and vessel if there are several."""
     factors = [request.rows]
     for name in (request.columns, "vessel"):
-        if name not in factors and len({one.level(name) for one in numbers}) > 1:
+        if name not in factors and len({observation.level(name) for observation in numbers}) > 1:
             factors.append(name)
     samples: dict[str, dict[str, list[Observation]]] = {}
-    for one in numbers:
-        label = ", ".join(one.level(name) for name in factors)
-        samples.setdefault(label, {}).setdefault(one.name, []).append(one)
+    for observation in numbers:
+        label = ", ".join(observation.level(name) for name in factors)
+        samples.setdefault(label, {}).setdefault(observation.name, []).append(observation)
     return {
         label: [e for e in map(_estimate, by_term.values()) if e is not None]
         for label, by_term in samples.items()
@@ -109,15 +114,15 @@ def _groups(
 
 
 def _estimate(sample: Sequence[Observation]) -> Estimate | None:
-    """Mean and interval over seeds, or of the one run; None where nothing can be shown.
+    """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
 
-    A term whose true value is zero has no relative scale; nor has one that is known exactly, as
-    all coefficients of an identifier that leaves the model alone.
+    A term whose true value is zero has no relative scale. Neither has a term without a true value
+    whose standard error is missing or whose mean is zero.
     """
-    values = np.array([one.value for one in sample], dtype=np.float64)
-    truths = {one.true_value for one in sample}
+    values = np.array([observation.value for observation in sample], dtype=np.float64)
+    truths = {observation.true_value for observation in sample}
     truth = truths.pop() if len(truths) == 1 else None
-    errors = [one.std_error for one in sample if one.std_error is not None]
+    errors = [observation.std_error for observation in sample if observation.std_error is not None]
     mean = float(np.mean(values))
     if truth == 0.0 or (truth is None and (not errors or mean == 0.0)):
         return None
@@ -129,19 +134,22 @@ def _estimate(sample: Sequence[Observation]) -> Estimate | None:
         low, high = mean - half, mean + half
     reference = mean if truth is None else truth
     ends = sorted((low / reference, high / reference))
-    one = sample[0]
+    first = sample[0]
     return Estimate(
-        one.name, one.unit, reference, truth is not None, mean / reference, ends[0], ends[1]
+        first.name, first.unit, reference, truth is not None, mean / reference, ends[0], ends[1]
     )
 
 
 def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
-    """One estimate of every term, inertia first, to label the axis by."""
-    found: dict[str, Estimate] = {}
+    """Return one estimate of every term, inertia first, for the labels of the axis."""
+    by_term: dict[str, Estimate] = {}
     for estimates in groups.values():
-        for one in estimates:
-            found.setdefault(one.term, one)
-    return sorted(found.values(), key=lambda one: ("_dot" not in one.term, len(one.term), one.term))
+        for estimate in estimates:
+            by_term.setdefault(estimate.term, estimate)
+    return sorted(
+        by_term.values(),
+        key=lambda estimate: ("_dot" not in estimate.term, len(estimate.term), estimate.term),
+    )
 
 
 def _panel(
@@ -151,15 +159,15 @@ def _panel(
     groups: Mapping[str, Sequence[Estimate]],
     labels: Sequence[str],
 ) -> None:
-    places = {one.term: i for i, one in enumerate(terms)}
+    places = {estimate.term: i for i, estimate in enumerate(terms)}
     axes.axvline(1.0, color="black", linewidth=1.2)
     for label, estimates in groups.items():
         i = labels.index(label)
         shift = 0.7 * ((i + 0.5) / len(labels) - 0.5)
         _marks(axes, estimates, [places[e.term] + shift for e in estimates], i, label)
-    axes.set_yticks(range(len(terms)), [_tick(one) for one in terms])
+    axes.set_yticks(range(len(terms)), [_tick(estimate) for estimate in terms])
     axes.set_ylim(len(terms) - 0.5, -0.5)
-    known = all(one.known for one in terms)
+    known = all(estimate.known for estimate in terms)
     axes.set_xlabel("identified / true value" if known else "relative to the estimate")
     axes.set_title(dof, loc="left")
     low, high = axes.get_xlim()
@@ -168,18 +176,20 @@ def _panel(
     axes.grid(axis="y", visible=False)
 
 
-def _tick(one: Estimate) -> str:
-    """`u_dot: 1195 kg`, the value that 1 on the axis stands for."""
-    value = with_unit(number_text(one.reference, 4), one.unit)
-    return f"{one.term}: {value}".replace("[", "").replace("]", "")
+def _tick(estimate: Estimate) -> str:
+    """Return `u_dot: 1195 kg`: the term and the value at 1 on the axis."""
+    value = with_unit(number_text(estimate.reference, 4), estimate.unit)
+    return f"{estimate.term}: {value}".replace("[", "").replace("]", "")
 
 
 def _marks(
     axes: Axes, estimates: Sequence[Estimate], places: Sequence[float], i: int, label: str
 ) -> None:
     colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
-    values = np.array([one.value for one in estimates])
-    spans = np.array([[one.value - one.low, one.high - one.value] for one in estimates])
+    values = np.array([estimate.value for estimate in estimates])
+    spans = np.array(
+        [[estimate.value - estimate.low, estimate.high - estimate.value] for estimate in estimates]
+    )
     axes.errorbar(
         values,
         places,
@@ -191,13 +201,13 @@ def _marks(
         markersize=5,
         elinewidth=1.3,
     )
-    for one, place in zip(estimates, places, strict=True):
-        if abs(one.value - 1.0) > WIDEST:
-            _arrow(axes, one.value, place, colour)
+    for estimate, place in zip(estimates, places, strict=True):
+        if abs(estimate.value - 1.0) > WIDEST:
+            _arrow(axes, estimate.value, place, colour)
 
 
 def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
-    """At the edge: where the mark would be that is too far out to show."""
+    """Draw an arrow at the edge for a value outside the axis."""
     right = value > 1.0
     axes.annotate(
         f"{number_text(value, 2)} →" if right else f"← {number_text(value, 2)}",
@@ -216,8 +226,16 @@ def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
 def _notes(
     numbers: Sequence[Observation], by_dof: Mapping[str, Mapping[str, Sequence[Estimate]]]
 ) -> list[str]:
-    zero = len({(one.dof, one.name) for one in numbers if one.true_value == 0.0})
-    seeds = len({one.run.id for one in numbers}) > sum(map(len, by_dof.values())) / len(by_dof)
+    zero = len(
+        {
+            (observation.dof, observation.name)
+            for observation in numbers
+            if observation.true_value == 0.0
+        }
+    )
+    seeds = len({observation.run.id for observation in numbers}) > sum(
+        map(len, by_dof.values())
+    ) / len(by_dof)
     notes = [
         "whiskers: 95 % interval, of the mean over seeds (t) where they differ, else of the fit"
     ]

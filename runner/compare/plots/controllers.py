@@ -1,4 +1,4 @@
-"""Two or more controllers on one mission, over one another: pose, force and wind by axis."""
+"""Responses of several controllers on one mission: pose, force and wind by axis."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from seatrial.runner.vocabulary import GROUPS
 
 FIGURE = Figure(
     "controllers",
-    "Responses of several controllers on one mission over one another.",
+    "Responses of several controllers on one mission, in the same axes.",
     "two runs with the series deployment_* that differ in the rows alone",
     caption="Controllers on one mission",
     each="dof",
@@ -25,37 +25,38 @@ SAME = (*GROUPS, "seed")
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet: the newest run of every level of the rows, all other choices equal.
+    """Draw one figure for each facet: the newest run of every level of the rows.
 
-    Rows are one factor or several parted by commas; the newest run says what the rest must be.
+    Rows are one factor or several, comma-separated; all other choices equal those of the newest
+    run.
     """
-    found = []
+    figures = []
     rows = [name.strip() for name in request.rows.split(",")]
     for facet in facets(results, request, rows):
-        runs = _rivals(results, request, facet.runs, rows)
+        runs = _newest_runs(results, request, facet.runs, rows)
         if len(runs) > 1:
-            found.append(_drawing(results, request, runs, facet.file("controllers"), facet.label))
-    if not found:
+            figures.append(_drawing(results, request, runs, facet.file("controllers"), facet.label))
+    if not figures:
         raise ConfigurationError(
-            f"plot controllers: got no two finished runs that differ in {request.rows} alone, "
+            f"plot controllers: got no two finished runs that differ in {request.rows} only, "
             f"expected a mission that each of them sailed with the {request.model} model"
         )
-    return found
+    return figures
 
 
-def _rivals(
+def _newest_runs(
     results: Results, request: PlotRequest, runs: Sequence[Run], rows: Sequence[str]
 ) -> dict[str, Run]:
-    """The newest run of every level that met the same circumstances as the newest of all."""
+    """Return the newest run of every level, with all other choices as in the newest run."""
     condition = results.where(request.where)
     kind, stored = PREFIX + request.model, results.series_columns(condition)
-    able = [run for run in runs if run.status == FINISHED and kind in stored.get(run.id, ())]
-    kept = [name for name in SAME if name not in rows]
-    found: dict[str, Run] = {}
-    for run in able:
-        if all(run.levels[name] == able[-1].levels[name] for name in kept):
-            found[", ".join(run.levels[name] for name in rows)] = run
-    return {label: found[label] for label in ordered(found)}
+    candidates = [run for run in runs if run.status == FINISHED and kind in stored.get(run.id, ())]
+    fixed = [name for name in SAME if name not in rows]
+    newest: dict[str, Run] = {}
+    for run in candidates:
+        if all(run.levels[name] == candidates[-1].levels[name] for name in fixed):
+            newest[", ".join(run.levels[name] for name in rows)] = run
+    return {label: newest[label] for label in ordered(newest)}
 
 
 def _drawing(
@@ -65,14 +66,14 @@ def _drawing(
         level: results.reader.series(run.id, PREFIX + request.model) for level, run in runs.items()
     }
     colours = [PALETTE[i % len(PALETTE)] for i in range(len(lines))]
-    made = overlaid(lines, request, colours, f"plot of {request.rows}")
-    one = next(iter(runs.values()))
-    about = [one.levels[n] for n in ("vessel", "disturbance", "evaluation")]
-    about += [label] if label else []
+    figure = overlaid(lines, request, colours, f"plot of {request.rows}")
+    first = next(iter(runs.values()))
+    title = [first.levels[n] for n in ("vessel", "disturbance", "evaluation")]
+    title += [label] if label else []
     headed(
-        made, made.axes,
-        f"{request.model.capitalize()} model, {', '.join(about)}, seed {one.levels['seed']}",
+        figure, figure.axes,
+        f"{request.model.capitalize()} model, {', '.join(title)}, seed {first.levels['seed']}",
     )  # fmt: skip
-    which = ", ".join(f"{level}: run {run.id}" for level, run in runs.items())
-    footnote(made, [NOTE, which])
-    return Drawing(name, made)
+    sources = ", ".join(f"{level}: run {run.id}" for level, run in runs.items())
+    footnote(figure, [NOTE, sources])
+    return Drawing(name, figure)

@@ -32,7 +32,7 @@ MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level), one panel a degree of freedom."""
+    """Draw one figure of one run (with --facet, for each level), one panel for each DOF."""
     return [_drawing(results, request, run) for run, _ in each_run(results, request, ["residual"])]
 
 
@@ -42,16 +42,16 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
-    made, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
-    for one, dof in zip(axes, dofs, strict=True):
-        _panel(one, series, dof)
+    figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
+    for panel, dof in zip(axes, dofs, strict=True):
+        _panel(panel, series, dof)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    headed(made, axes, f"Force residual, {subtitle(run)}")
+    headed(figure, axes, f"Force residual, {subtitle(run)}")
     shaded = bool(np.any(_training(series)))
     notes = ["shaded: training part"] if shaded else []
-    held_out = "the part that is not shaded" if shaded else "the whole"
-    footnote(made, [*notes, f"root mean square at the right: over {held_out}"])
-    return Drawing(f"residual-run-{run.id}", made)
+    samples = "the part that is not shaded" if shaded else "all samples"
+    footnote(figure, [*notes, f"root mean square at the right: over {samples}"])
+    return Drawing(f"residual-run-{run.id}", figure)
 
 
 def _training(series: Series) -> Sample:
@@ -60,7 +60,7 @@ def _training(series: Series) -> Sample:
 
 def _panel(axes: Axes, series: Series, dof: str) -> None:
     t, train = series.columns["t"], _training(series)
-    told = []
+    texts = []
     for model, label in MODELS:
         values = series.columns.get(f"residual_{model}_{dof}")
         if values is None:
@@ -68,8 +68,8 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
         axes.plot(t, values, color=MODEL_COLOURS[model], label=label, linewidth=0.9, alpha=0.9)
         held_out = values[train == 0] if np.any(train == 0) else values
         rms = number_text(float(np.sqrt(np.mean(np.square(held_out)))), 3)
-        told.append((model, f"rms {rms} {unit_text(series.units[f'residual_{model}_{dof}'])}"))
-    for height, (model, text) in zip((0.88, 0.06), told, strict=False):
+        texts.append((model, f"rms {rms} {unit_text(series.units[f'residual_{model}_{dof}'])}"))
+    for height, (model, text) in zip((0.88, 0.06), texts, strict=False):
         axes.text(
             1.005,
             height,
@@ -85,7 +85,7 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
 
 
 def shade(axes: Axes, t: Sample, train: Sample) -> None:
-    """Grey behind the training samples."""
+    """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
     if train.size and np.any(train > 0):
         axes.fill_between(
             t,

@@ -38,27 +38,27 @@ NAMES = ("order_mse", "selected_order")
 
 @dataclass(frozen=True)
 class Curves:
-    """Errors over order of one line: `mse` has a row a run and a column an order, NaN if missing.
+    """Errors over order of one line; `mse` has shape (runs, orders), NaN if missing.
 
-    `selected` are the orders that the runs chose.
+    `selected` are the orders that the runs selected.
     """
 
     orders: Sequence[int]
     mse: Sample
     selected: Sequence[int]
     unit: str
-    label: str  # how the order was chosen, as the identifier says
+    label: str  # method of selection of the order
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, one panel a degree of freedom, one line a pair of row and column."""
-    made = [_drawing(results, request, facet) for facet in facets(results, request)]
-    found = [one for one in made if one is not None]
-    if not found:
+    """Draw one figure for each facet, one panel for each DOF, one line for each row and column."""
+    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
+    complete = [drawing for drawing in candidates if drawing is not None]
+    if not complete:
         raise ConfigurationError(
             "plot orders: no run that matches has the diagnostic order_mse (identifier=plsr does)"
         )
-    return found
+    return complete
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -67,23 +67,23 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
     if not dofs:
         return None
-    made, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
+    figure, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
     rows, columns = ordered(row for row, _ in curves), ordered(column for _, column in curves)
-    for one, dof in zip(axes, dofs, strict=True):
+    for panel, dof in zip(axes, dofs, strict=True):
         for (row, column), by_dof in sorted(curves.items()):
             if dof in by_dof:
                 style = LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
                 label = f"{row}, {column}" if len(rows) > 1 else column
-                _line(one, by_dof[dof], columns.index(column), style, label)
+                _line(panel, by_dof[dof], columns.index(column), style, label)
         unit = next(by_dof[dof].unit for by_dof in curves.values() if dof in by_dof)
-        one.set_xlabel("Model order")
-        one.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
-        one.set_yscale("log")
-        one.xaxis.set_major_locator(MaxNLocator(integer=True))
+        panel.set_xlabel("Model order")
+        panel.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
+        panel.set_yscale("log")
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     identifiers = ", ".join(rows)
-    headed(made, axes, facet.title(f"Error over model order, {identifiers}"))
-    footnote(made, _notes(curves))
-    return Drawing(facet.file("orders"), made)
+    headed(figure, axes, facet.title(f"Error over model order, {identifiers}"))
+    footnote(figure, _notes(curves))
+    return Drawing(facet.file("orders"), figure)
 
 
 def _curves(
@@ -95,24 +95,24 @@ def _curves(
     chosen: dict[tuple[str, str, str], list[int]] = {}
     for run in facet.runs:
         key = (run.levels[request.rows], run.levels[request.columns])
-        found = findings[run.id]
-        for dof in {one.dof for one in found if one.name == NAMES[0] and one.i is not None}:
+        rows = findings[run.id]
+        for dof in {row.dof for row in rows if row.name == NAMES[0] and row.i is not None}:
             points = [
-                (int(one.i), np.nan if one.value is None else one.value, one.unit, one.label or "")
-                for one in found
-                if one.name == NAMES[0] and one.dof == dof and one.i is not None
+                (int(row.i), np.nan if row.value is None else row.value, row.unit, row.label or "")
+                for row in rows
+                if row.name == NAMES[0] and row.dof == dof and row.i is not None
             ]
             groups.setdefault(key, {}).setdefault(dof, []).append(points)
-        for one in found:
-            if one.name == NAMES[1] and one.value is not None:
-                chosen.setdefault((*key, one.dof), []).append(int(one.value))
+        for row in rows:
+            if row.name == NAMES[1] and row.value is not None:
+                chosen.setdefault((*key, row.dof), []).append(int(row.value))
     return {
-        key: {dof: _gathered(lines, chosen.get((*key, dof), [])) for dof, lines in by_dof.items()}
+        key: {dof: _joined(lines, chosen.get((*key, dof), [])) for dof, lines in by_dof.items()}
         for key, by_dof in groups.items()
     }
 
 
-def _gathered(
+def _joined(
     lines: Sequence[Sequence[tuple[int, float, str, str]]], selected: Sequence[int]
 ) -> Curves:
     orders = sorted({point[0] for line in lines for point in line})
@@ -145,13 +145,13 @@ def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str)
 
 
 def _notes(curves: Mapping[tuple[str, str], Mapping[str, Curves]]) -> list[str]:
-    every = [one for by_dof in curves.values() for one in by_dof.values()]
-    notes = ["line: median over seeds, band: smallest to largest"] if _several(every) else []
-    if any(one.selected for one in every):
+    lines = [line for by_dof in curves.values() for line in by_dof.values()]
+    notes = ["line: median over seeds, band: smallest to largest"] if _several(lines) else []
+    if any(line.selected for line in lines):
         notes.append("markers: selected orders")
-    labels = ordered(one.label for one in every if one.label)
+    labels = ordered(line.label for line in lines if line.label)
     return ["; ".join(notes), *([f"order chosen by: {', '.join(labels)}"] if labels else [])]
 
 
 def _several(curves: Sequence[Curves]) -> bool:
-    return any(len(one.mse) > 1 for one in curves)
+    return any(len(line.mse) > 1 for line in curves)

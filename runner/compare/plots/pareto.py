@@ -1,8 +1,8 @@
-"""The Pareto set of a multi-objective identification: its objectives, and what it chose.
+"""The Pareto set of a multi-objective identification: its objectives and the chosen point.
 
 Diagnostics: `pareto_objective` (i = point, j = objective, label = name of the objective) and
-`pareto_chosen` (i = point). Of three objectives every pair gets a panel; of more, those of the
-same degree of freedom, such as the errors of its pose and of its velocity.
+`pareto_chosen` (i = point). With up to three objectives every pair has a panel; with more,
+only pairs of the same degree of freedom have one.
 """
 
 from collections.abc import Sequence
@@ -36,16 +36,16 @@ FIGURE = Figure(
 
 OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
 MOST_PANELS, ABREAST = 6, 3
-WIDE = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
+WIDE = 30.0  # largest ratio of values on a linear axis
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, one panel a pair of objectives, one colour a group of runs."""
-    made = [_drawing(results, request, facet) for facet in facets(results, request)]
-    found = [one for one in made if one is not None]
-    if not found:
+    """Draw one figure for each facet, one panel for each pair, one colour for each group."""
+    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
+    complete = [drawing for drawing in candidates if drawing is not None]
+    if not complete:
         raise ConfigurationError(f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}")
-    return found
+    return complete
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -54,40 +54,40 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     names: list[str] = []
     dofs: list[str] = []
     for run in facet.runs:
-        points = [one for one in findings[run.id] if one.name == OBJECTIVE and one.i is not None]
+        points = [row for row in findings[run.id] if row.name == OBJECTIVE and row.i is not None]
         if not points:
             continue
-        axes_of = {one.j: with_unit(one.label or f"objective {one.j}", one.unit) for one in points}
+        axes_of = {row.j: with_unit(row.label or f"objective {row.j}", row.unit) for row in points}
         names = names or [axes_of[j] for j in sorted(axes_of)]
-        dof_of = {one.j: one.dof for one in points}
+        dof_of = {row.j: row.dof for row in points}
         dofs = dofs or [dof_of[j] for j in sorted(dof_of)]
-        front = np.full((1 + max(one.i for one in points), len(names)), np.nan)
-        for one in points:
-            front[one.i, sorted(axes_of).index(one.j)] = one.value
-        chosen = {int(one.i) for one in findings[run.id] if one.name == CHOSEN}
+        front = np.full((1 + max(row.i for row in points), len(names)), np.nan)
+        for row in points:
+            front[row.i, sorted(axes_of).index(row.j)] = row.value
+        chosen = {int(row.i) for row in findings[run.id] if row.name == CHOSEN}
         label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
         fronts.append((label, front, chosen))
     if len(names) < 2:
         return None
-    every = list(combinations(range(len(names)), 2))
-    pairs = (_of_one_dof(every, dofs) or every)[:MOST_PANELS]
-    abreast = min(len(pairs), ABREAST)
-    rows = -(-len(pairs) // abreast)
-    made, axes = panels(rows, abreast, max(3.8, 5.0 / abreast), 3.9)
+    all_pairs = list(combinations(range(len(names)), 2))
+    pairs = (_of_one_dof(all_pairs, dofs) or all_pairs)[:MOST_PANELS]
+    columns = min(len(pairs), ABREAST)
+    rows = -(-len(pairs) // columns)
+    figure, axes = panels(rows, columns, max(3.8, 5.0 / columns), 3.9)
     for spare in axes[len(pairs) :]:
         spare.remove()
     axes = axes[: len(pairs)]
     for panel, pair in zip(axes, pairs, strict=True):
         _panel(panel, fronts, names, pair)
-    headed(made, axes, facet.title("Pareto set"))
-    seeds = "; one front a run" if len(fronts) > 1 else ""
-    left_out = f"; {len(pairs)} of {len(every)} pairs" if len(pairs) < len(every) else ""
-    footnote(made, [f"ringed: the point that was chosen{seeds}{left_out}"])
-    return Drawing(facet.file("pareto"), made)
+    headed(figure, axes, facet.title("Pareto set"))
+    seeds = "; one front for each run" if len(fronts) > 1 else ""
+    left_out = f"; {len(pairs)} of {len(all_pairs)} pairs" if len(pairs) < len(all_pairs) else ""
+    footnote(figure, [f"circle: the chosen point{seeds}{left_out}"])
+    return Drawing(facet.file("pareto"), figure)
 
 
 def _of_one_dof(pairs: Sequence[tuple[int, int]], dofs: Sequence[str]) -> list[tuple[int, int]]:
-    """Of more than three objectives, the pairs that belong to the same degree of freedom."""
+    """Return the pairs of one degree of freedom; empty for up to three objectives."""
     return [(a, b) for a, b in pairs if dofs[a] == dofs[b]] if len(dofs) > 3 else []
 
 
@@ -104,12 +104,14 @@ def _panel(
         x, y = front[:, pair[0]], front[:, pair[1]]
         marker = marker_of(i)
         axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=label)
-        for at in chosen & set(range(len(front))):
-            axes.plot(x[at], y[at], "o", markersize=11, fillstyle="none", color="black", zorder=4)
+        for index in chosen & set(range(len(front))):
+            axes.plot(
+                x[index], y[index], "o", markersize=11, fillstyle="none", color="black", zorder=4
+            )
     axes.set_xlabel(names[pair[0]])
     axes.set_ylabel(names[pair[1]])
-    for column, scaled in ((pair[0], axes.set_xscale), (pair[1], axes.set_yscale)):
+    for column, set_scale in ((pair[0], axes.set_xscale), (pair[1], axes.set_yscale)):
         values = np.concatenate([front[:, column] for _, front, _ in fronts])
         low, high = np.nanmin(values), np.nanmax(values)
         if low > 0.0 and high > WIDE * low:
-            scaled("log")
+            set_scale("log")

@@ -37,11 +37,11 @@ FIGURE = Figure(
 Flags = NDArray[np.bool_]
 TESTING = 2.0
 WIDTH = 6.4
-STYLES = ("-", (0, (5, 1)), (0, (1, 0.6)))  # where the colours have been used up
+STYLES = ("-", (0, (5, 1)), (0, (1, 0.6)))  # for more manoeuvres than colours
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level)."""
+    """Draw one figure of one run (with --facet, for each level)."""
     return [_drawing(results, request, run) for run, _ in each_run(results, request, ("plan",))]
 
 
@@ -49,11 +49,11 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     plan = results.reader.series(run.id, "plan")
     waters = results.reader.series(run.id, "waters")
     north, east = _limits(waters)
-    made, axes = panels(
+    figure, axes = panels(
         1, 1, WIDTH, 1.2 + 0.9 * WIDTH * float(np.clip(_ratio(north, east), 0.4, 1.6))
     )
     _waters(axes[0], waters)
-    deviation = _sailed(axes[0], results, run)
+    deviation = _track(axes[0], results, run)
     _passages(axes[0], plan)
     for number, name in _names(results, run, request).items():
         _manoeuvre(axes[0], plan, number, name)
@@ -63,15 +63,15 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     axes[0].set_aspect("equal", adjustable="box")
     axes[0].set_xlabel("East [m]")
     axes[0].set_ylabel("North [m]")
-    headed(made, axes, f"Plan, {subtitle(run)}")
-    kept = float(waters.columns["clearance"][0])
-    notes = [f"clearance kept by the plan: {kept:g} m; thin: held out for testing", *deviation]
-    footnote(made, notes)
-    return Drawing(f"plan-run-{run.id}", made)
+    headed(figure, axes, f"Plan, {subtitle(run)}")
+    clearance = float(waters.columns["clearance"][0])
+    notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing", *deviation]
+    footnote(figure, notes)
+    return Drawing(f"plan-run-{run.id}", figure)
 
 
 def _limits(waters: Series) -> tuple[Sample, Sample]:
-    """Limits of north and east [m], each shape (2,), with a margin."""
+    """Return the limits of north and east [m], each of shape (2,), with a margin."""
     margin = 0.03 * max(float(np.ptp(waters.columns[name])) for name in ("x", "y"))
     north, east = (
         np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
@@ -85,53 +85,54 @@ def _ratio(north: Sample, east: Sample) -> float:
 
 
 def _names(results: Results, run: Run, request: PlotRequest) -> dict[int, str]:
-    """The manoeuvres that can be in the plan, by their numbers."""
-    found = results.diagnostics([run], ("mix_count",), results.where(request.where))[run.id]
-    names = {int(one.i): str(one.label) for one in found}
+    """Return the names of the possible manoeuvres by number."""
+    rows = results.diagnostics([run], ("mix_count",), results.where(request.where))[run.id]
+    names = {int(row.i): str(row.label) for row in rows}
     if not names:
         raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")
     return names
 
 
 def _waters(axes: Axes, waters: Series) -> None:
-    """The area in white on grey, the obstacles hatched."""
+    """Draw the area in white on grey and the obstacles hatched."""
     axes.set_facecolor(SHADE)
     axes.grid(visible=False)
     numbers = waters.columns["polygon"]
     corners = np.column_stack([waters.columns["y"], waters.columns["x"]])
     for number in np.unique(numbers):
-        one = corners[numbers == number]
+        polygon = corners[numbers == number]
         if number == 0:
-            axes.add_patch(Polygon(one, facecolor="white", edgecolor=MUTED, zorder=0.5))
+            axes.add_patch(Polygon(polygon, facecolor="white", edgecolor=MUTED, zorder=0.5))
         else:
             axes.add_patch(
-                Polygon(one, facecolor="#D9D9D9", edgecolor=MUTED, hatch="///", zorder=0.6)
+                Polygon(polygon, facecolor="#D9D9D9", edgecolor=MUTED, hatch="///", zorder=0.6)
             )
 
 
-def _stretches(chosen: Flags) -> list[slice]:
-    """Every stretch of samples that are chosen, to the sample after it."""
+def _intervals(chosen: Flags) -> list[slice]:
+    """Return the intervals of consecutive chosen samples, each with the sample after it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
     return [slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2)]
 
 
 def _passages(axes: Axes, plan: Series) -> None:
     north, east = plan.columns["x"], plan.columns["y"]
-    for i, part in enumerate(_stretches(plan.columns["manoeuvre"] < 0.0)):
+    for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
         axes.plot(east[part], north[part], color=MUTED, linewidth=1.2, label=label, zorder=2.5)
 
 
 def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:
-    """Every time a manoeuvre is sailed, from a dot on; where it is held out for testing, thin."""
+    """Draw each repetition of a manoeuvre from a dot on; thin if it is held out for testing."""
     columns = plan.columns
     kinds = sorted({int(n) for n in columns["manoeuvre"] if n >= 0.0})
     if number not in kinds:
         return
     place = kinds.index(number)
     colour, style = PALETTE[place % len(PALETTE)], STYLES[place // len(PALETTE) % len(STYLES)]
-    parts = _stretches(columns["manoeuvre"] == number)
-    parts.sort(key=lambda part: columns["role"][part.start] == TESTING)  # the legend's is thick
+    parts = _intervals(columns["manoeuvre"] == number)
+    # the first line, which is in the legend, is thick
+    parts.sort(key=lambda part: columns["role"][part.start] == TESTING)
     for i, part in enumerate(parts):
         thin = columns["role"][part.start] == TESTING
         axes.plot(
@@ -145,11 +146,11 @@ def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:
 
 
 def _ends(axes: Axes, plan: Series) -> None:
-    """Where it begins and ends, with the headings."""
+    """Draw start and goal with their headings."""
     columns = plan.columns
     reach = 0.03 * max(np.ptp(columns["x"]), np.ptp(columns["y"]), 1e-9)
-    for at, label, marker in ((0, "start", "o"), (-1, "goal", "s")):
-        east, north, psi = (float(columns[name][at]) for name in ("y", "x", "psi"))
+    for index, label, marker in ((0, "start", "o"), (-1, "goal", "s")):
+        east, north, psi = (float(columns[name][index]) for name in ("y", "x", "psi"))
         axes.plot(east, north, marker, color=REFERENCE, markersize=7, label=label, zorder=4)
         axes.annotate(
             "", (east + 2.2 * reach * np.sin(psi), north + 2.2 * reach * np.cos(psi)),
@@ -157,16 +158,16 @@ def _ends(axes: Axes, plan: Series) -> None:
         )  # fmt: skip
 
 
-def _sailed(axes: Axes, results: Results, run: Run) -> list[str]:
-    """The track as it was recorded, and how far it was from the plan."""
+def _track(axes: Axes, results: Results, run: Run) -> list[str]:
+    """Draw the recorded track; return a note on its deviation from the plan."""
     recording = results.reader.series(run.id, "recording")
     east, north = recording.columns["y"], recording.columns["x"]
     axes.plot(east, north, ":", color=REFERENCE, linewidth=0.9, label="sailed", zorder=3.5)
     names = ("plan_deviation", "sailed_clearance")
-    found = {one.name: one.value for one in results.diagnostics([run], names)[run.id]}
-    if not all(name in found for name in names):
+    values = {row.name: row.value for row in results.diagnostics([run], names)[run.id]}
+    if not all(name in values for name in names):
         return []
     return [
-        f"the vessel that was sailed strayed by at most {found['plan_deviation']:.3g} m and came "
-        f"within {found['sailed_clearance']:.3g} m of obstacles or edge"
+        f"the vessel deviated from the plan by at most {values['plan_deviation']:.3g} m and came "
+        f"within {values['sailed_clearance']:.3g} m of an obstacle or the boundary"
     ]

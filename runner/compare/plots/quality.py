@@ -1,7 +1,7 @@
-"""Whether velocity and position of a measured recording agree, over time.
+"""Consistency of velocity and position of a measured recording over time.
 
-Left the integral of the velocity against the position, right the derivative of the position
-against the velocity; the largest error is marked.
+Left: integral of the velocity minus the position. Right: derivative of the position minus the
+velocity. The largest error is marked.
 """
 
 import numpy as np
@@ -29,23 +29,23 @@ SIDES = (
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level), two panels a degree of freedom."""
+    """Draw one figure of one run (with --facet, for each level), two panels for each DOF."""
     return [_drawing(results, run) for run, _ in each_run(results, request, ["quality"])]
 
 
 def _drawing(results: Results, run: Run) -> Drawing:
     series = results.reader.series(run.id, "quality")
     rows = [i for i, name in enumerate(SIDES[0][0]) if f"{name}_error" in series.columns]
-    made, axes = panels(len(rows), len(SIDES), 4.2, 2.3, share_x=True)
+    figure, axes = panels(len(rows), len(SIDES), 4.2, 2.3, share_x=True)
     for row, i in enumerate(rows):
         for side, (names, _) in enumerate(SIDES):
             _panel(axes[row * len(SIDES) + side], series, names[i])
     for side, (_, title) in enumerate(SIDES):
         axes[side].set_title(title, loc="left", fontsize=9)
         axes[side - len(SIDES)].set_xlabel(with_unit("Time", series.units["t"]))
-    headed(made, axes, f"Quality of the recording, {subtitle(run)}")
-    footnote(made, ["circle: the largest error"])
-    return Drawing(f"quality-run-{run.id}", made)
+    headed(figure, axes, f"Quality of the recording, {subtitle(run)}")
+    footnote(figure, ["circle: the largest error"])
+    return Drawing(f"quality-run-{run.id}", figure)
 
 
 def _panel(axes: Axes, series: Series, name: str) -> None:

@@ -1,4 +1,4 @@
-"""What a figure is asked for, and the runs that go into it."""
+"""The request of a figure, and the selection of its runs."""
 
 import re
 from collections.abc import Sequence
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
-from seatrial.runner.compare.where import Condition
+from seatrial.runner.compare.where import Comparison, Condition, Joined
 
 
 @dataclass(frozen=True)
 class PlotRequest:
-    """Options of a figure; each kind uses those that concern it. Empty `dofs` mean all."""
+    """Options of a figure; each kind uses some of them. Empty `dofs` mean all."""
 
     run: int | None = None
     metric: str = "force_mse"
@@ -20,38 +20,38 @@ class PlotRequest:
     dofs: Sequence[str] = ()
     model: str = "identified"
     facet: str | None = None
-    log: bool | None = None  # None lets the figures decide
+    log: bool | None = None  # None: by the range of the values
     where: str | None = None
 
 
 @dataclass(frozen=True)
 class Facet:
-    """The runs of one figure, and what tells it from the others."""
+    """The runs of one figure, and its label."""
 
     runs: Sequence[Run]
     condition: Condition | None
     label: str = ""  # "vessel = milliampere", empty without --facet
-    run: int | None = None  # the one run asked for
+    run: int | None = None  # the requested run
 
     def title(self, text: str) -> str:
-        """The figure's title with the facet in it."""
-        about = [self.label] if self.label else []
-        about += [f"run {self.run}"] if self.run is not None else []
-        return f"{text} ({', '.join(about)})" if about else text
+        """Return the title of the figure with the facet."""
+        parts = [self.label] if self.label else []
+        parts += [f"run {self.run}"] if self.run is not None else []
+        return f"{text} ({', '.join(parts)})" if parts else text
 
     def file(self, name: str) -> str:
-        """A file name without anything that could lead elsewhere."""
-        whole = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
-        whole += f"-run-{self.run}" if self.run is not None else ""
-        return re.sub(r"[^\w.\-]+", "_", whole, flags=re.ASCII).strip("._") or "figure"
+        """Return a safe file name: no path separators or special characters."""
+        stem = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
+        stem += f"-run-{self.run}" if self.run is not None else ""
+        return re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
 
 
 def facets(
     results: Results, request: PlotRequest, rows: Sequence[str] | None = None
 ) -> list[Facet]:
-    """The runs of each figure; raises ConfigurationError where none match.
+    """Return the runs of each figure; raise ConfigurationError if no run matches.
 
-    `rows` are the factors of a kind that takes several.
+    `rows` are the factors of a figure with several row factors.
     """
     condition = results.where(request.where)
     if request.run is not None:
@@ -75,20 +75,18 @@ def facets(
 
 
 def with_run(condition: Condition | None, run: int) -> Condition:
-    """The condition, and that it be this run."""
-    from seatrial.runner.compare.where import Comparison, Joined
-
-    one = Comparison("id", "=", run)
-    return one if condition is None else Joined("and", (condition, one))
+    """Restrict the condition to one run."""
+    comparison = Comparison("id", "=", run)
+    return comparison if condition is None else Joined("and", (condition, comparison))
 
 
 def each_run(
     results: Results, request: PlotRequest, kinds: Sequence[str], column: str | None = None
 ) -> list[tuple[Run, list[str]]]:
-    """The runs of figures over time, one a figure, and which of the series `kinds` each has.
+    """Return the runs of figures over time, and which of the series `kinds` each run has.
 
-    It is the run asked for, else the newest finished one that meets --where and has such a series
-    (with the given column); with --facet the newest of each level.
+    The run is the requested one, else the newest finished run that meets --where and has such a
+    series (with the given column); with --facet it is the newest run of each level.
     """
     condition = results.where(request.where)
     if request.run is not None:
@@ -99,22 +97,26 @@ def each_run(
     factors = [] if facet is None else [facet]
     runs = results.runs(condition, factors, superseded=request.run is not None)
     stored = results.series_columns(condition)
-    found: dict[str, tuple[Run, list[str]]] = {}
+    newest: dict[str, tuple[Run, list[str]]] = {}
     for run in reversed(runs):
-        have = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
-        have = {kind: names for kind, names in have.items() if column is None or column in names}
-        if have and (request.run is not None or run.status == FINISHED):
-            found.setdefault(run.levels[facet] if facet is not None else "", (run, list(have)))
-    if not found:
-        which = f"run {request.run}" if request.run is not None else "no finished run"
+        available = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
+        available = {
+            kind: names for kind, names in available.items() if column is None or column in names
+        }
+        if available and (request.run is not None or run.status == FINISHED):
+            newest.setdefault(
+                run.levels[facet] if facet is not None else "", (run, list(available))
+            )
+    if not newest:
+        subject = f"run {request.run}" if request.run is not None else "no finished run"
         verb = "has no" if request.run is not None else "that matches has a"
-        about = f" with {column}" if column else ""
-        raise ConfigurationError(f"plot: {which} {verb} series {' or '.join(kinds)}{about}")
-    return [found[level] for level in ordered(found)]
+        suffix = f" with {column}" if column else ""
+        raise ConfigurationError(f"plot: {subject} {verb} series {' or '.join(kinds)}{suffix}")
+    return [newest[level] for level in ordered(newest)]
 
 
 def subtitle(run: Run) -> str:
-    """`run 17: milliampere, noise, plsr, seed 3`."""
+    """Return `run 17: milliampere, noise, plsr, seed 3`."""
     names = ("vessel", "disturbance", "identifier")
-    told = ", ".join(run.levels[name] for name in names)
-    return f"run {run.id}: {told}, seed {run.levels['seed']}"
+    levels = ", ".join(run.levels[name] for name in names)
+    return f"run {run.id}: {levels}, seed {run.levels['seed']}"

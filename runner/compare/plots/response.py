@@ -1,6 +1,6 @@
-"""Answer to set-points over time, three panels an axis: pose, force, and the wind's force.
+"""Response to set-points over time, three panels for each axis: pose, force and wind force.
 
-Bargouth (2022), sections 4.3 to 4.7, shows every simulation so: set-point and output, input, wind.
+The layout is that of Bargouth (2022), sections 4.3 to 4.7: set-point and output, input, wind.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,17 +49,17 @@ NAMES = {
 }
 MODELS = ("nominal", "identified", "adaptive")
 COLOURS = MODEL_COLOURS | {"adaptive": PALETTE[3]}
-SAME = 0.01  # of the instants
+SAME = 0.01  # share of samples in which equal signals may differ
 NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
-    "dotted: reference, where it is not the set-point"
+    "dotted: reference, if it differs from the set-point"
 )
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level): panels by axis, every model sailed."""
-    found = each_run(results, request, [PREFIX + model for model in MODELS])
-    return [_drawing(results, request, run, kinds) for run, kinds in found]
+    """Draw one figure of one run (with --facet, for each level): panels by axis, every model."""
+    runs = each_run(results, request, [PREFIX + model for model in MODELS])
+    return [_drawing(results, request, run, kinds) for run, kinds in runs]
 
 
 def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[str]) -> Drawing:
@@ -68,14 +68,14 @@ def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[s
         names = [name for name in names if name != "identified"] or names
     voyages = {name: results.reader.series(run.id, PREFIX + name) for name in names}
     lines = {f"{name} model": voyage for name, voyage in voyages.items()}
-    made = overlaid(lines, request, [COLOURS[name] for name in names], f"run {run.id}")
-    headed(made, made.axes, f"Response, {told(run)}")
-    footnote(made, [NOTE])
-    return Drawing(f"response-run-{run.id}", made)
+    figure = overlaid(lines, request, [COLOURS[name] for name in names], f"run {run.id}")
+    headed(figure, figure.axes, f"Response, {_title(run)}")
+    footnote(figure, [NOTE])
+    return Drawing(f"response-run-{run.id}", figure)
 
 
-def told(run: Run) -> str:
-    """`run 17: supply_vessel, wind, lqi, setpoints, seed 3`."""
+def _title(run: Run) -> str:
+    """Return `run 17: supply_vessel, wind, lqi, setpoints, seed 3`."""
     names = ("vessel", "disturbance", "identifier", "controller", "evaluation")
     levels = [run.levels[name] for name in names if run.levels[name] != "none"]
     return f"run {run.id}: {', '.join(levels)}, seed {run.levels['seed']}"
@@ -84,52 +84,55 @@ def told(run: Run) -> str:
 def overlaid(
     lines: Mapping[str, Series], request: PlotRequest, colours: Sequence[str], what: str
 ) -> matplotlib.figure.Figure:
-    """Missions over one another by label, an axis a column: pose, force and, where it is, wind."""
+    """Draw missions in the same axes, one column for each DOF: pose, force and wind, if any.
+
+    `lines` are the series by label; `what` names the figure in the error message.
+    """
     first = next(iter(lines.values()))
     dofs = [dof for dof in DOF_ORDER if all(f"tau_{dof}" in s.columns for s in lines.values())]
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
     if not dofs:
         raise ConfigurationError(f"plot: {what} has no response of these degrees of freedom")
-    windy = any(f"wind_{dof}" in first.columns for dof in dofs)
-    rows = 3 if windy else 2
-    made, axes = panels(rows, len(dofs), max(4.3, 7.0 / len(dofs)), 2.1, share_x=True)
+    has_wind = any(f"wind_{dof}" in first.columns for dof in dofs)
+    rows = 3 if has_wind else 2
+    figure, axes = panels(rows, len(dofs), max(4.3, 7.0 / len(dofs)), 2.1, share_x=True)
     for column, dof in enumerate(dofs):
         pose, force, *wind = axes[column :: len(dofs)]
         _reference(pose, first, dof)
         for (label, series), colour in zip(lines.items(), colours, strict=True):
             values = {pose: _pose(series, POSES[dof]), force: series.columns[f"tau_{dof}"]}
-            for one, drawn in values.items():
-                one.plot(series.columns["t"], drawn, color=colour, linewidth=1.1, label=label)
+            for panel, signal in values.items():
+                panel.plot(series.columns["t"], signal, color=colour, linewidth=1.1, label=label)
         force.set_ylabel(with_unit(f"Force, {dof}", first.units[f"tau_{dof}"]))
-        for one in wind:
-            _wind(one, first, dof)
+        for panel in wind:
+            _wind(panel, first, dof)
         axes[(rows - 1) * len(dofs) + column].set_xlabel(with_unit("Time", first.units["t"]))
-    for one in axes:
-        one.margins(x=0)
-    made.align_ylabels(axes)
-    return made
+    for panel in axes:
+        panel.margins(x=0)
+    figure.align_ylabels(axes)
+    return figure
 
 
 def _pose(series: Series, name: str) -> Sample:
-    """A pose over time, angles in degrees."""
+    """Return a pose component over time, shape (n,), angles in degrees."""
     values = np.asarray(series.columns[name], dtype=np.float64)
     return degrees(values) if series.units[name] == "rad" else values
 
 
 def _reference(axes: Axes, series: Series, dof: str) -> None:
-    """Set-point, and the reference that is made of it where they differ."""
+    """Draw the set-point, and the reference if it differs from it."""
     name, t = POSES[dof], series.columns["t"]
-    wanted = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
-    setpoint, reference = _pose(series, wanted), _pose(series, f"{name}_d")
+    setpoint_name = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
+    setpoint, reference = _pose(series, setpoint_name), _pose(series, f"{name}_d")
     axes.plot(t, setpoint, "--", color=REFERENCE, linewidth=1.0, label="set-point")
-    if np.mean(setpoint != reference) > SAME:  # a step is not taken at the very same instant
+    if np.mean(setpoint != reference) > SAME:  # a step of the reference may be one sample later
         axes.plot(t, reference, ":", color=MUTED, linewidth=1.0, label="reference")
     unit = "deg" if series.units[name] == "rad" else series.units[name]
     axes.set_ylabel(with_unit(NAMES[dof], unit))
 
 
 def _wind(axes: Axes, series: Series, dof: str) -> None:
-    """The force of the wind; it hardly depends on who sails, so the first is shown."""
+    """Draw the wind force of the first run; it hardly depends on the controller."""
     values = series.columns.get(f"wind_{dof}")
     if values is not None:
         axes.plot(series.columns["t"], values, color=MUTED, linewidth=1.0, label="wind")

@@ -1,4 +1,4 @@
-"""The sailed missions of one run: what the figures over them share."""
+"""The sailed missions of one run, for the figures of deployments."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,30 +18,30 @@ Voyages = Mapping[str, Series]
 def voyages(
     results: Results, request: PlotRequest, what: str, instead: str | None = None
 ) -> list[tuple[Run, Voyages]]:
-    """The runs, one a figure, and their sailed missions by model.
+    """Return the runs, one for each figure, and their sailed missions by model.
 
-    Of a run without a deployment the series `instead` is taken. Raises ConfigurationError where
-    there is none, or no motion in the plane.
+    A run without a deployment uses the series `instead`. `what` names the figure in the error
+    message. Raises ConfigurationError if there is no such series or no motion in the plane.
     """
     kinds = KINDS if instead is None else (*KINDS, instead)
     return [
-        (run, _in_the_plane(results, run, what, [k for k in have if k in KINDS] or have))
-        for run, have in each_run(results, request, kinds)
+        (run, _planar_series(results, run, what, [k for k in stored if k in KINDS] or stored))
+        for run, stored in each_run(results, request, kinds)
     ]
 
 
-def _in_the_plane(results: Results, run: Run, what: str, kinds: Sequence[str]) -> Voyages:
-    found = {kind.removeprefix(PREFIX): results.reader.series(run.id, kind) for kind in kinds}
-    for kind, series in zip(kinds, found.values(), strict=True):
+def _planar_series(results: Results, run: Run, what: str, kinds: Sequence[str]) -> Voyages:
+    series_of = {kind.removeprefix(PREFIX): results.reader.series(run.id, kind) for kind in kinds}
+    for kind, series in zip(kinds, series_of.values(), strict=True):
         missing = [name for name in ("t", "x", "y") if name not in series.columns]
         if missing:
             raise ConfigurationError(
                 f"plot {what}: run {run.id} has no {missing[0]} in its series"
                 f" {kind}; it needs a vessel that moves in the plane"
             )
-    return found
+    return series_of
 
 
 def degrees(values: Sample) -> Sample:
-    """Radians as degrees."""
+    """Convert radians to degrees."""
     return np.asarray(np.degrees(values), dtype=np.float64)

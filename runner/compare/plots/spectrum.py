@@ -1,11 +1,10 @@
-"""What a subspace identification saw: singular values, and eigenvalues on the unit circle.
+"""Singular values and eigenvalues, with the unit circle, of a subspace identification.
 
 Diagnostics: `singular_value` (i = number, from 1), `selected_order`, and `eigenvalue_real`,
 `eigenvalue_imag` (i = number), discrete time, of the identified model.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,7 +24,7 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import DiagnosticRow, Results
 
 FIGURE = Figure(
     "spectrum",
@@ -40,70 +39,70 @@ REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet: singular values left, eigenvalues right, as far as stored."""
-    made = []
+    """Draw one figure for each facet: singular values left, eigenvalues right, if stored."""
+    figures = []
     for facet in facets(results, request):
         names = (SINGULAR, ORDER, REAL, IMAGINARY)
         findings = results.diagnostics(facet.runs, names, facet.condition)
-        groups: dict[str, list[Sequence[Any]]] = {}
+        groups: dict[str, list[Sequence[DiagnosticRow]]] = {}
         for run in facet.runs:
-            if any(one.name in (SINGULAR, REAL) for one in findings[run.id]):
+            if any(row.name in (SINGULAR, REAL) for row in findings[run.id]):
                 label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
                 groups.setdefault(label, []).append(findings[run.id])
         if groups:
-            made.append(_drawing(groups, facet.title("Spectrum"), facet.file("spectrum")))
-    if not made:
+            figures.append(_drawing(groups, facet.title("Spectrum"), facet.file("spectrum")))
+    if not figures:
         raise ConfigurationError(
             f"plot spectrum: no run that matches has the diagnostic {SINGULAR} or {REAL}"
         )
-    return made
+    return figures
 
 
-def _drawing(groups: dict[str, list[Sequence[Any]]], title: str, name: str) -> Drawing:
-    rows = [row for group in groups.values() for found in group for row in found]
-    draws = [
+def _drawing(groups: dict[str, list[Sequence[DiagnosticRow]]], title: str, name: str) -> Drawing:
+    rows = [row for group in groups.values() for diagnostics in group for row in diagnostics]
+    panel_functions = [
         draw
-        for draw, needed in ((_singular_values, SINGULAR), (_eigenvalues, REAL))
-        if any(row.name == needed for row in rows)
+        for draw, name_needed in ((_singular_values, SINGULAR), (_eigenvalues, REAL))
+        if any(row.name == name_needed for row in rows)
     ]
-    made, axes = panels(1, len(draws), max(4.4, 5.0 / len(draws)), 4.2)
-    for one, draw in zip(axes, draws, strict=True):
+    figure, axes = panels(1, len(panel_functions), max(4.4, 5.0 / len(panel_functions)), 4.2)
+    for panel, draw in zip(axes, panel_functions, strict=True):
         for i, (label, group) in enumerate(groups.items()):
-            for found in group:
-                draw(one, found, i, label)
-    headed(made, axes, title)
-    notes = ["filled: kept by the selected order"] if _singular_values in draws else []
-    footnote(made, [*notes, "one set of marks a run"])
-    return Drawing(name, made)
+            for diagnostics in group:
+                draw(panel, diagnostics, i, label)
+    headed(figure, axes, title)
+    notes = ["filled: within the selected order"] if _singular_values in panel_functions else []
+    footnote(figure, [*notes, "one set of marks for each run"])
+    return Drawing(name, figure)
 
 
-def _singular_values(axes: Axes, found: Sequence[Any], i: int, label: str) -> None:
-    points = sorted((row.i, row.value) for row in found if row.name == SINGULAR and row.value)
-    order = next((row.value for row in found if row.name == ORDER), None)
-    unit = next((row.unit for row in found if row.name == SINGULAR), "")
+def _singular_values(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: str) -> None:
+    points = sorted((row.i, row.value) for row in rows if row.name == SINGULAR and row.value)
+    order = next((row.value for row in rows if row.name == ORDER), None)
+    unit = next((row.unit for row in rows if row.name == SINGULAR), "")
     colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
     numbers, values = [n for n, _ in points], [v for _, v in points]
     axes.plot(numbers, values, marker=marker, color=colour, fillstyle="none", label=label)
     if order is not None:
-        kept = [(n, v) for n, v in points if n <= order]
-        axes.plot([n for n, _ in kept], [v for _, v in kept], marker, color=colour)
+        selected = [(n, v) for n, v in points if n <= order]
+        axes.plot([n for n, _ in selected], [v for _, v in selected], marker, color=colour)
     axes.set_yscale("log")
     axes.set_xlabel("Number")
     axes.set_ylabel(with_unit("Singular value", unit))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _eigenvalues(axes: Axes, found: Sequence[Any], i: int, label: str) -> None:
-    real = {row.i: row.value for row in found if row.name == REAL}
-    imaginary = {row.i: row.value for row in found if row.name == IMAGINARY}
-    shared = sorted(real.keys() & imaginary.keys())
+def _eigenvalues(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: str) -> None:
+    real = {row.i: row.value for row in rows if row.name == REAL}
+    imaginary = {row.i: row.value for row in rows if row.name == IMAGINARY}
+    numbers = sorted(real.keys() & imaginary.keys())
     if not axes.patches:
         axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=MUTED, linewidth=1.2))
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
     axes.plot(
-        [real[k] for k in shared],
-        [imaginary[k] for k in shared],
+        [real[k] for k in numbers],
+        [imaginary[k] for k in numbers],
         marker_of(i),
         color=PALETTE[i % len(PALETTE)],
         label=label,

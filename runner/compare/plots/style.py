@@ -1,6 +1,6 @@
-"""How every figure looks: palette, fonts, axes with units, and files that are the same each time.
+"""Common style of the figures: palette, fonts, labels with units, and reproducible files.
 
-Figures are made without pyplot: no window, no global state, any backend setting is ignored.
+Figures are made without pyplot: no window, no global state, and no effect of backend settings.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,21 +19,21 @@ from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
 
-# Okabe and Ito (2008), in an order that keeps neighbours apart; their yellow is too pale for lines.
+# Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 MODEL_COLOURS = {
     **{"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"},
-    "recording": "#0072B2",  # stands alone, where there is no deployment
+    "recording": "#0072B2",  # shown alone, without a deployment
 }
 REFERENCE = "#000000"
 WIND = "#56B4E9"
 MUTED = "#595959"
 TITLE_LETTERS_PER_INCH = 9.5
-LETTERS_PER_INCH = 14  # of the legend's font, with room to spare
+LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 SHADE = "#E8E8E8"
 RC: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
     "axes.titlesize": 11,
     "axes.titleweight": "bold",
@@ -68,13 +68,13 @@ class Drawing:
 
 
 def marker_of(i: int) -> str:
-    """The marker of group i: with the colour of PALETTE, 49 pairs that differ."""
+    """Return the marker of group i; with the colours of PALETTE there are 49 distinct pairs."""
     return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
 
 
 @contextmanager
 def drawn() -> Iterator[None]:
-    """Draw and save inside this: the settings above, and matplotlib's defaults for the rest."""
+    """Context for drawing and saving: the settings above on matplotlib's defaults."""
     with mpl.rc_context():
         mpl.rcdefaults()
         for name, value in RC.items():
@@ -83,42 +83,42 @@ def drawn() -> Iterator[None]:
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure of the given size [inch] whose parts make room for each other."""
+    """Return an empty figure of width x height [inch] with constrained layout."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def panels(
     rows: int, columns: int, width: float, height: float, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns axes, width x height [inch] each, listed row by row."""
-    made = figure(columns * width, rows * height)
-    axes = made.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
-    return made, [one for row in axes for one in row]
+    """Return a figure of rows x columns axes, each width x height [inch], and its axes by row."""
+    chart = figure(columns * width, rows * height)
+    axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
+    return chart, [panel for row in axes for panel in row]
 
 
 def metric_label(name: str, dof: str, unit: str | None) -> str:
-    """`Force MSE, surge [N²]`."""
+    """Return an axis label such as `Force MSE, surge [N²]`."""
     label = definition_of(name).label
-    named = label if dof in COMBINED else f"{label}, {dof}"
-    return with_unit(named, unit)
+    text = label if dof in COMBINED else f"{label}, {dof}"
+    return with_unit(text, unit)
 
 
-def headed(made: Figure, axes: Sequence[Axes], title: str) -> None:
-    """The title and one legend for the whole figure, above it, each label once."""
-    found: dict[str, Artist] = {}
-    for one in axes:
-        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    title = "\n".join(wrap(title, int(made.get_figwidth() * TITLE_LETTERS_PER_INCH)))
-    if not found:
-        made.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
+    """Add the title and one legend, with each label once, above the figure."""
+    handles: dict[str, Artist] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    title = "\n".join(wrap(title, int(chart.get_figwidth() * TITLE_LETTERS_PER_INCH)))
+    if not handles:
+        chart.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
         return
-    longest = max(len(label) for label in found) + 6
-    made.legend(  # the title is the legend's: constrained layout lets two things above collide
-        handles=list(found.values()),
-        labels=list(found),
+    longest = max(len(label) for label in handles) + 6
+    chart.legend(  # as the legend's title, because constrained layout lets a separate title overlap
+        handles=list(handles.values()),
+        labels=list(handles),
         loc="outside upper left",
-        ncols=max(1, min(len(found), int(made.get_figwidth() * LETTERS_PER_INCH / longest))),
+        ncols=max(1, min(len(handles), int(chart.get_figwidth() * LETTERS_PER_INCH / longest))),
         title=title,
         title_fontproperties={"weight": "bold", "size": 11},
         alignment="left",
@@ -126,16 +126,16 @@ def headed(made: Figure, axes: Sequence[Axes], title: str) -> None:
     )
 
 
-def footnote(made: Figure, notes: Sequence[str]) -> None:
-    """Small text under the figure, each note wrapped to its width."""
-    width = int(made.get_figwidth() * LETTERS_PER_INCH * 1.05)
+def footnote(chart: Figure, notes: Sequence[str]) -> None:
+    """Add small text below the figure, wrapped to its width."""
+    width = int(chart.get_figwidth() * LETTERS_PER_INCH * 1.05)
     lines = [line for note in notes for line in wrap(note, width)]
     if lines:
-        made.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
+        chart.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
 
 
 def save(drawing: Drawing, folder: Path) -> list[Path]:
-    """Writes NAME.png and NAME.svg; the same figure gives the same SVG to the last byte."""
+    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):

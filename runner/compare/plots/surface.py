@@ -5,10 +5,10 @@ Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
@@ -17,7 +17,7 @@ from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import DiagnosticRow, Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.vocabulary import DOF_ORDER
 
@@ -31,45 +31,45 @@ FIGURE = Figure(
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"
-COLOURS = "cividis"  # even in lightness, and the same to the colour-blind
+COLOURS = "cividis"  # perceptually uniform and suited to colour-blind readers
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, of its newest run that has a surface; one panel a degree of freedom."""
-    made = []
+    """Draw one figure for each facet, of its newest run with a surface; one panel for each DOF."""
+    figures = []
     for facet in facets(results, request):
         names = (SURFACE, ORDER, VARIABLES)
         findings = results.diagnostics(facet.runs, names, facet.condition)
-        having = [r for r in facet.runs if any(one.name == SURFACE for one in findings[r.id])]
-        if having:
-            made.append(_drawing(having[-1], findings[having[-1].id], request))
-    if not made:
+        candidates = [r for r in facet.runs if any(row.name == SURFACE for row in findings[r.id])]
+        if candidates:
+            figures.append(_drawing(candidates[-1], findings[candidates[-1].id], request))
+    if not figures:
         raise ConfigurationError(f"plot surface: no run that matches has the diagnostic {SURFACE}")
-    return made
+    return figures
 
 
-def _drawing(run: Run, found: Sequence[Any], request: PlotRequest) -> Drawing:
-    dofs = [d for d in DOF_ORDER if any(o.name == SURFACE and o.dof == d for o in found)]
+def _drawing(run: Run, rows: Sequence[DiagnosticRow], request: PlotRequest) -> Drawing:
+    dofs = [d for d in DOF_ORDER if any(o.name == SURFACE and o.dof == d for o in rows)]
     dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
     if not dofs:
         raise ConfigurationError(f"plot surface: run {run.id} has no surface of these DOFs")
-    made, axes = panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)
-    for one, dof in zip(axes, dofs, strict=True):
-        of_dof = [row for row in found if row.dof == dof]
+    figure, axes = panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)
+    for panel, dof in zip(axes, dofs, strict=True):
+        of_dof = [row for row in rows if row.dof == dof]
         points = [row for row in of_dof if row.name == SURFACE and row.value is not None]
-        mesh = _panel(one, dof, points)
-        made.colorbar(mesh, ax=one, label=with_unit("MSE", points[0].unit), pad=0.02)
+        mesh = _panel(panel, dof, points)
+        figure.colorbar(mesh, ax=panel, label=with_unit("MSE", points[0].unit), pad=0.02)
         chosen = {row.name: row.value for row in of_dof if row.name in (ORDER, VARIABLES)}
         if len(chosen) == 2:
             place = [chosen[VARIABLES]], [chosen[ORDER]]
-            one.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
-    headed(made, axes, f"Error over order and variables, {subtitle(run)}")
-    footnote(made, ["contours: powers of ten; blank: no model of that order"])
-    return Drawing(f"surface-run-{run.id}", made)
+            panel.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
+    headed(figure, axes, f"Error over order and variables, {subtitle(run)}")
+    footnote(figure, ["contours: powers of ten; blank: no model of that order"])
+    return Drawing(f"surface-run-{run.id}", figure)
 
 
-def _panel(axes: Axes, dof: str, points: Sequence[Any]) -> Any:
-    """Draws the grid and its contours; the coloured mesh, for its scale."""
+def _panel(axes: Axes, dof: str, points: Sequence[DiagnosticRow]) -> QuadMesh:
+    """Draw the grid and its contours; return the mesh for the colour bar."""
     orders, variables = sorted({p.i for p in points}), sorted({p.j for p in points})
     mse: Sample = np.full((len(orders), len(variables)), np.nan)
     for point in points:

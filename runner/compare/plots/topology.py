@@ -1,14 +1,14 @@
-"""An objective over two parameters with its minimum and the truth, as Hoyer (2021), Fig. 7.20.
+"""An objective over two parameters with its minimum and the truth, as in Hoyer (2021), Fig. 7.20.
 
 Diagnostics: `topology` (i, j), and `topology_first` (i) and `topology_second` (j), the values of
 the parameters. The newest run of each excitation and objective gets a panel.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 
 from seatrial.models.errors import ConfigurationError
@@ -17,7 +17,7 @@ from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
 from seatrial.runner.compare.plots.surface import COLOURS
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import DiagnosticRow, Results, Run
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
@@ -30,54 +30,56 @@ Z, FIRST, SECOND = "topology", "topology_first", "topology_second"
 OBJECTIVE = "identifier.objective"
 MOST_PANELS = 6
 COLUMNS = 2
-DECADES = 4.0  # of the colours below the highest value
+DECADES = 4.0  # range of the colours below the highest value
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure a facet, one panel an excitation and objective."""
-    made = [_drawing(results, facet) for facet in facets(results, request)]
-    found = [one for one in made if one is not None]
-    if not found:
+    """Draw one figure for each facet, one panel for each excitation and objective."""
+    candidates = [_drawing(results, facet) for facet in facets(results, request)]
+    complete = [drawing for drawing in candidates if drawing is not None]
+    if not complete:
         raise ConfigurationError(f"plot topology: no run that matches has the diagnostic {Z}")
-    return found
+    return complete
 
 
 def _drawing(results: Results, facet: Facet) -> Drawing | None:
     findings = results.diagnostics(facet.runs, (Z, FIRST, SECOND), facet.condition)
-    having = [run for run in facet.runs if any(one.name == Z for one in findings[run.id])]
-    if not having:
+    runs = [run for run in facet.runs if any(row.name == Z for row in findings[run.id])]
+    if not runs:
         return None
-    configs = results.configs([run.id for run in having])
+    configs = results.configs([run.id for run in runs])
     newest = {
         f"{run.levels['excitation']}, {config.get(OBJECTIVE)}": run
-        for run, config in zip(sorted(having, key=lambda run: run.id), configs, strict=True)
+        for run, config in zip(sorted(runs, key=lambda run: run.id), configs, strict=True)
     }
-    shown = list(newest.items())[-MOST_PANELS:]
-    columns = min(COLUMNS, len(shown))
-    made, axes = panels(-(-len(shown) // columns), columns, 4.7, 3.9)
-    truths = _truths(results, [run for _, run in shown])
-    for one, (about, run) in zip(axes, shown, strict=False):
-        mesh = _panel(one, findings[run.id], truths[run.id])
-        one.set_title(about, loc="left")
-        made.colorbar(mesh, ax=one, label="sum of the objectives", pad=0.02)
-    for one in axes[len(shown) :]:
-        one.remove()
-    headed(made, axes[: len(shown)], facet.title("Objective over two parameters"))
-    footnote(made, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
-    return Drawing(facet.file("topology"), made)
+    panel_runs = list(newest.items())[-MOST_PANELS:]
+    columns = min(COLUMNS, len(panel_runs))
+    figure, axes = panels(-(-len(panel_runs) // columns), columns, 4.7, 3.9)
+    truths = _truths(results, [run for _, run in panel_runs])
+    for panel, (title, run) in zip(axes, panel_runs, strict=False):
+        mesh = _panel(panel, findings[run.id], truths[run.id])
+        panel.set_title(title, loc="left")
+        figure.colorbar(mesh, ax=panel, label="sum of the objectives", pad=0.02)
+    for panel in axes[len(panel_runs) :]:
+        panel.remove()
+    headed(figure, axes[: len(panel_runs)], facet.title("Objective over two parameters"))
+    footnote(figure, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
+    return Drawing(facet.file("topology"), figure)
 
 
 def _truths(results: Results, runs: Sequence[Run]) -> dict[int, dict[str, float]]:
-    """The true value of each identified coefficient (`surge.u_dot`) by run, where it is known."""
-    found: dict[int, dict[str, float]] = {run.id: {} for run in runs}
-    for seen in results.coefficients(runs):
-        if seen.model == "identified" and seen.true_value is not None:
-            found[seen.run.id][f"{seen.dof}.{seen.name}"] = seen.true_value
-    return found
+    """Return the known true values of identified coefficients (`surge.u_dot`) by run."""
+    truths: dict[int, dict[str, float]] = {run.id: {} for run in runs}
+    for observation in results.coefficients(runs):
+        if observation.model == "identified" and observation.true_value is not None:
+            truths[observation.run.id][f"{observation.dof}.{observation.name}"] = (
+                observation.true_value
+            )
+    return truths
 
 
-def _panel(axes: Axes, rows: Sequence[Any], truth: Mapping[str, float]) -> Any:
-    """Draws the grid, its minimum and the truth; the coloured mesh, for its scale."""
+def _panel(axes: Axes, rows: Sequence[DiagnosticRow], truth: Mapping[str, float]) -> QuadMesh:
+    """Draw the grid, its minimum and the truth; return the mesh for the colour bar."""
     sides = [
         sorted((row for row in rows if row.name == name), key=lambda row: row.i)
         for name in (FIRST, SECOND)

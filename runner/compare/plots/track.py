@@ -35,49 +35,47 @@ MARKS = 24  # hulls along a track
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
 ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
-HULL_SHARE = 0.045  # its length, of the larger side of the picture
+HULL_SHARE = 0.045  # length of a hull, of the larger side of the picture
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level): the models side by side, same scale.
+    """Draw one figure of one run (with --facet, for each level): one panel for each model.
 
-    Of a run without a deployment it is the track of the recording.
+    A run without a deployment shows the track of the recording.
     """
-    found = voyages(results, request, "track", instead="recording")
-    return [_drawing(run, one) for run, one in found]
+    runs = voyages(results, request, "track", instead="recording")
+    return [_drawing(run, missions) for run, missions in runs]
 
 
-def _drawing(run: Run, found: Voyages) -> Drawing:
-    north, east = _limits(list(found.values()))
+def _drawing(run: Run, missions: Voyages) -> Drawing:
+    north, east = _limits(list(missions.values()))
     side = 4.6
     height = side * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
-    made, axes = panels(1, len(found), side, height + 0.9)
-    for one, (model, series) in zip(axes, found.items(), strict=True):
-        _panel(one, model, series, max(np.ptp(north), np.ptp(east)))
-        one.set_xlim(*east)
-        one.set_ylim(*north)
-    headed(made, axes, f"Track, {subtitle(run)}")
+    figure, axes = panels(1, len(missions), side, height + 0.9)
+    for panel, (model, series) in zip(axes, missions.items(), strict=True):
+        _panel(panel, model, series, max(np.ptp(north), np.ptp(east)))
+        panel.set_xlim(*east)
+        panel.set_ylim(*north)
+    headed(figure, axes, f"Track, {subtitle(run)}")
     notes = ["hull outlines, not to scale: position and heading at equal distances sailed"]
-    if any(NORTH in series.columns for series in found.values()):
-        notes.append(
-            "arrows: where the wind blows to when the hull is at the tip, their length its speed"
-        )
-    footnote(made, notes)
-    return Drawing(f"track-run-{run.id}", made)
+    if any(NORTH in series.columns for series in missions.values()):
+        notes.append("arrows: direction and speed of the wind at the position of the tip")
+    footnote(figure, notes)
+    return Drawing(f"track-run-{run.id}", figure)
 
 
 def _limits(voyages: list[Series]) -> tuple[Sample, Sample]:
-    """Shared limits of north and east [m], each shape (2,), with a margin."""
-    found = []
-    for plain, desired in (("x", "x_d"), ("y", "y_d")):
-        names = (plain, desired)
+    """Return common limits of north and east [m], each of shape (2,), with a margin."""
+    ranges = []
+    for actual, desired in (("x", "x_d"), ("y", "y_d")):
+        names = (actual, desired)
         values = np.concatenate(
             [v.columns[name] for v in voyages for name in names if name in v.columns]
         )
-        found.append(np.array([np.nanmin(values), np.nanmax(values)]))
+        ranges.append(np.array([np.nanmin(values), np.nanmax(values)]))
     share = 0.06 if all(NORTH not in v.columns for v in voyages) else 0.06 + ARROW_SHARE
-    margin = share * max(float(np.ptp(limits)) for limits in found) + 1e-9
-    north, east = (limits + np.array([-margin, margin]) for limits in found)
+    margin = share * max(float(np.ptp(limits)) for limits in ranges) + 1e-9
+    north, east = (limits + np.array([-margin, margin]) for limits in ranges)
     return north, east
 
 
@@ -89,8 +87,8 @@ def _panel(axes: Axes, model: str, series: Series, extent: float) -> None:
     label = "sailed" if model == "recording" else f"{model} model"
     axes.plot(columns["y"], columns["x"], color=colour, label=label)
     if "psi" in columns:
-        for at in _evenly(columns["x"], columns["y"]):
-            north, east, psi = (float(columns[name][at]) for name in ("x", "y", "psi"))
+        for index in _equidistant(columns["x"], columns["y"]):
+            north, east, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
             axes.add_patch(_hull(north, east, psi, HULL_SHARE * extent, colour))
     if NORTH in columns:
         _arrows(axes, series, extent)
@@ -100,42 +98,42 @@ def _panel(axes: Axes, model: str, series: Series, extent: float) -> None:
 
 
 def _arrows(axes: Axes, series: Series, extent: float) -> None:
-    """Wind over equal parts of the time, each arrow with its tip at the vessel in the middle."""
+    """Draw the mean wind of equal parts of the time; each tip is the vessel at mid-time."""
     columns = series.columns
     parts = np.array_split(np.arange(len(columns["t"])), ARROWS)
-    at = np.array([part[len(part) // 2] for part in parts if len(part)])
+    middle = np.array([part[len(part) // 2] for part in parts if len(part)])
     wind = np.array([[np.mean(columns[w][p]) for w in (EAST, NORTH)] for p in parts if len(p)])
-    places = np.column_stack([columns["y"][at], columns["x"][at]])
-    apart = _apart(places, 0.5 * ARROW_SHARE * extent)
+    places = np.column_stack([columns["y"][middle], columns["x"][middle]])
+    rows = _separated(places, 0.5 * ARROW_SHARE * extent)
     strongest = float(np.max(np.hypot(*wind.T)))
     if strongest <= 0.0:
         return
     axes.quiver(
-        *places[apart].T, *wind[apart].T, color=WIND, pivot="tip", angles="xy", units="inches",
+        *places[rows].T, *wind[rows].T, color=WIND, pivot="tip", angles="xy", units="inches",
         scale_units="xy", scale=strongest / (ARROW_SHARE * extent + 1e-9), width=0.025, zorder=3,
     )  # fmt: skip
-    told = f"wind, up to {number_text(strongest, 3)} m/s"
-    axes.plot([], [], color=WIND, marker=">", linewidth=2.0, label=told)
+    label = f"wind, up to {number_text(strongest, 3)} m/s"
+    axes.plot([], [], color=WIND, marker=">", linewidth=2.0, label=label)
 
 
-def _apart(places: Sample, distance: float) -> list[int]:
-    """Rows of places (n, 2) that lie a distance from all taken before: a vessel that waits."""
-    taken: list[int] = []
+def _separated(places: Sample, distance: float) -> list[int]:
+    """Return rows of places (n, 2) [m] that are at least `distance` [m] from each other."""
+    chosen: list[int] = []
     for i, place in enumerate(places):
-        if all(np.hypot(*(place - places[j])) >= distance for j in taken):
-            taken.append(i)
-    return taken
+        if all(np.hypot(*(place - places[j])) >= distance for j in chosen):
+            chosen.append(i)
+    return chosen
 
 
-def _evenly(north: Sample, east: Sample) -> list[int]:
-    """Samples at equal distances along the track: a vessel that waits gets no pile of hulls."""
+def _equidistant(north: Sample, east: Sample) -> list[int]:
+    """Return samples at equal distances along the track, so that hulls do not overlap."""
     sailed = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
     marks = np.linspace(0.0, sailed[-1], MARKS + 1)[1:]
-    return sorted({int(at) for at in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
+    return sorted({int(index) for index in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
 
 
 def _hull(north: float, east: float, psi: float, length: float, colour: str) -> Polygon:
-    """The hull at a pose; body to NED by the rotation about the down axis, psi [rad]."""
+    """Return the hull at a pose, rotated from body to NED by psi [rad] about the down axis."""
     forward, right = length * HULL[:, 0], length * HULL[:, 1]
     norths = north + np.cos(psi) * forward - np.sin(psi) * right
     easts = east + np.sin(psi) * forward + np.cos(psi) * right

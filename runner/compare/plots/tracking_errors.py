@@ -1,4 +1,4 @@
-"""Tracking errors over time, nominal against identified model."""
+"""Tracking errors over time with the nominal and the identified model."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,24 +24,24 @@ ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """One figure of one run (with --facet, of one a level): position and, if any, heading."""
-    return [_drawing(run, found) for run, found in voyages(results, request, "errors")]
+    """Draw one figure of one run (with --facet, for each level): position and, if any, heading."""
+    return [_drawing(run, missions) for run, missions in voyages(results, request, "errors")]
 
 
-def _drawing(run: Run, found: Voyages) -> Drawing:
-    shown = [one for one in ERRORS if any(one[0] in v.columns for v in found.values())]
-    made, axes = panels(len(shown), 1, 8.0, 2.5, share_x=True)
-    for one, (name, label, unit) in zip(axes, shown, strict=True):
-        one.axhline(0.0, color="black", linewidth=0.8)
-        for height, (model, series) in zip((0.92, 0.08), found.items(), strict=False):
+def _drawing(run: Run, missions: Voyages) -> Drawing:
+    errors = [error for error in ERRORS if any(error[0] in v.columns for v in missions.values())]
+    figure, axes = panels(len(errors), 1, 8.0, 2.5, share_x=True)
+    for panel, (name, label, unit) in zip(axes, errors, strict=True):
+        panel.axhline(0.0, color="black", linewidth=0.8)
+        for height, (model, series) in zip((0.92, 0.08), missions.items(), strict=False):
             if name in series.columns:
-                _line(one, series, name, model, unit, height)
-        one.set_ylabel(f"{label} [{unit}]")
-        one.margins(x=0)
+                _line(panel, series, name, model, unit, height)
+        panel.set_ylabel(f"{label} [{unit}]")
+        panel.margins(x=0)
     axes[-1].set_xlabel("Time [s]")
-    headed(made, axes, f"Tracking error, {subtitle(run)}")
-    footnote(made, ["mean absolute error at the right"])
-    return Drawing(f"errors-run-{run.id}", made)
+    headed(figure, axes, f"Tracking error, {subtitle(run)}")
+    footnote(figure, ["mean absolute error at the right"])
+    return Drawing(f"errors-run-{run.id}", figure)
 
 
 def _line(axes: Axes, series: Series, name: str, model: str, unit: str, height: float) -> None:

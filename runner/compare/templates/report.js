@@ -1,5 +1,5 @@
 "use strict";
-// A click on a heading sorts its table: by number where the cells have one, else by their text.
+// A click on a heading sorts its table by number, or by text for cells without a number.
 function key(row, column) {
   const cell = row.cells[column];
   const number = parseFloat(cell.dataset.value);
@@ -8,7 +8,7 @@ function key(row, column) {
 function compare(left, right) {
   const numbers = typeof left === "number", others = typeof right === "number";
   if (numbers && others) return left - right;
-  if (numbers !== others) return numbers ? -1 : 1;  // cells without a figure come last
+  if (numbers !== others) return numbers ? -1 : 1;  // cells without a number come last
   return left.localeCompare(right, "en", { numeric: true });
 }
 function sort(heading) {

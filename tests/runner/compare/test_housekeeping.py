@@ -179,7 +179,7 @@ def test_export_writes_every_table_twice(program: Program, plain: Path, tmp_path
 def test_verify_of_a_whole_logbook_says_so(program: Program, sailed: Path) -> None:
     code, out, _ = program("verify", *database(sailed))
     assert code == 0
-    assert "checked 8 runs and 20 series files: all whole" in out
+    assert "checked 8 runs and 20 series files: no problems" in out
 
 
 def test_verify_names_what_is_damaged_missing_or_left_over(
@@ -194,7 +194,7 @@ def test_verify_names_what_is_damaged_missing_or_left_over(
     problems = json.loads(out)
     assert code == 1
     assert len(problems) == 4
-    assert sum("left over" in problem["problem"] for problem in problems) == 1
+    assert sum("unused" in problem["problem"] for problem in problems) == 1
     assert {p["where"] for p in problems} >= {"run 1, series deployment_nominal"} or problems
     assert any("stray.parquet" in p["where"] for p in problems)
 
@@ -209,7 +209,7 @@ def test_what_killed_programs_left_is_no_damage_and_can_be_deleted(
         (series / name).write_bytes(b"half")
     code, out, _ = program("verify", *database(voyage_copy))
     assert code == 0
-    assert "all whole, 2 files left over" in out
+    assert "no problems, 2 unused files" in out
     code, out, err = program("prune", "--orphans", *database(voyage_copy))
     assert code == 0
     assert all(name in out.replace("\n", "") for name in left)

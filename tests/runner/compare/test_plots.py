@@ -194,9 +194,9 @@ def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Resu
     frequency, size = spectrum.lines[0].get_data()
     assert frequency[np.argmax(size)] == pytest.approx(1.0 / 20.0)
     assert np.max(size) == pytest.approx(90.0)
-    assert spectrum.get_title(loc="left") == "spectral lines: 1; 2 of 3 terms told apart"
+    assert spectrum.get_title(loc="left") == "spectral lines: 1; 2 of 3 terms separable"
     note = drawing.figure._supxlabel.get_text()
-    assert "surge, not told apart: u ~ |u|u" in note
+    assert "surge, not separable: u ~ |u|u" in note
     assert "no force in sway" in note
 
 
@@ -295,7 +295,7 @@ def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) ->
     drawn_at = {line.get_label(): line.get_xydata() for line in axes.lines}
     np.testing.assert_allclose(drawn_at["start"], [[5.0, 5.0]])  # east, north
     (text,) = [one.get_text() for one in [axes.figure._supxlabel]]
-    assert "strayed by at most 0.25 m" in text
+    assert "deviated from the plan by at most 0.25 m" in text
 
 
 def test_a_run_without_a_plan_has_no_such_figure(voyages: Results) -> None:
