@@ -75,5 +75,5 @@ def test_what_cannot_predict_says_why(make, signal):
     with pytest.raises(IdentificationError, match=r"cos\(psi\) cannot be predicted in surge"):
         prediction(turned, recording, None)
     heavy = make.surge(60.0, 20.0)
-    with pytest.raises(IdentificationError, match="inertia is not positive definite"):
+    with pytest.raises(IdentificationError, match="inertia of the model is not positive definite"):
         prediction(replace(heavy, theta=-heavy.theta), recording, None)
