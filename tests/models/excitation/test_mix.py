@@ -266,7 +266,7 @@ def test_a_lattice_follows_the_starting_heading() -> None:
          "excitation.route: goal at (99, 15) m: it lies outside area"),
         ("excitation.route.area=[[0,0],[60,0],[60,10],[0,10]] excitation.route.goal=null "
          "excitation.route.clearance_m=4.5 excitation.route.obstacles=[]",
-         "fits nowhere in the area beside the obstacles"),
+         "does not fit anywhere in the area between the obstacles"),
         ("excitation.route.area=null", "obstacles: got some without an area"),
         ("excitation.route.area=[[0,0],[1,1]]", "area: expected at least three corners"),
         ("excitation.route.cell_m=0", "cell_m must be positive or null, got 0"),

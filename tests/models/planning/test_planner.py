@@ -203,7 +203,9 @@ def test_a_manoeuvre_that_fits_nowhere_is_named() -> None:
     narrow = ((0.0, 0.0), (40.0, 0.0), (40.0, 6.0), (0.0, 6.0))
     ends = {"start": np.array([3.0, 3.0, 0.0]), "goal": np.array([37.0, 3.0, 0.0])}
     assert plan(task({"zig": 1}, Waters(narrow, (), 0.5), cell_m=1.0, **ends)).cost > 0
-    with pytest.raises(ConfigurationError, match=r"^loop takes .* m across .* fits nowhere"):
+    with pytest.raises(
+        ConfigurationError, match=r"^loop takes .* m across .* does not fit anywhere"
+    ):
         plan(task({"zig": 1, "loop": 1}, Waters(narrow, (), 0.5), cell_m=1.0, **ends))
 
 
@@ -214,7 +216,7 @@ def test_a_manoeuvre_that_cannot_be_got_to_is_named() -> None:
     low = ((-1.0, 7.0), (28.0, 7.0), (28.0, 41.0), (-1.0, 41.0))
     asked = task({"loop": 1}, Waters(AREA, (left, right, low), 0.8),
                  start=np.array([3.0, 3.0, 0.0]), goal=np.array([20.0, 3.0, 0.0]))  # fmt: skip
-    with pytest.raises(ConfigurationError, match="loop fits only where the vessel cannot get to"):
+    with pytest.raises(ConfigurationError, match="loop fits only at places that cannot be reached"):
         plan(asked)
 
 
