@@ -1,9 +1,10 @@
-"""One process compiles a kernel, the others wait for it and then load what it wrote.
+"""Locks so that one process compiles a kernel while the others wait and then load the result.
 
-A lock a kernel, as an advisory lock (flock) on a file that names its holder: the system releases
-it whatever ends the process. While a process holds any lock a thread of it touches the files
-every second. A holder that does not for ten seconds is suspended, or its machine is gone: then the
-waiting process compiles as well, and does not wait for that holder again.
+Each kernel has an advisory lock (flock) on a file that names the holder. The operating system
+releases the lock when the process ends, however it ends. While a process holds a lock, a thread
+updates the modification time of the lock file every second. If the time does not change for ten
+seconds, the holder is suspended or its machine is down; the waiting process then compiles the
+kernel itself and does not wait for that holder again.
 """
 
 import errno
@@ -18,27 +19,27 @@ from pathlib import Path
 from threading import Lock, Thread
 
 log = logging.getLogger(__name__)
-BEAT_S = 1.0  # between two signs of life of a holder
-STALLED_S = 10.0  # without one: the holder is suspended
+BEAT_S = 1.0  # interval at which a holder updates its lock file
+STALLED_S = 10.0  # without an update for so long, the holder counts as suspended
 POLL_S = 0.05
-_held: set[int] = set()  # file descriptors of the locks that this process has
-_beating: list[Thread] = []  # the thread that touches them, while there is one
-_guard = Lock()  # of both: a descriptor must not be closed while the thread touches its file
-_stalled: set[str] = set()  # holders that are not waited for any more
-_named: set[str] = set()  # holders that a message named
+_held: set[int] = set()  # file descriptors of the locks that this process holds
+_heartbeats: list[Thread] = []  # the thread that updates them, empty while none runs
+_guard = Lock()  # for both: a descriptor must not be closed while the thread updates its file
+_stalled: set[str] = set()  # holders that this process no longer waits for
+_reported: set[str] = set()  # holders that a message has named
 
 
 class CompileLock:
-    """The right to compile one kernel; a process may take it again while it has it."""
+    """Reentrant lock on the compilation of one kernel."""
 
     def __init__(self, path: Path, kernel: str) -> None:
         self._path, self._kernel = path, kernel
         self._depth = 0
-        self._descriptor: int | None = None  # of the file, while it is open
+        self._descriptor: int | None = None  # of the lock file while it is open
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Release on leaving, however that happens, what was taken inside."""
+        """Release on exit, also after an exception, every lock acquired inside the scope."""
         before = self._depth
         try:
             yield
@@ -47,15 +48,15 @@ class CompileLock:
                 self._release()
 
     def acquire(self) -> None:
-        """Return when the kernel may be compiled: with the lock, or in spite of a stalled holder.
+        """Wait until the kernel may be compiled: the lock is held, or its holder is stalled.
 
-        To be called within `scope`.
+        Must be called within `scope`.
         """
         self._depth += 1
         if self._depth > 1:
             return
         _stopwatch.begin()
-        with suppress(OSError):  # a folder that cannot be written: nothing is shared
+        with suppress(OSError):  # the folder cannot be written: compile without a lock
             self._descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
         if self._descriptor is not None and _lock(self._descriptor):
             _hold(self._descriptor, self._kernel)
@@ -70,12 +71,12 @@ class CompileLock:
 
 
 def seconds_compiled() -> float:
-    """Time [s] that this process has spent on compiling, waiting for other compilers included."""
+    """Time [s] that this process has spent compiling or waiting for another process to compile."""
     return _stopwatch.seconds()
 
 
 class _Stopwatch:
-    """The time between the first lock taken and the last one released, summed up."""
+    """Total time during which this process held or waited for at least one lock."""
 
     def __init__(self) -> None:
         self._total_s, self._since_s, self._depth = 0.0, 0.0, 0
@@ -99,8 +100,8 @@ _stopwatch = _Stopwatch()
 
 
 def _lock(descriptor: int) -> bool:
-    """Wait for the lock; False where its holder is stalled, or the file system has no locks."""
-    last: tuple[str, int] | None = None
+    """Wait for the lock; False if its holder is stalled or the file system has no locks."""
+    previous: tuple[str, int] | None = None
     since = 0.0
     while True:
         try:
@@ -111,45 +112,45 @@ def _lock(descriptor: int) -> bool:
         else:
             return True
         holder, kernel = _holder(descriptor)
-        seen = (holder, os.fstat(descriptor).st_mtime_ns)
-        if seen != last:
-            last, since = seen, time.monotonic()
+        state = (holder, os.fstat(descriptor).st_mtime_ns)
+        if state != previous:
+            previous, since = state, time.monotonic()
         if holder in _stalled:
             return False
         if time.monotonic() - since > STALLED_S:
             _stalled.add(holder)
             log.warning(
-                "%s, which compiles %s, shows no sign of life for %g s: compiling without it",
+                "%s, which compiles %s, has not responded for %g s: compiling without the lock",
                 holder, kernel, STALLED_S,
             )  # fmt: skip
             return False
-        if kernel and holder not in _named:
-            _named.add(holder)
-            log.info("waiting for %s, which compiles %s", holder, kernel)
+        if kernel and holder not in _reported:
+            _reported.add(holder)
+            log.info("waiting for %s to compile %s", holder, kernel)
         time.sleep(POLL_S)
 
 
 def _holder(descriptor: int) -> tuple[str, str]:
-    """The process that a lock file names, and the kernel; before it has written, unknown."""
+    """The process and the kernel named in a lock file; defaults while the file is empty."""
     text = os.pread(descriptor, 1000, 0).decode(errors="replace")
     holder, _, kernel = text.partition("\n")
     return holder or "another process", kernel
 
 
 def _hold(descriptor: int, kernel: str) -> None:
-    """Name this process in its lock file and keep the file fresh."""
-    with suppress(OSError):  # a full disk: the lock holds all the same, without a name
+    """Write the name of this process to its lock file and start updating the file."""
+    with suppress(OSError):  # a full disk: the lock is held without a name
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"process {os.getpid()} on {platform.node()}\n{kernel}".encode(), 0)
     with _guard:
         _held.add(descriptor)
-        if not _beating:
-            _beating.append(Thread(target=_beat, name="compile-lock", daemon=True))
-            _beating[0].start()
+        if not _heartbeats:
+            _heartbeats.append(Thread(target=_beat, name="compile-lock", daemon=True))
+            _heartbeats[0].start()
 
 
 def _close(descriptor: int) -> None:
-    """Close a lock file, which releases the lock where it is held."""
+    """Close a lock file, which releases its lock."""
     with _guard:
         if descriptor in _held:
             _held.remove(descriptor)
@@ -159,7 +160,7 @@ def _close(descriptor: int) -> None:
 
 
 def _beat() -> None:
-    """Touch the files of the locks that this process holds, until it holds none."""
+    """Update the files of the locks that this process holds, until it holds none."""
     while True:
         time.sleep(BEAT_S)
         with _guard:
@@ -167,5 +168,5 @@ def _beat() -> None:
                 with suppress(OSError):
                     os.utime(descriptor)
             if not _held:
-                _beating.clear()
+                _heartbeats.clear()
                 return

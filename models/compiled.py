@@ -1,8 +1,9 @@
 """Compilation of the readable equations to machine code, cached on disk for every process.
 
-numba's own cache watches the file of the compiled function only, so a caller of a changed
-function would run stale. Here the cache folder is named by the syntax trees of every source file
-under `models/`: a change of code begins an empty one, a change of comments does not.
+numba's own cache checks the file of the compiled function only, so the caller of a changed
+function would use outdated machine code. Here the name of the cache folder depends on the syntax
+trees of all source files under `models/`: a change of code starts an empty folder, a change of
+comments does not.
 """
 
 # mypy: disallow-untyped-calls=False
@@ -43,7 +44,7 @@ LEAN: Any = {"_nrt": False, "forceinline": True}  # options of a `lean_kernel`
 
 @cache
 def cache_folder() -> Path:
-    """The folder that holds the machine code of exactly these sources."""
+    """The folder that holds the machine code compiled from the current sources."""
     folder = cache_home() / _folder_name()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,10 +56,10 @@ def _folder_name() -> str:
 
 
 class _Files(IndexDataCacheFile):
-    """numba's files of one kernel: an index, and a file of machine code a signature.
+    """numba's cache files of one kernel: an index, and one file of machine code per signature.
 
-    numba numbers the latter, so that two processes that save at once can take the same number for
-    two signatures. Here each name is new, and is in the index only when the file is whole.
+    numba numbers these files, so two processes that save at the same time can use one number for
+    two signatures. Here every name is unique, and the index lists a file only once it is complete.
     """
 
     def save(self, key: Any, data: Any) -> None:
@@ -69,12 +70,12 @@ class _Files(IndexDataCacheFile):
     def _load_index(self) -> Any:
         try:
             return super()._load_index()
-        except (EOFError, pickle.UnpicklingError):  # cut short by a loss of power
+        except (EOFError, pickle.UnpicklingError):  # truncated by a loss of power
             return {}
 
 
 class _Locator(_CacheLocator):
-    """Where numba keeps a function, and by what it knows that the source has changed."""
+    """Where numba caches a function, and how it detects that the source has changed."""
 
     def __init__(self, function: FunctionType) -> None:
         self._function = function
@@ -88,18 +89,18 @@ class _Locator(_CacheLocator):
         return str(cache_folder())
 
     def get_source_stamp(self) -> str:
-        """The function's own file counts twice: it may have changed after the folder was named."""
+        """Digest of the function's file, which may have changed since the folder was named."""
         return source(Path(self._py_file)).digest
 
     def get_disambiguator(self) -> str:
-        """Two functions of one name differ by their code, and outside `models/` by their file."""
+        """Key that separates functions of one name by their code, and outside `models/` by file."""
         outside = "" if Path(self._py_file).is_relative_to(MODELS) else self._py_file
         parts = (self._function.__module__, outside, *_code_of(self._function))
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 def _code_of(function: FunctionType) -> tuple[object, ...]:
-    """What a function does, without its docstring and its place in the file."""
+    """The code of a function without its docstring and its position in the file."""
     constants = function.__code__.co_consts
     return _content(function.__code__, constants[1:] if function.__doc__ else constants)
 
@@ -109,7 +110,7 @@ def _content(code: CodeType, constants: tuple[object, ...]) -> tuple[object, ...
 
 
 def _constant(value: object) -> object:
-    """A constant, in a form whose text is the same in every process."""
+    """A constant in a form whose text is the same in every process."""
     if isinstance(value, CodeType):
         return _content(value, value.co_consts)
     return sorted(map(repr, value)) if isinstance(value, frozenset) else value
@@ -150,7 +151,7 @@ class _Cache(FunctionCache):
         self._cache_file = _Files(self._cache_path, name, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code from disk; None when this process is to compile it."""
+        """The machine code from disk; None if this process has to compile it."""
         self._choose_files(sig)
         result = super().load_overload(sig, target_context)
         if result is None:
@@ -162,7 +163,7 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the machine code, unless the sources have changed since the folder was named."""
-        with suppress(OSError):  # a full disk makes the next start slow, no more
+        with suppress(OSError):  # a full disk only makes the next start slower
             if _folder_name() == cache_folder().name:
                 self._choose_files(sig)
                 super().save_overload(sig, data)
@@ -182,12 +183,12 @@ def _outside(kind: Any) -> Iterator[Path]:
 
 @cache
 def _announce() -> None:
-    """Say, once in a process, why it takes so long."""
+    """Log, once per process, that kernels are being compiled."""
     log.info("compiling (first run on this machine)")
 
 
 class _Kernel(CPUDispatcher):
-    """numba's dispatcher, which releases the lock however a compilation ends."""
+    """numba's dispatcher, which releases the lock also when a compilation fails."""
 
     _cache: _Cache
 
@@ -202,27 +203,27 @@ def kernel(function: F) -> F:
 
 
 def lean_kernel(function: F) -> F:
-    """The same for a function that makes no array: without reference counts, inlined.
+    """Compile a function that allocates no array, inlined and without reference counting.
 
-    Counting references to the arrays of a parameter tuple costs five times the arithmetic of a
-    vessel's right-hand side (310 ns against 48 ns measured).
+    Reference counting for the arrays of a parameter tuple takes five times as long as the
+    arithmetic of a vessel's right-hand side (310 ns against 48 ns measured).
     """
     return _compile(function, **LEAN)
 
 
 def tuple_of(numba_type: Any) -> type:
-    """The named tuple's class behind numba's type of it, in an `overload`."""
-    found: type = numba_type.instance_class
-    return found
+    """The named-tuple class of a numba type, for use in an `overload`."""
+    tuple_class: type = numba_type.instance_class
+    return tuple_class
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Whether a step is machine code; none is where numba is disabled."""
+    """Whether a step is machine code; always False when numba is disabled."""
     return isinstance(function, Dispatcher)
 
 
 def in_python(function: F) -> F:
-    """The readable function behind a kernel; a function that is not compiled is itself."""
+    """The Python function behind a kernel; a function that is not compiled is returned as it is."""
     return cast(F, function.py_func) if isinstance(function, Dispatcher) else function
 
 

@@ -1,7 +1,8 @@
 """Elementary functions without branches, which compile for numbers and for packs of numbers.
 
-Both sides of a branch are computed and one is chosen by `where`. The library's functions take one
-number at a time: for packs (`packs.py`) they would take most of a step of a vessel that turns.
+Instead of branching, both alternatives are computed and `where` selects one. The functions of the
+C library take one number at a time; with packs (`packs.py`) they would dominate the computing time
+of a step.
 """
 
 from typing import Any
@@ -22,12 +23,12 @@ P0, P1, P2 = -8.750608600031904122785e-1, -1.615753718733365076637e1, -7.5008557
 P3, P4 = -1.228866684490136173410e2, -6.485021904942025371773e1
 Q1, Q2, Q3 = 2.485846490142306297962e1, 1.650270098316988542046e2, 4.328810604912902668951e2
 Q4, Q5 = 4.853903996359136964868e2, 1.945506571482613964425e2
-STEEP = 0.66  # slope above which the angle is measured from 45 degrees
+STEEP = 0.66  # above this slope the angle is measured from 45 degrees
 QUARTER_PI, QUARTER_REST = 0.78539816339744830962, 3.0616169978683829e-17
 
 
 def where(mask: Any, a: Any, b: Any) -> Any:
-    """a where the mask is true, else b; both have been computed."""
+    """`a` where the mask is true, else `b`; both are evaluated."""
     return a if mask else b
 
 

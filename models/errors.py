@@ -1,13 +1,13 @@
-"""The errors a user can cause or meet; everything else is a bug and is not caught.
+"""Errors that the user can cause or encounter; any other exception is a bug and is not caught.
 
     SeatrialError
     |- ConfigurationError     an option is unknown, of the wrong type, or out of range
     |- RecordingError         a measured file cannot be read as a recording
-    |- IdentificationError    the data do not determine the model that was asked for
-    |- Diverged               a simulation left the limits of the vessel
+    |- IdentificationError    the data do not determine the requested model
+    |- Diverged               a simulation exceeded the limits of the vessel
     `- LogbookError           the results database cannot be used
 
-A message is one line: what, where, what was got, what was expected.
+A message is one line: what, where, what was received, what was expected.
 """
 
 
@@ -24,13 +24,14 @@ class RecordingError(SeatrialError):
 
 
 class IdentificationError(SeatrialError):
-    """The data do not determine the model that was asked for."""
+    """The data do not determine the requested model."""
 
 
-class Diverged(SeatrialError):  # noqa: N818 - it is an outcome, and named as the run's status
-    """A simulation left the limits of the vessel.
+class Diverged(SeatrialError):  # noqa: N818 - named like the status of the run
+    """A simulation exceeded the limits of the vessel.
 
-    `time_s` is the time since the start [s], `quantity` the name of the state that left.
+    `time_s` is the time since the start [s], `quantity` the name of the state that exceeded its
+    limit.
     """
 
     def __init__(self, message: str, time_s: float, quantity: str) -> None:

@@ -1,6 +1,6 @@
-"""A number that a part says of itself: what an identifier, a controller or an excitation reports.
+"""Numbers that an identifier, a controller or an excitation reports about its own result.
 
-It is stored as it is, as a row of the table `diagnostic`.
+Each is stored unchanged as a row of the table `diagnostic`.
 """
 
 from dataclasses import dataclass
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """One number, such as the error at model order `i`.
+    """A reported number, such as the error at model order `i`.
 
-    A surface has the order in `i` and the number of variables in `j`; a Pareto set the point in
-    `i`, the parameter in `j` and its name in `label`. `dof` is a degree of freedom or `all`.
+    For an error surface, `i` is the order and `j` the number of variables. For a Pareto set, `i`
+    is the point, `j` the parameter and `label` the name of the parameter. `dof` is a degree of
+    freedom or `all`.
     """
 
     name: str

@@ -1,13 +1,14 @@
-"""A number type for numba: a pack of WIDTH numbers that are computed side by side.
+"""A number type for numba: a pack of WIDTH numbers that are processed in parallel.
 
-A kernel compiled for arrays of packs computes WIDTH candidates at once, with the vector
-instructions of the processor, by the same readable equation that computes one from arrays of
-numbers. A pack adds, subtracts, multiplies, divides and compares; a number beside it stands for
-WIDTH equal ones. A comparison gives a mask: in place of a branch, `where(mask, a, b)` chooses.
-`abs`, `np.sqrt`, `np.floor`, `np.cos`, `np.sin` and `np.arctan2` take packs.
+A kernel compiled for arrays of packs computes WIDTH candidates at once with the vector
+instructions of the processor. Its source is the same equation that is compiled for arrays of
+numbers. Packs support addition, subtraction, multiplication, division and comparison; a number
+combined with a pack is broadcast to WIDTH equal numbers. A comparison gives a mask, and
+`where(mask, a, b)` replaces a branch. `abs`, `np.sqrt`, `np.floor`, `np.cos`, `np.sin` and
+`np.arctan2` accept packs.
 
-Packs exist in compiled code alone: there `as_packs` views an array of numbers, shape
-(..., WIDTH), as an array of packs, shape (...).
+Packs exist in compiled code only, where `as_packs` views an array of numbers, shape (..., WIDTH),
+as an array of packs, shape (...).
 """
 
 # mypy: allow-untyped-calls, allow-untyped-decorators
@@ -36,7 +37,7 @@ FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
 
 
 class Pack(types.Type):
-    """WIDTH numbers; a single number converts to a pack of equal ones."""
+    """numba type of WIDTH numbers; a single number converts to a pack of equal numbers."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Pack{WIDTH}")
@@ -46,12 +47,12 @@ class Pack(types.Type):
         return Conversion.safe if isinstance(other, types.Number) else None
 
     def unify(self, typingctx: Any, other: Any) -> "Pack | None":
-        """A variable that is a number here and a pack there is a pack."""
+        """A variable that is assigned both a number and a pack is a pack."""
         return self if isinstance(other, types.Number) else None
 
 
 class Mask(types.Type):
-    """WIDTH truth values: what the comparison of packs gives."""
+    """numba type of WIDTH truth values, the result of comparing packs."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Mask{WIDTH}")
@@ -74,23 +75,23 @@ class _MaskModel(models.PrimitiveModel):
 
 @lower_cast(types.Number, Pack)
 def _broadcast(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
-    """A number in every lane."""
+    """Copy a number to every lane of a vector."""
     number = context.cast(builder, value, source, types.float64)
-    place = ir.IntType(32)
-    nothing = ir.Constant(VECTOR, ir.Undefined)
-    first = builder.insert_element(nothing, number, place(0))
-    lanes = ir.Constant(ir.VectorType(place, WIDTH), [place(0)] * WIDTH)
-    return builder.shuffle_vector(first, nothing, lanes)
+    index = ir.IntType(32)
+    undefined = ir.Constant(VECTOR, ir.Undefined)
+    first = builder.insert_element(undefined, number, index(0))
+    lanes = ir.Constant(ir.VectorType(index, WIDTH), [index(0)] * WIDTH)
+    return builder.shuffle_vector(first, undefined, lanes)
 
 
 def _define(function: Any, result: Any, count: int, emit: Callable[..., Any]) -> None:
-    """Let a function take `count` packs (or numbers beside them), by instructions of LLVM."""
+    """Define a function of `count` packs, or packs and numbers, by LLVM instructions."""
 
     class Template(AbstractTemplate):
         key = function
 
         def generic(self, args: Any, kws: Any) -> Any:
-            packs = all(one == PACK or isinstance(one, types.Number) for one in args)
+            packs = all(arg == PACK or isinstance(arg, types.Number) for arg in args)
             if len(args) == count and packs and PACK in args:
                 return signature(result, *([PACK] * count))
             return None
@@ -102,7 +103,7 @@ def _define(function: Any, result: Any, count: int, emit: Callable[..., Any]) ->
 
 
 def _of_llvm(name: str) -> Callable[..., Any]:
-    """A function of one pack that LLVM has itself."""
+    """Emitter of an LLVM intrinsic function of one pack."""
 
     def emit(builder: Any, value: Any) -> Any:
         kind = ir.FunctionType(VECTOR, [VECTOR])
@@ -113,7 +114,7 @@ def _of_llvm(name: str) -> Callable[..., Any]:
 
 
 def _comparison(sign: str) -> Callable[..., Any]:
-    """As of numbers, a NaN is neither less nor greater nor equal, and unequal to all."""
+    """Emitter of a comparison; as for numbers, every comparison with NaN but `!=` is false."""
     ordered = sign != "!="
     return lambda builder, a, b: (
         builder.fcmp_ordered(sign, a, b) if ordered else builder.fcmp_unordered(sign, a, b)
@@ -144,7 +145,7 @@ _overload(np.sin)(lambda x: (lambda x: cosine_and_sine(x)[1]) if x == PACK else 
 _overload(np.arctan2)(lambda y, x: (lambda y, x: angle_of(y, x)) if PACK in (y, x) else None)
 
 
-def _viewed(typingctx: Any, numbers: Any) -> Any:
+def _typed_view(typingctx: Any, numbers: Any) -> Any:
     packs = types.Array(PACK, numbers.ndim - 1, "C", aligned=False)
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -164,8 +165,8 @@ def _viewed(typingctx: Any, numbers: Any) -> Any:
     return packs(numbers), emit
 
 
-as_packs: Any = intrinsic(_viewed)
+as_packs: Any = intrinsic(_typed_view)
 """View a contiguous array of numbers, shape (..., WIDTH), as an array of packs, shape (...).
 
-The view holds a reference to the buffer, which else could be freed while it is in use.
+The view holds a reference to the buffer so that it is not freed while it is in use.
 """

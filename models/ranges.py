@@ -1,10 +1,10 @@
-"""Ranges of parameters, declared with the fields of a dataclass and checked where it is made.
+"""Ranges of parameters, declared with the fields of a dataclass and checked on construction.
 
     window_s: Positive
     horizon: Annotated[int, Ge(2)]
     lowpass_hz: Positive | None
 
-pydantic reads the same annotations, for the schema of all options.
+pydantic reads the same annotations for the schema of all options.
 """
 
 from functools import cache
@@ -21,11 +21,11 @@ NotNegativeInt = Annotated[int, Ge(0)]
 
 
 def check_ranges(parameters: object) -> None:
-    """Raise ConfigurationError where a field of a dataclass, or an element of one, lies outside."""
+    """Raise ConfigurationError if a field of a dataclass, or an element of it, is out of range."""
     kind: Any = type(parameters)
     for name, bound, optional in _bounds(kind):
         value = getattr(parameters, name)
-        if value is None or isinstance(value, str):  # the alternatives of a number
+        if value is None or isinstance(value, str):  # allowed in place of a number
             continue
         smallest = min(value, default=0.0) if isinstance(value, tuple) else value
         if not _inside(smallest, bound):
@@ -35,7 +35,7 @@ def check_ranges(parameters: object) -> None:
 
 
 def in_words(bound: Gt | Ge) -> str:
-    """What follows the word `must` in a message."""
+    """The range in words, to follow `must` in a message."""
     if isinstance(bound, Gt):
         return "be positive" if bound.gt == 0 else f"be above {bound.gt}"
     return "not be negative" if bound.ge == 0 else f"be at least {bound.ge}"
@@ -47,7 +47,7 @@ def _inside(value: Any, bound: Any) -> bool:
 
 @cache
 def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
-    """Field, bound, and whether None is an alternative."""
+    """Name and bound of every field, and whether the field may be None."""
     hints = get_type_hints(cls, include_extras=True)
     return [
         (name, bound, type(None) in get_args(hint))
@@ -57,7 +57,7 @@ def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
 
 
 def _declared(hint: Any) -> list[Gt | Ge]:
-    """The bounds of a type, of its alternatives and of its elements."""
+    """The bounds declared for a type, for its alternatives and for its elements."""
     if get_origin(hint) is Annotated:
-        return [one for one in hint.__metadata__ if isinstance(one, Gt | Ge)]
+        return [bound for bound in hint.__metadata__ if isinstance(bound, Gt | Ge)]
     return [bound for part in get_args(hint) for bound in _declared(part)]

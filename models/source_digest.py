@@ -1,11 +1,11 @@
-"""Digests of source files by what they compute: comments, docstrings and layout are left out.
+"""Digests of the syntax trees of source files, without comments, docstrings and layout.
 
-The folder of the machine code (`compiled.py`) and the fingerprint of a trial are both made from
-these. Parsing every file takes a second, so what was read of a file is kept on disk, by the
-SHA-256 of its bytes, beside the machine code.
+The folder of the machine code (`compiled.py`) and the fingerprint of a trial depend on these
+digests. Parsing all files takes a second, so the digest of each file is cached on disk, with the
+SHA-256 of the file as the key, beside the machine code.
 
-The folder on disk is `$SEATRIAL_CACHE`, else `$XDG_CACHE_HOME/seatrial`, else
-`~/.cache/seatrial`, else (when none can be written) one in the system's temporary folder.
+The cache folder is the first of `$SEATRIAL_CACHE`, `$XDG_CACHE_HOME/seatrial` and
+`~/.cache/seatrial` that can be written, or else a folder in the system's temporary folder.
 """
 
 import ast
@@ -22,17 +22,17 @@ from pathlib import Path
 from typing import Any
 
 MODELS = Path(__file__).parent
-KEPT_FILE = "sources-1.json"  # a new number when `_text` or `Source` changes
-MOST_KEPT = 2000  # sources; the oldest are forgotten
+KEPT_FILE = "sources-1.json"  # increase the number when `_text` or `Source` changes
+MOST_KEPT = 2000  # in the cache file; the oldest are dropped
 TYPES_ONLY = ("TYPE_CHECKING", "typing.TYPE_CHECKING")
-_parsed: set[str] = set()  # keys of what is not on disk yet
+_parsed: set[str] = set()  # keys that are not on disk yet
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file of Python: the SHA-256 of its syntax tree, and the modules that it imports.
+    """A Python file: the SHA-256 of its syntax tree, and the modules that it imports.
 
-    `from a import b` counts as `a` and `a.b`; imports for type checking alone are left out.
+    `from a import b` counts as `a` and `a.b`; imports for type checking only are left out.
     """
 
     digest: str
@@ -47,50 +47,53 @@ def folder_digest(folder: Path) -> str:
 def files_digest(root: Path, files: Iterable[Path]) -> str:
     """SHA-256 of the names relative to `root` and the syntax trees of some Python files."""
     rows = sorted((path.relative_to(root).as_posix(), source(path).digest) for path in files)
-    _keep()
+    _save()
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()
 
 
 def imported_files(
     start: Path, folder: Path, package: str, left_out: Collection[str] = ()
 ) -> set[Path]:
-    """The Python files of a package that one of them runs with: itself and what it imports.
+    """The Python files of a package that a file imports, directly or indirectly, and itself.
 
     Args:
-        start: the file to begin at.
+        start: the file to begin with.
         folder: the folder of the package.
-        package: its dotted name, as imports say it; empty for modules beside each other.
-        left_out: names of subpackages and modules, directly in the package, not to follow.
+        package: the dotted name of the package; empty for top-level modules in one folder.
+        left_out: names of subpackages and modules, directly in the package, that are not followed.
+
+    Returns:
+        Paths of the files.
     """
     reached: set[Path] = set()
-    waiting = [start]
-    while waiting:
-        path = waiting.pop()
+    pending = [start]
+    while pending:
+        path = pending.pop()
         if path in reached:
             continue
         reached.add(path)
         parts = path.relative_to(folder).with_suffix("").parts
-        within = ".".join([package, *parts[:-1]]).strip(".")
+        parent = ".".join([package, *parts[:-1]]).strip(".")
         prefix = f"{package}." if package else ""
         for name in source(path).imports:
-            full = importlib.util.resolve_name(name, within) if name.startswith(".") else name
-            if full.startswith(prefix):
-                inside = full.removeprefix(prefix).split(".")
-                if inside[0] not in left_out:
-                    waiting += _files_of(folder, inside)
-    _keep()
+            target = importlib.util.resolve_name(name, parent) if name.startswith(".") else name
+            if target.startswith(prefix):
+                names = target.removeprefix(prefix).split(".")
+                if names[0] not in left_out:
+                    pending += _files_of(folder, names)
+    _save()
     return reached
 
 
 def _files_of(folder: Path, parts: list[str]) -> Iterator[Path]:
-    """The files that run when a module of a package is imported, its parents' included."""
+    """The files that run when a module of a package is imported, including parent packages."""
     for depth, _ in enumerate(parts, 1):
         place = folder.joinpath(*parts[:depth])
         yield from filter(Path.is_file, (place.with_suffix(".py"), place / "__init__.py"))
 
 
 def source(path: Path) -> Source:
-    """What a file of Python computes, read again when the file has changed."""
+    """Digest and imports of a Python file, read again when the file has changed."""
     stat = path.stat()
     return _source(path, stat.st_mtime_ns, stat.st_size)
 
@@ -99,22 +102,22 @@ def source(path: Path) -> Source:
 def _source(path: Path, _changed_ns: int, _size: int) -> Source:
     content = path.read_bytes()
     key = hashlib.sha256(content).hexdigest()
-    known = _known()
-    if key not in known:
-        known[key] = parse(content)
+    cached = _cached()
+    if key not in cached:
+        cached[key] = parse(content)
         _parsed.add(key)
-    return known[key]
+    return cached[key]
 
 
 def parse(content: bytes) -> Source:
-    """Read a source file; SyntaxError where it is no Python."""
+    """Parse the content of a source file; raises SyntaxError if it is not Python."""
     tree = ast.parse(content)
     digest = hashlib.sha256(_text(tree).encode("utf-8", "surrogatepass")).hexdigest()
     return Source(digest, tuple(sorted(set(_imports(tree)))))
 
 
 def _text(node: Any) -> str:
-    """A syntax tree as text, the same for every version of Python that has the syntax."""
+    """A syntax tree as text that does not depend on the version of Python."""
     if isinstance(node, ast.AST):
         fields = ((name, getattr(node, name, None)) for name in node._fields)
         inside = (f"{k}={_text(v)}" for k, v in fields if v is not None and v != [])
@@ -125,7 +128,7 @@ def _text(node: Any) -> str:
 
 
 def _is_docstring(node: Any) -> bool:
-    """Whether a node is a string that stands alone as a statement."""
+    """Whether a node is a statement that consists of a string only."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
@@ -150,7 +153,7 @@ def _imports(node: ast.AST) -> Iterator[str]:
 
 
 def cache_home() -> Path:
-    """The folder for what can be made again; the last resort where none can be written."""
+    """The cache folder: the first candidate that can be written, else the last one."""
     cache_folder, xdg_folder = os.environ.get("SEATRIAL_CACHE"), os.environ.get("XDG_CACHE_HOME")
     candidates = [Path(cache_folder)] if cache_folder else []
     candidates += [Path(xdg_folder) / "seatrial"] if xdg_folder else []
@@ -168,8 +171,8 @@ def _writable(folder: Path) -> bool:
 
 
 @cache
-def _known() -> dict[str, Source]:
-    """What was read of sources before, by the SHA-256 of their bytes; empty where unreadable."""
+def _cached() -> dict[str, Source]:
+    """Cached sources by the SHA-256 of their content; empty if the cache file is unreadable."""
     try:
         rows = json.loads((cache_home() / KEPT_FILE).read_bytes())
         return {key: Source(digest, tuple(imports)) for key, (digest, imports) in rows.items()}
@@ -177,12 +180,12 @@ def _known() -> dict[str, Source]:
         return {}
 
 
-def _keep() -> None:
-    """Write what was parsed since the last time; a disk that takes nothing is no error."""
+def _save() -> None:
+    """Write newly parsed sources to the cache file; a failure to write is not an error."""
     if not _parsed:
         return
     _parsed.clear()
-    rows = {key: astuple(value) for key, value in list(_known().items())[-MOST_KEPT:]}
+    rows = {key: astuple(value) for key, value in list(_cached().items())[-MOST_KEPT:]}
     temporary = cache_home() / f"{KEPT_FILE}.{os.getpid()}"
     with suppress(OSError):
         temporary.write_text(json.dumps(rows))

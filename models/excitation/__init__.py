@@ -1,1 +1,1 @@
-"""Excitations: what a vessel is made to do so that it can be identified."""
+"""Excitations: missions, manoeuvres and force signals for identification."""

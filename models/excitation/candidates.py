@@ -1,4 +1,4 @@
-"""Candidate manoeuvres, sailed by a believed model in calm water, and the mix that follows."""
+"""Candidate manoeuvres, simulated with a believed model in calm water, and the resulting mix."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ STEP_S = 0.1  # longest integration step of the design's simulations
 
 @dataclass(frozen=True)
 class Believed:
-    """The model that a mix is designed with; `error` draws every coefficient 1 +- error of it."""
+    """The model for the design of a mix; `error` is the relative error of its coefficients."""
 
     error: float
     seed: NotNegativeInt
@@ -46,7 +46,7 @@ class Believed:
             raise ConfigurationError(f"error must lie between 0 and 1, got {self.error}")
 
     def model(self, nominal: Vessel) -> Vessel:
-        """The nominal model, its coefficients times uniform numbers about one."""
+        """The nominal model with coefficients multiplied by uniform numbers about one."""
         rng = np.random.default_rng(self.seed)
         factors = rng.uniform(1.0 - self.error, 1.0 + self.error, nominal.theta.shape)
         return replace(nominal, theta=nominal.theta * factors)
@@ -54,9 +54,9 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What the believed model says of the candidates, each of `count` instants.
+    """Simulations of the candidates with the believed model, and their information.
 
-    `stop` instants follow, in which the vessel is brought to rest.
+    Each candidate has `count` instants, followed by `stop` instants that bring the vessel to rest.
     """
 
     candidates: Mapping[str, Mission]
@@ -70,7 +70,7 @@ class Design:
     reference_filter: Reference
 
     def sub_experiment(self, name: str, role: Role) -> list[Part]:
-        """A candidate with its stop."""
+        """A candidate, followed by its stop."""
         return [Part(name, "manoeuvre", self.count, role), Part(name, "stop", self.stop)]
 
     def schedule(self, parts: Sequence[Part]) -> Schedule:
@@ -79,7 +79,7 @@ class Design:
         return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
 
     def sailed(self, name: str) -> Voyage:
-        """A candidate from rest at the origin, and its stop, in calm water."""
+        """Simulate a candidate and its stop in calm water, from rest at the origin."""
         plan = self.schedule(self.sub_experiment(name, "training"))
         n, n_dof = len(plan), len(plan.dofs)
         still = np.zeros((n, n_dof))
@@ -93,18 +93,18 @@ class Design:
             )  # fmt: skip
         except (Diverged, ConfigurationError) as error:
             raise ConfigurationError(
-                f"excitation.candidates.{name}: the believed model cannot sail it: {error}"
+                f"excitation.candidates.{name}: simulation of the believed model failed: {error}"
             ) from error
 
     @cached_property
     def voyages(self) -> dict[str, Voyage]:
-        """Every candidate, sailed by the believed model."""
+        """The simulation of every candidate with the believed model."""
         return {name: self.sailed(name) for name in self.candidates}
 
     @cached_property
     def gammas(self) -> Array:
-        """Information of every candidate without its stop, scaled, shape (Q, n, n)."""
-        found = []
+        """Scaled information of every candidate without its stop, shape (Q, n, n)."""
+        matrices = []
         for voyage in self.voyages.values():
             log = voyage.log
             attitude = np.zeros((self.count, 3))
@@ -112,23 +112,23 @@ class Design:
             x = basis.variables(
                 log.nu_dot[: self.count], log.nu[: self.count], attitude, voyage.dofs
             )
-            found.append(information(basis.evaluate(self.terms, x)))
-        return scaled(np.array(found))
+            matrices.append(information(basis.evaluate(self.terms, x)))
+        return scaled(np.array(matrices))
 
     @cached_property
     def weights(self) -> Weights:
         """The optimal shares of the candidates."""
-        return optimal(self.gammas, [one.name for one in self.terms])
+        return optimal(self.gammas, [term.name for term in self.terms])
 
     def counts(self, total: int) -> Integers:
         """The optimal mix in whole sub-experiments, shape (Q,)."""
         counts = largest_remainder(self.weights.share, total)
-        names = [one.name for one in self.terms]
-        left = inseparable(np.tensordot(counts / total, self.gammas, axes=1), names)
-        if left:
+        terms = [term.name for term in self.terms]
+        names = inseparable(np.tensordot(counts / total, self.gammas, axes=1), terms)
+        if names:
             raise ConfigurationError(
-                f"excitation.sub_experiments: {total} of the optimal mix do not tell "
-                f"{', '.join(left)} apart, expected more"
+                f"excitation.sub_experiments: {total} of the optimal mix do not separate "
+                f"{', '.join(names)}, expected more"
             )
         return counts
 

@@ -18,13 +18,13 @@ from seatrial.models.vessel.basis import Array
 
 @dataclass(frozen=True)
 class Forcing(Mission):
-    """An excitation by a force signal. Ljungberg: with an offset, instruments are stronger.
+    """An excitation by a force signal. An offset makes instruments stronger (Ljungberg).
 
-    `amplitude` and `offset` [N, Nm] are by degree of freedom; `axes` are those that the signal is
-    on. `order`: `together`, or `in_turn`, one axis after the other. `loop`: `open`; `closed`,
-    added to the controller's command while it holds the starting pose, or while it sails `base`.
-    The signal is given for `length_s` of its own time, which runs slower by `time_scale`; with
-    `base` for as long as that takes. The first `train_fraction` of each signal is for training.
+    `amplitude` and `offset` [N, Nm] are by degree of freedom; the signal acts on `axes`. `order`:
+    `together`, or `in_turn`, one axis after the other. `loop`: `open`; `closed`, added to the
+    command of a controller that holds the starting pose or follows the mission `base`. The signal
+    lasts `length_s` times `time_scale`, or as long as `base`. The first `train_fraction` of each
+    signal is for training.
     """
 
     signal: Signal
@@ -48,17 +48,17 @@ class Forcing(Mission):
                 f"each of {', '.join(self.axes) or 'the axes'}"
             )
         if self.base is not None and self.loop == "open":
-            raise ConfigurationError("base: is sailed in a closed loop, got loop=open")
+            raise ConfigurationError("base: requires loop=closed, got loop=open")
         check_fraction(self.train_fraction)
 
     @property
     def open_loop(self) -> bool:
-        """Whether no controller takes part."""
+        """Whether the mission runs without a controller."""
         return self.loop == "open"
 
     @property
     def parts(self) -> int:
-        """How often the signal is given."""
+        """Number of repetitions of the signal."""
         return len(self.axes) if self.order == "in_turn" else 1
 
     @property
@@ -79,7 +79,7 @@ class Forcing(Mission):
         return self.hold if self.base is None else self.base.reference_filter
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Hold the starting pose, or sail the base mission."""
+        """Hold the starting pose, or follow the base mission."""
         if self.base is not None:
             return self.base.guidance(t, start)
         return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
@@ -92,11 +92,11 @@ class Forcing(Mission):
         part = np.minimum((t / self.part_s + 1e-9).astype(int), self.parts - 1)
         alone = self.order == "in_turn"
         for i, axis in enumerate(self.axes):
-            on = part == i if alone else np.ones(len(t), dtype=bool)
-            own = (t[on] - self.part_s * part[on]) / self.time_scale
-            place = (0, 1) if alone else (i, len(self.axes))
-            shape = self.signal.sample(own, *place, rng)
-            force[on, dofs.index(axis)] += self.amplitude[axis] * shape
+            active = part == i if alone else np.ones(len(t), dtype=bool)
+            signal_time = (t[active] - self.part_s * part[active]) / self.time_scale
+            axis_and_count = (0, 1) if alone else (i, len(self.axes))
+            shape = self.signal.sample(signal_time, *axis_and_count, rng)
+            force[active, dofs.index(axis)] += self.amplitude[axis] * shape
         return force
 
     def steady(self) -> Mapping[str, float]:
@@ -110,7 +110,7 @@ class Forcing(Mission):
         return Split(train, ~train)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """The axes have to be degrees of freedom of the vessel."""
+        """Raise ConfigurationError unless the axes are degrees of freedom of the vessel."""
         unknown = [axis for axis in self.axes if axis not in dofs]
         if unknown:
             raise ConfigurationError(
@@ -121,7 +121,7 @@ class Forcing(Mission):
             self.base.check(dofs)
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError where a force exceeds what the thrusters can give."""
+        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
         dofs = tuple(dict.fromkeys((*self.axes, *(self.offset or ()))))
         t = period_s * np.arange(round(self.duration_s / period_s), dtype=np.float64)
         peak = np.max(np.abs(self.force(t, dofs, np.random.default_rng(0))), axis=0)

@@ -22,8 +22,8 @@ class Reference(ABC):
     def table(self, period_s: float) -> NamedTuple:
         """Parameters of the registered step for a control period [s]."""
 
-    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - nothing to refuse
-        """Raise ConfigurationError where it does not fit these degrees of freedom."""
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - every vessel is accepted
+        """Raise ConfigurationError if it does not suit these degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ class SightTable(NamedTuple):
 
 @lean_kernel
 def _sight_step(table: SightTable, state: Array, k: int, eta: Array, setpoint: Array) -> None:
-    """Where the circle about the vessel cuts the leg ahead. Jervan (2020), eqs. (2.16)-(2.18).
+    """Set-point at the circle around the vessel on the leg. Jervan (2020), eqs. (2.16)-(2.18).
 
-    state = (next way-point, unrolled heading). The circle grows to the distance from the leg
-    when it does not reach it.
+    state = (next way-point, unwrapped heading). If the circle does not reach the leg, its radius
+    is increased to the distance from the leg.
     """
     last = table.waypoints.shape[0] - 1
     target = int(state[0])
@@ -104,7 +104,9 @@ class LineOfSight:
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ConfigurationError("waypoints: expected at least two of (north, east)")
         if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
-            raise ConfigurationError("waypoints: two that follow each other are equal")
+            raise ConfigurationError(
+                "waypoints: got two equal consecutive points, expected distinct ones"
+            )
 
     def build(self, start: Array) -> tuple[SightTable, Array]:
         """Parameters and initial state of the compiled step, from a starting pose (3,)."""
@@ -117,9 +119,9 @@ def straight_line_setpoints(
 ) -> Array:
     """Set-points that move on straight lines between way-points, shape (N, 3).
 
-    A new way-point (x, y, psi; unwrapped) is given every `interval_s` from t = 0, the first
-    reached from the origin. The set-point moves there in T = max(distance / speed, |turn| /
-    turn rate), x, y and psi together, and waits.
+    A new way-point (x, y, psi; unwrapped) [m, m, rad] starts every `interval_s` from t = 0; the
+    first leg starts at the origin. The set-point moves to it in T = max(distance / speed, |turn| /
+    turn rate), x, y and psi simultaneously, and then waits.
     """
     points = np.vstack([np.zeros(3), waypoints])
     leg = np.minimum((t / interval_s + 1e-9).astype(int), len(waypoints) - 1)
@@ -131,6 +133,6 @@ def straight_line_setpoints(
 
 
 def step_setpoints(waypoints: Array, interval_s: float, t: Array) -> Array:
-    """Way-points given as steps, one every `interval_s`, shape (N, 3)."""
+    """Set-points that step to a new way-point every `interval_s` [s], shape (N, 3)."""
     leg = np.minimum((t / interval_s + 1e-9).astype(int), len(waypoints) - 1)
     return np.asarray(waypoints[leg], dtype=np.float64)

@@ -1,20 +1,19 @@
-"""How informative manoeuvres are, and the mix of them that tells the coefficients apart best.
+"""Information of manoeuvres, and the optimal mix of them for estimating the coefficients.
 
     Gamma_q = (1/N) sum_k phi(k) phi(k)'                 of manoeuvre q, phi as in tau = theta' phi
     N* = argmax log det (N_1 Gamma_1 + ... + N_Q Gamma_Q),  N_1 + ... + N_Q = N,  N_q >= 0
 
-Ljungberg (slides), "Informative mix of sub-experiments". With the instruments of a noise-free
-simulation in the place of the regressors, Z = Phi, every Gamma_q is symmetric and the problem
-concave: D-optimal design. The terms are free in every degree of freedom, so the information of
-all coefficients is as many copies of Gamma as there are degrees of freedom, and has the same
-optimum.
+Ljungberg (slides), "Informative mix of sub-experiments". If the instruments are the regressors of
+a noise-free simulation, Z = Phi, every Gamma_q is symmetric and the problem is concave: D-optimal
+design. Every term is estimated in every degree of freedom, so the information of all coefficients
+is block diagonal with one copy of Gamma per degree of freedom, and has the same optimum.
 
-Before any identification a report says whether a recording can tell the terms of a model apart.
-For each degree of freedom the regressors are the terms that the model has there, each scaled to
-unit size. Small singular values mean that a combination of them hardly shows in the data: that
-combination cannot be identified, whatever the method. Beside it stand the spectral lines of the
-force, of which a linear regression needs half as many as it has unknowns (Ljung (1999), 13.2);
-they are those of the whole experiment, as more of them are resolved the longer it is.
+Before the identification, a report states whether a recording separates the terms of a model. For
+each degree of freedom the regressors are the terms that the model has there, each scaled to unit
+norm. A small singular value means that a combination of terms has almost no effect on the data;
+no method can identify that combination. The report also counts the spectral lines of the force; a
+linear regression requires half as many as it has unknowns (Ljung (1999), 13.2). They are counted
+over the entire experiment, since a longer record resolves more of them.
 """
 
 from collections.abc import Sequence
@@ -30,17 +29,17 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 Integers = NDArray[np.int64]
-GAP = 1e-6  # at which the search for the optimum ends
+GAP = 1e-6  # at which the search for the optimum stops
 MOST_STEPS = 200_000
 SINGULAR = 1e-12  # of an eigenvalue, relative to the largest, of scaled information
-SHARE = 0.2  # of a term in a combination that counts as part of it
-INSEPARABLE = 0.01  # of a singular value, relative to the largest: noise is amplified so much
-LINE = 0.01  # of the amplitude of a spectral line, relative to the largest
+SHARE = 0.2  # smallest relative weight of a term that belongs to a combination
+INSEPARABLE = 0.01  # of a singular value, relative to the largest
+LINE = 0.01  # smallest amplitude of a spectral line, relative to the largest
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Shares w_q >= 0 of the manoeuvres, shape (Q,), of sum one, and how far from the optimum."""
+    """Shares w_q >= 0 of the manoeuvres, shape (Q,), with sum one, and their optimality gap."""
 
     share: Array
     gap: float  # max_q tr(Gamma^-1 Gamma_q) - n, zero at the optimum
@@ -58,9 +57,9 @@ def log_det(gammas: Array, counts: Array) -> float:
 
 
 def scaled(gammas: Array) -> Array:
-    """The same with every term in units of its own size over all manoeuvres, (Q, n, n).
+    """Information (Q, n, n) with every term scaled by its root mean square over all manoeuvres.
 
-    That adds a constant to every log det.
+    The scaling adds a constant to every log det.
     """
     size = np.sqrt(np.mean(np.diagonal(gammas, axis1=1, axis2=2), axis=0))
     size = np.where(size > 0.0, size, 1.0)
@@ -68,7 +67,7 @@ def scaled(gammas: Array) -> Array:
 
 
 def inseparable(gamma: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """The terms that scaled information (n, n) does not tell apart; none where it does."""
+    """The terms that scaled information (n, n) does not separate; empty if it separates all."""
     values, ways = np.linalg.eigh(gamma)
     if values[0] > SINGULAR * values[-1]:
         return ()
@@ -88,28 +87,28 @@ def sensitivities(gammas: Array, share: Array) -> Array:
 def optimal(gammas: Array, names: Sequence[str], gap: float = GAP) -> Weights:
     """The D-optimal shares by the multiplicative algorithm w_q <- w_q d_q / n.
 
-    Titterington (1976). log det never falls from one step to the next. A manoeuvre that no optimum
-    contains is left out as soon as the gap shows it: Harman and Pronzato (2007), theorem 1.
-    Raises ConfigurationError where all manoeuvres together do not tell the terms apart.
+    Titterington (1976). log det does not decrease. A manoeuvre that no optimum
+    contains is removed as soon as the gap proves it: Harman and Pronzato (2007), theorem 1.
+    Raises ConfigurationError if all manoeuvres together do not separate the terms.
     """
     gammas = scaled(gammas)
-    together = inseparable(np.mean(gammas, axis=0), names)
-    if together:
+    names_left = inseparable(np.mean(gammas, axis=0), names)
+    if names_left:
         raise ConfigurationError(
-            f"excitation.candidates: all manoeuvres together do not tell {', '.join(together)} "
-            "apart"
+            "excitation.candidates: all manoeuvres together do not separate "
+            f"{', '.join(names_left)}, expected others"
         )
     n = gammas.shape[1]
     share = np.full(len(gammas), 1.0 / len(gammas))
     for _ in range(MOST_STEPS):
         d = sensitivities(gammas, share)
-        left = float(np.max(d) - n)
-        if left <= gap:
+        gap_left = float(np.max(d) - n)
+        if gap_left <= gap:
             break
         share *= d / n
-        share[d < _threshold(left, n)] = 0.0
+        share[d < _threshold(gap_left, n)] = 0.0
         share /= np.sum(share)
-    return Weights(share, left)
+    return Weights(share, gap_left)
 
 
 def _threshold(left: float, n: int) -> float:
@@ -137,7 +136,7 @@ def largest_remainder(share: Array, total: int) -> Integers:
 
 @dataclass(frozen=True)
 class Persistence:
-    """What a recording shows of one degree of freedom."""
+    """Persistence of excitation of a recording for one degree of freedom."""
 
     dof: str
     terms: tuple[str, ...]
@@ -154,11 +153,11 @@ class Persistence:
 
     @property
     def persistent(self) -> bool:
-        """Whether all terms can be told apart."""
+        """Whether the recording separates all terms."""
         return self.rank == self.unknowns
 
     def warning(self) -> str | None:
-        """What cannot be told apart, in a line; None where all can."""
+        """A line that names the terms that are not separated; None if all are."""
         parts = []
         if self.unexcited:
             parts.append(f"{', '.join(self.unexcited)} not excited")
@@ -166,16 +165,16 @@ class Persistence:
         if not parts:
             return None
         few = f", {self.lines} spectral lines" if 2 * self.lines < self.unknowns else ""
-        seen = f"{self.rank} of {self.unknowns} terms told apart{few}"
-        return f"{self.dof}: {seen}: {'; '.join(parts)}"
+        summary = f"{self.rank} of {self.unknowns} terms told apart{few}"
+        return f"{self.dof}: {summary}: {'; '.join(parts)}"
 
 
 def persistence(
     recording: Recording, model: Vessel, whole: Recording | None = None
 ) -> tuple[Persistence, ...]:
-    """The report over a recording, one entry a degree of freedom, for the terms of a model.
+    """The report on a recording, one entry per degree of freedom, for the terms of a model.
 
-    `whole` is the experiment that the recording is a part of, where it is one.
+    `whole` is the experiment that the recording is a part of, if any.
     """
     x = recording.variables()
     tau = (whole or recording).tau
@@ -183,19 +182,19 @@ def persistence(
 
 
 def _of_dof(force: Array, model: Vessel, column: int, x: Array) -> Persistence:
-    used = [one for one, row in zip(model.terms, model.theta, strict=True) if row[column] != 0.0]
-    phi = basis.evaluate(used, x)
+    terms = [term for term, row in zip(model.terms, model.theta, strict=True) if row[column] != 0.0]
+    phi = basis.evaluate(terms, x)
     size = np.linalg.norm(phi, axis=0)
     excited = size > 0.0
-    names = [one.name for one in used]
-    left = [name for name, any_ in zip(names, excited, strict=True) if any_]
-    _, values, ways = np.linalg.svd(phi[:, excited] / size[excited], full_matrices=False)
+    names = [term.name for term in terms]
+    excited_names = [name for name, nonzero in zip(names, excited, strict=True) if nonzero]
+    _, values, directions = np.linalg.svd(phi[:, excited] / size[excited], full_matrices=False)
     rank = int(np.sum(values > INSEPARABLE * values[0])) if len(values) else 0
-    groups = [_members(way, left) for way in ways[rank:][::-1]]
+    groups = [_members(direction, excited_names) for direction in directions[rank:][::-1]]
     return Persistence(
         dof=model.dofs[column],
         terms=tuple(names),
-        unexcited=tuple(name for name, any_ in zip(names, excited, strict=True) if not any_),
+        unexcited=tuple(name for name, nonzero in zip(names, excited, strict=True) if not nonzero),
         inseparable=tuple(dict.fromkeys(groups)),
         condition=float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else np.inf,
         rank=rank,
@@ -204,7 +203,7 @@ def _of_dof(force: Array, model: Vessel, column: int, x: Array) -> Persistence:
 
 
 def _members(way: Array, names: list[str]) -> tuple[str, ...]:
-    """The terms that make up a combination."""
+    """The terms that form a combination."""
     weight = np.abs(way) / np.max(np.abs(way))
     return tuple(name for name, share in zip(names, weight, strict=True) if share > SHARE)
 
@@ -212,12 +211,12 @@ def _members(way: Array, names: list[str]) -> tuple[str, ...]:
 def spectral_lines(force: Array) -> int:
     """Number of frequencies in a force (N,), the mean and neighbours of a line left out.
 
-    They are those between its first and its last sample that is not zero.
+    Only the interval between the first and the last non-zero sample is used.
     """
-    at = np.flatnonzero(force)
-    if not len(at):
+    nonzero = np.flatnonzero(force)
+    if not len(nonzero):
         return 0
-    force = force[at[0] : at[-1] + 1]
+    force = force[nonzero[0] : nonzero[-1] + 1]
     amplitude = np.abs(np.fft.rfft((force - np.mean(force)) * np.hanning(len(force))))
     if not np.max(amplitude, initial=0.0) > 1e-12 * np.max(np.abs(force), initial=0.0):
         return 0

@@ -33,11 +33,11 @@ def _steerable(what: str, dofs: Sequence[str]) -> None:
 class Steered(Mission):
     """A steady surge force, and after `approach_s` a yaw moment.
 
-    Without `turn_deg` the moment stays: a turning circle. With it the moment changes sign each
-    time the heading has turned that far from the approach: a zig-zag, 10/10 or 20/20 when moment
-    and angle are those of the test's name. `loop`: `open`, without a controller; `closed`, added to
-    the command of one that holds the starting pose, which resists: the moment has to be larger.
-    `offset` [N, Nm] is a force by degree of freedom that is there all the time.
+    Without `turn_deg` the moment is constant: a turning circle. With it the moment changes sign
+    whenever the heading has deviated by that angle from the approach: a zig-zag, such as 10/10 or
+    20/20. `loop`: `open`, without a controller; `closed`, added to the command of a controller
+    that holds the starting pose, which requires a larger moment. `offset` [N, Nm] is a constant
+    force by degree of freedom.
     """
 
     surge_force_n: float
@@ -61,15 +61,15 @@ class Steered(Mission):
 
     @property
     def open_loop(self) -> bool:
-        """Whether no controller takes part."""
+        """Whether the mission runs without a controller."""
         return self.loop == "open"
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """The starting pose, which only a closed loop heeds."""
+        """The starting pose as set-point, used in a closed loop only."""
         return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
-        """Force [N, Nm] at the times t [s], shape (N, n_dof); a zig-zag's moment is steered."""
+        """Force [N, Nm] at the times t [s], shape (N, n_dof), without the moment of a zig-zag."""
         force = steady_force(self.steady(), len(t), dofs)
         force[:, dofs.index("surge")] += self.surge_force_n
         if self.turn_deg is None:
@@ -93,12 +93,12 @@ class Steered(Mission):
         return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Surge and yaw are needed."""
+        """Raise ConfigurationError unless the vessel has surge and yaw."""
         _steerable("a turning circle or zig-zag", dofs)
         check_offset(self.offset, dofs)
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError where a force exceeds what the thrusters can give."""
+        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
         within("surge_force_n", self.surge_force_n, limits, "surge")
         within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
         steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
@@ -108,22 +108,22 @@ class Steered(Mission):
 
 @dataclass(frozen=True)
 class ConstantVelocity(Mission):
-    """Runs at constant velocities, there and back, under control. Hoyer (2021), Table 5.2.
+    """Controlled runs at constant velocity in both directions. Hoyer (2021), Table 5.2.
 
-    `velocities` [m/s, rad/s] are by degree of freedom, or by several at once (`surge+sway`), then
-    one number for all of them or one each; runs in axes that the vessel does not have are left
-    out. The set-point moves with the velocity for `run_s`, waits for `rest_s`, and comes back. Of
-    the pairs `train_fraction` are for training, spread evenly.
+    `velocities` [m/s, rad/s] are by degree of freedom, or by a combination such as `surge+sway`
+    with one number for all or one for each; runs in axes that the vessel does not have are
+    omitted. The set-point moves with the velocity for `run_s`, waits for `rest_s`, and returns. A
+    share `train_fraction` of the pairs, evenly distributed, is for training.
     """
 
     velocities: dict[str, tuple[float | tuple[float, ...], ...]]
     velocity_scale: Positive
     run_s: Positive
     rest_s: Positive
-    axes: tuple[str, ...]  # what the vessel has
+    axes: tuple[str, ...]  # of the vessel
     reference_filter: Reference
     train_fraction: float
-    offset: dict[str, float] | None = None  # [N, Nm], beside the controller
+    offset: dict[str, float] | None = None  # [N, Nm], added to the command
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -150,7 +150,7 @@ class ConstantVelocity(Mission):
 
     @property
     def pair_s(self) -> float:
-        """There and back [s]."""
+        """Duration of a pair of runs [s]."""
         return 2.0 * (self.run_s + self.rest_s)
 
     @property
@@ -182,7 +182,7 @@ class ConstantVelocity(Mission):
         return Split(train, ~train)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """At least one pair to train and one to test with."""
+        """Raise ConfigurationError unless there are pairs for training and for testing."""
         if tuple(dofs) != self.axes:
             raise ConfigurationError(
                 f"excitation.axes: got {', '.join(self.axes)}, expected {', '.join(dofs)}"

@@ -1,4 +1,4 @@
-"""What a vessel is sent to do: way-points on a timetable, line of sight, the same again."""
+"""Missions: way-points on a timetable, line-of-sight guidance, and replay of the excitation."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -25,25 +25,25 @@ NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment i
 
 
 class Evaluation(ABC):
-    """What a controller is judged by: a mission, or the excitation once more."""
+    """The evaluation of a controller: a mission, or a replay of the excitation."""
 
-    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - nothing to refuse
-        """Raise ConfigurationError when a vessel of these degrees of freedom cannot do it."""
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - every vessel is accepted
+        """Raise ConfigurationError if it does not suit a vessel with these degrees of freedom."""
 
     @abstractmethod
     def mission(self, excitation: "Mission") -> "Mission":
-        """What is sailed after this excitation."""
+        """The mission that evaluates the controller after this excitation."""
 
     def skip_reason(self, excitation: "Mission") -> str | None:
-        """Why nothing is sailed after this excitation; None where something is."""
+        """Why there is no evaluation after this excitation; None if there is one."""
         return None
 
 
 class Mission(Evaluation):
-    """What is sailed: a guidance law with a reference model, and forces beside the controller.
+    """A mission: a guidance law with a reference model, and forces added to the command.
 
-    It excites a vessel, or evaluates a controller, or both. `duration_s` [s] is its length,
-    `reference_filter` stands between set-point and reference.
+    It excites a vessel, evaluates a controller, or both. `duration_s` [s] is its length,
+    `reference_filter` the reference model between set-point and reference.
     """
 
     if TYPE_CHECKING:  # a property would be taken for the default of a field of that name
@@ -64,16 +64,16 @@ class Mission(Evaluation):
 
     @property
     def open_loop(self) -> bool:
-        """Whether no controller takes part."""
+        """Whether the mission runs without a controller."""
         return False
 
     @property
     def start(self) -> Array | None:
-        """The pose that it begins at, shape (n_dof,); None is the origin."""
+        """The initial pose [m, rad], shape (n_dof,); None means the origin."""
         return None
 
     def steady(self) -> Mapping[str, float]:
-        """A force [N, Nm] that acts all the time, by degree of freedom."""
+        """A constant force [N, Nm] by degree of freedom."""
         return {}
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array | None:
@@ -82,18 +82,18 @@ class Mission(Evaluation):
         return steady_force(steady, len(t), dofs) if steady else None
 
     def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
-        """The moment of a zig-zag, where it has one."""
+        """The moment of a zig-zag; None if the mission has none."""
         return None
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
-        """What stands in the controller's place in an open loop; None in a closed one."""
+        """The step that replaces the controller in an open loop; None in a closed loop."""
         if not self.open_loop:
             return None
         zigzag = self.zigzag(dofs, period_s)
         return open_loop() if zigzag is None else beside(open_loop(), zigzag)
 
     def accompany(self, dofs: Sequence[str], period_s: float, controller: Steering) -> Steering:
-        """A controller's parameters and state, with what the mission steers beside it."""
+        """Parameters and state of a controller, with the moment of a zig-zag if there is one."""
         zigzag = None if self.open_loop else self.zigzag(dofs, period_s)
         return controller if zigzag is None else beside(controller, zigzag)
 
@@ -102,12 +102,12 @@ class Mission(Evaluation):
         return half(len(t))
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError where a force exceeds what the thrusters can give [N, Nm]."""
+        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
         for dof, value in self.steady().items():
             within(f"offset.{dof}", value, limits, dof)
 
     def mission(self, excitation: "Mission") -> "Mission":
-        """Itself, whatever the excitation."""
+        """The mission itself, for any excitation."""
         return self
 
 
@@ -117,7 +117,7 @@ def steady_force(offset: Mapping[str, float], n: int, dofs: Sequence[str]) -> Ar
 
 
 def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> None:
-    """Refuse a constant force on a degree of freedom that the vessel does not have."""
+    """Raise ConfigurationError for a constant force [N, Nm] on an axis that does not exist."""
     unknown = [axis for axis in offset or () if axis not in dofs]
     if unknown:
         raise ConfigurationError(
@@ -126,7 +126,7 @@ def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> Non
 
 
 def within(name: str, value: float, limits: Mapping[str, float], dof: str) -> None:
-    """Refuse a force [N, Nm] that exceeds what the thrusters can give."""
+    """Raise ConfigurationError if a force [N, Nm] exceeds the limits of the thrusters."""
     if dof in limits and abs(value) > limits[dof] * (1.0 + 1e-9):
         raise ConfigurationError(
             f"excitation.{name}: got {value:g}, expected at most the thrusters' {limits[dof]:g} "
@@ -191,7 +191,7 @@ class Waypoints(Mission):
         return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Way-points are poses in the plane."""
+        """Raise ConfigurationError unless the vessel is planar."""
         _planar_only("a lap of way-points", dofs)
         check_offset(self.offset, dofs)
 
@@ -212,24 +212,24 @@ class Operation(Mission):
         return self.sight.build(start)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Line of sight steers in the plane."""
+        """Raise ConfigurationError unless the vessel is planar."""
         _planar_only("line of sight", dofs)
 
 
 @dataclass(frozen=True)
 class Replay(Evaluation):
-    """The identification trajectory again, under the same weather."""
+    """The identification trajectory repeated in the same weather."""
 
     def mission(self, excitation: Mission) -> Mission:
-        """The excitation: what could be sailed once can be sailed again."""
+        """The excitation itself."""
         return excitation
 
     def skip_reason(self, excitation: Mission) -> str | None:
-        """An open loop has no reference to be judged by."""
+        """An open loop has no reference for an evaluation."""
         return NO_REFERENCE if excitation.open_loop else None
 
 
 def check_fraction(fraction: float) -> None:
-    """Refuse a training share that leaves nothing to train or to test with."""
+    """Raise ConfigurationError unless both the training and the test part are non-empty."""
     if not 0.0 < fraction < 1.0:
         raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction}")

@@ -1,16 +1,15 @@
 """An informative mix of sub-experiments. Ljungberg (slides), after his thesis.
 
-Standard manoeuvres are sailed by the believed model in calm water; the mix that tells its
-coefficients apart best is rounded to whole sub-experiments and sailed, each from rest. Others are
-sailed after it, held out for testing. A random mix is the baseline: so many drawn from a pool of
-some of every manoeuvre.
+Standard manoeuvres are simulated with the believed model in calm water. The optimal mix for
+estimating its coefficients is rounded to integer counts and executed, each sub-experiment from
+rest. Further sub-experiments follow, held out for testing. A random mix, drawn from a pool with
+the same number of every manoeuvre, is the baseline.
 
-With a route the candidates are the motion primitives of a planner: each is its track in the
-believed model's calm water, with its stop, closed by a passage to the lattice. What was planned is
-sailed by feedback along the planned poses, with the force that the believed vessel needed; the
-motion, and with it the information, is then near what was designed. Without feedback in the
-manoeuvres (`follow: passages`) a vessel that is not the believed one strays from the plan until
-the next passage.
+With a route the candidates are the motion primitives of a planner: each is the simulated track of
+the believed model with its stop, followed by a passage to the lattice. The plan is executed by
+feedback along the planned poses plus the simulated force, so that the motion, and with it the
+information, is close to the design. Without feedback in the manoeuvres (`follow: passages`) a
+vessel that differs from the believed model deviates from the plan until the next passage.
 """
 
 from collections import Counter
@@ -67,7 +66,7 @@ class Route:
         if self.area is not None:
             _ = self.waters
         elif self.obstacles:
-            raise ConfigurationError("obstacles: got some without an area")
+            raise ConfigurationError("obstacles: got obstacles without an area, expected an area")
 
     @property
     def waters(self) -> Waters:
@@ -108,19 +107,19 @@ def parts_of(found: Plan, design: Design, held_out: Sequence[str], everywhere: b
 
     Poses are followed `everywhere`, or on the passages.
     """
-    left = Counter(leg.name for leg in found.legs if leg.informative)
-    kept, own = Counter(held_out), design.count + design.stop
+    remaining = Counter(leg.name for leg in found.legs if leg.informative)
+    held_out_counts, count = Counter(held_out), design.count + design.stop
     parts: list[Part] = []
     for leg in found.legs:
         poses = leg.poses
         if leg.informative:
-            testing = left[leg.name] <= kept[leg.name]
-            left[leg.name] -= 1
+            testing = remaining[leg.name] <= held_out_counts[leg.name]
+            remaining[leg.name] -= 1
             pair = design.sub_experiment(leg.name, "testing" if testing else "training")
             if everywhere:
-                pair = _followed(pair, poses[:own], design.voyages[leg.name].log.tau)
+                pair = _followed(pair, poses[:count], design.voyages[leg.name].log.tau)
             parts += pair
-            poses = poses[own:]
+            poses = poses[count:]
         parts.append(Part(leg.name, "passage", len(poses), poses=poses))
     return parts
 
@@ -183,7 +182,7 @@ class Mix(Mission):
 
     @cached_property
     def information(self) -> Design:
-        """What the believed model says of the candidates."""
+        """Simulations of the candidates with the believed model."""
         nominal = self.vessel.nominal()
         own = nominal.terms
         extra = tuple(one for one in basis.terms(self.extra_terms) if one not in own)
@@ -252,7 +251,7 @@ class Mix(Mission):
         return len(self.schedule) * self.period_s
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Nothing is asked for, or along a plan its poses."""
+        """The poses of the plan as set-points; without a plan the starting pose."""
         if self.plan is None:
             return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
         return Timetable(np.ascontiguousarray(self.plan.poses[: len(t)])), np.zeros(1)
@@ -262,7 +261,7 @@ class Mix(Mission):
         return self.schedule.force()[: len(t)]
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
-        """What stands in for the controller."""
+        """The step that replaces the controller."""
         return self.schedule.steering(self.feedback, self._limits)
 
     def split(self, t: Array) -> Split:
@@ -273,7 +272,7 @@ class Mix(Mission):
         )
 
     def check(self, dofs: Sequence[str]) -> None:
-        """A vessel in the plane, and a mix that can be designed."""
+        """Raise ConfigurationError unless the vessel is planar and the mix can be designed."""
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
                 f"excitation=mix needs a vessel in {', '.join(PLANAR)}, got one in "
@@ -289,7 +288,7 @@ class Mix(Mission):
         _ = self.schedule
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError where a force exceeds what the thrusters can give."""
+        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
         for name, candidate in self.candidates.items():
             try:
                 candidate.check_limits(limits, period_s)

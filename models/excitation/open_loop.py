@@ -1,4 +1,4 @@
-"""What excites a vessel by steering it: nothing, or a zig-zag, alone or beside a controller."""
+"""Steps in place of a controller: an open loop, and a zig-zag, alone or with a controller."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ class OpenLoop(NamedTuple):
 
 
 @lean_kernel
-def _let_go(
+def _open_loop_step(
     table: OpenLoop, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
@@ -26,7 +26,7 @@ def _let_go(
         tau[i] = tau_fb[i] = table.force
 
 
-CONTROLLERS[OpenLoop] = _let_go
+CONTROLLERS[OpenLoop] = _open_loop_step
 
 
 def open_loop() -> Steering:
@@ -35,7 +35,7 @@ def open_loop() -> Steering:
 
 
 class ZigZag(NamedTuple):
-    """A moment that changes sign when the heading has turned far enough; SI units, radians."""
+    """A moment that changes sign when the heading deviates by an angle; SI units, radians."""
 
     yaw: int  # the degree of freedom
     moment: float
@@ -62,14 +62,14 @@ def _add_moment(zigzag: ZigZag, state: Array, eta: Array, tau: Array) -> None:
 
 
 class Beside(NamedTuple):
-    """A zig-zag's moment beside a compiled controller; state = (controller's, zig-zag's)."""
+    """The moment of a zig-zag with a compiled controller; state = (controller's, zig-zag's)."""
 
     controller: Parameters
     zigzag: ZigZag
 
 
 class BesidePython(NamedTuple):
-    """The same beside a controller that runs in Python."""
+    """The moment of a zig-zag with a controller that runs in Python."""
 
     controller: Parameters
     zigzag: ZigZag
@@ -88,9 +88,9 @@ CONTROLLERS[BesidePython] = _both
 
 
 def beside(controller: Steering, zigzag: ZigZag) -> Steering:
-    """Parameters and state of a controller with a zig-zag's moment added to its command.
+    """Parameters and state of a controller with the moment of a zig-zag added to its command.
 
-    It steers to starboard first.
+    The first turn is to starboard.
     """
     parameters, state = controller
     both = Beside if is_compiled(CONTROLLERS[type(parameters)]) else BesidePython

@@ -1,8 +1,8 @@
-"""Manoeuvres one after the other, the vessel brought to rest between them.
+"""A sequence of manoeuvres; the vessel is brought to rest between them.
 
-A part is a stretch of control instants: a manoeuvre with its own force, a stop by velocity
-feedback, or a passage. Where poses were planned they are followed by feedback, and the force of a
-manoeuvre and its stop is then what the plan's vessel needed.
+A part is an interval of control instants: a manoeuvre with its own force, a stop by velocity
+feedback, or a passage. Planned poses are followed by feedback; the force of a manoeuvre and its
+stop is then the force of the simulation that was used for planning.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ Role = Literal["training", "testing", "none"]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A stretch of `count` control instants."""
+    """An interval of `count` control instants."""
 
     name: str
     kind: Kind
@@ -39,7 +39,7 @@ class Part:
 
 
 class SequenceTable(NamedTuple):
-    """What to do at every control instant; SI units, radians."""
+    """The control mode and its values at every control instant; SI units, radians."""
 
     mode: Codes  # (N,)
     moment: Array  # (N,) of a zig-zag
@@ -129,7 +129,7 @@ class Schedule:
         return np.concatenate(on)
 
     def force(self) -> Array:
-        """Force of the manoeuvres [N, Nm], shape (N, n_dof); a candidate's is always the same."""
+        """Force of the manoeuvres [N, Nm], shape (N, n_dof); repeated calls give equal forces."""
         pieces = []
         for part in self.parts:
             if part.kind != "manoeuvre" or part.force is not None:
@@ -179,7 +179,7 @@ def body_velocities(poses: Array, period_s: float) -> Array:
 
 
 def check_open(name: str, manoeuvre: Mission, dofs: Sequence[str], period_s: float) -> None:
-    """Refuse a candidate that needs a controller."""
+    """Raise ConfigurationError for a candidate that requires a controller."""
     manoeuvre.check(dofs)
     steered = manoeuvre.steering(dofs, period_s)
     if steered is None or not isinstance(steered[0], OpenLoop | Beside):

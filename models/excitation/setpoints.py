@@ -1,8 +1,8 @@
-"""Positioning missions: set-points on a timetable, and how the reference gets from one to the next.
+"""Positioning missions: set-points on a timetable, and the reference models between them.
 
 A reference model stands between set-point and controller. `ReferenceFilter` (Jervan) is linear;
 `AccelerationLimited` moves every axis with a limited speed and acceleration and arrives without
-overshoot; `Step` takes the set-point as it is, one control period later.
+overshoot; `Step` passes the set-point on unchanged, one control period later.
 """
 
 from collections.abc import Sequence
@@ -28,12 +28,12 @@ class StepTable(NamedTuple):
 
 
 @lean_kernel
-def _take(table: StepTable, state: Array, setpoint: Array) -> None:
+def _pass_on(table: StepTable, state: Array, setpoint: Array) -> None:
     for i in range(state.shape[0]):
         state[i, 0], state[i, 1], state[i, 2] = table.gain * setpoint[i], 0.0, 0.0
 
 
-REFERENCES[StepTable] = _take
+REFERENCES[StepTable] = _pass_on
 
 
 class LimitTable(NamedTuple):
@@ -56,9 +56,9 @@ def _approach(table: LimitTable, state: Array, setpoint: Array) -> None:
     for i in range(state.shape[0]):
         a, distance, v = table.acceleration[i], setpoint[i] - state[i, 0], state[i, 1]
         m = np.floor(0.5 * (np.sqrt(1.0 + 8.0 * abs(distance) / (a * h * h)) - 1.0))
-        wanted = min(abs(distance) / ((m + 1.0) * h) + 0.5 * m * a * h, table.speed[i])
-        wanted = wanted if distance > 0.0 else -wanted
-        change = min(max(wanted - v, -a * h), a * h)
+        velocity = min(abs(distance) / ((m + 1.0) * h) + 0.5 * m * a * h, table.speed[i])
+        velocity = velocity if distance > 0.0 else -velocity
+        change = min(max(velocity - v, -a * h), a * h)
         state[i, 1] = v + change
         state[i, 0] += h * state[i, 1]
         state[i, 2] = change / h
@@ -69,7 +69,7 @@ REFERENCES[LimitTable] = _approach
 
 @dataclass(frozen=True)
 class Step(Reference):
-    """The set-point as it is: what a positioning controller with a preview is asked for."""
+    """The set-point without filtering, for a positioning controller with a preview."""
 
     def table(self, period_s: float) -> StepTable:
         """Parameters of the compiled step."""
@@ -92,7 +92,7 @@ class AccelerationLimited(Reference):
                 )
 
     def check(self, dofs: Sequence[str]) -> None:
-        """A limit for every axis."""
+        """Raise ConfigurationError unless there is a limit for every axis."""
         if len(self.speed) != len(dofs):
             raise ConfigurationError(
                 f"evaluation.reference_filter.speed: got {len(self.speed)} numbers, "
@@ -109,8 +109,8 @@ class Setpoints(Mission):
     """A pose (north [m], east [m], heading [deg], unwrapped) at each share of the duration.
 
     `schedules` are lists of poses by name, `schedule` the one that is sailed: its poses share the
-    duration equally. Positions are multiplied by `scale`. A vessel that moves in surge alone is
-    given the northward part.
+    duration equally. Positions are multiplied by `scale`. A vessel that moves in surge only uses
+    the northward component.
     """
 
     schedule: str
@@ -145,7 +145,7 @@ class Setpoints(Mission):
         return Timetable(np.ascontiguousarray(step_setpoints(poses, interval, t))), np.zeros(1)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Poses are in the plane, or along the way; the reference model is of as many axes."""
+        """Raise ConfigurationError unless the vessel is planar or moves in surge only."""
         if tuple(dofs) not in (PLANAR, ("surge",)):
             raise ConfigurationError(
                 f"evaluation={self.schedule} needs a vessel in surge, or in {', '.join(PLANAR)}, "

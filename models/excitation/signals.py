@@ -17,7 +17,7 @@ from seatrial.models.vessel.basis import Array
 
 REST_S = 10.0
 PULSE_S = 20.0
-ROUNDING_S = 1e-9  # an instant is as late as its neighbours within rounding
+ROUNDING_S = 1e-9  # tolerance for rounding of the times
 SINE_PERIODS_S = tuple(float(period) for period in range(1, 92, 10))
 
 
@@ -74,7 +74,7 @@ class Pulses(Signal):
     heights: tuple[float, ...]
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
-        """The same on every axis."""
+        """The same signal on every axis."""
         return signals.pulses(t, self.heights)
 
 
@@ -93,7 +93,7 @@ class Sines(Signal):
             )
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
-        """The same on every axis."""
+        """The same signal on every axis."""
         return signals.sines(t, self.amplitudes, self.periods_s)
 
 
@@ -121,10 +121,10 @@ class Prbs(Signal):
 
 @dataclass(frozen=True)
 class Multisine(Signal):
-    """Sines of equal size between two frequencies, of a low crest factor; peak 1.
+    """Sines of equal amplitude between two frequencies with a low crest factor; peak 1.
 
-    The lines are multiples of one over the signal's length; of several axes each has its own
-    lines, so that their parts in the response can be told apart.
+    The frequencies are multiples of 1 / length of the signal. Each of several axes has its own
+    lines, so that their contributions to the response can be separated.
     """
 
     lowest_hz: float
@@ -144,10 +144,10 @@ class Multisine(Signal):
 
 @dataclass(frozen=True)
 class Steady(Signal):
-    """One, all the time."""
+    """A constant signal of one."""
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
-        """The same on every axis."""
+        """The same signal on every axis."""
         return np.ones(len(t))
 
 
@@ -171,8 +171,8 @@ def multisine(t: Array, lowest_hz: float, highest_hz: float, first: int, every: 
     lines = lines[lines > 0][first::every]
     if not len(lines):
         raise ConfigurationError(
-            f"excitation.signal: {length:g} s have no line between {lowest_hz:g} and "
-            f"{highest_hz:g} Hz for axis {first + 1} of {every}"
+            f"excitation.signal: got {length:g} s, expected longer: there is no line "
+            f"between {lowest_hz:g} and {highest_hz:g} Hz for axis {first + 1} of {every}"
         )
     k = np.arange(len(lines))
     phase = -np.pi * k * (k + 1) / len(lines)
@@ -187,7 +187,7 @@ def multisine(t: Array, lowest_hz: float, highest_hz: float, first: int, every: 
 
 @dataclass(frozen=True)
 class Legs(Signal):
-    """Legs of equal length, each a push and a counter-push: a 4-corner test without a controller.
+    """Legs of equal length, each a push and its opposite: a 4-corner test without a controller.
 
     A leg is a share of the amplitude by axis, such as (1, 0, 0) ahead.
     """
@@ -213,7 +213,7 @@ class Legs(Signal):
 
 @dataclass(frozen=True)
 class Ramp(Signal):
-    """A force that grows from nothing to its peak and falls back, linearly."""
+    """A force that increases linearly from zero to its peak and decreases again."""
 
     length_s: Positive  # up and down
 

@@ -1,7 +1,7 @@
-"""A* over a lattice of poses, its state augmented by how often each manoeuvre is still to come.
+"""A* search over a lattice of poses; the state includes the remaining count of each manoeuvre.
 
-A state is (remaining counts, heading, cell); costs are whole control instants. Ljungberg (slides),
-"Obtaining an experiment trajectory"; Hart, Nilsson and Raphael (1968).
+A state is (remaining counts, heading, cell); costs are integer numbers of control instants.
+Ljungberg (slides), "Obtaining an experiment trajectory"; Hart, Nilsson and Raphael (1968).
 """
 
 from heapq import heappop, heappush
@@ -20,46 +20,48 @@ UNREACHED = np.int64(2**62)
 class Moves(NamedTuple):
     """P primitives from H headings on a lattice of I x J cells."""
 
-    di: Integers  # (P, H) cells that a primitive leads on
+    di: Integers  # (P, H) displacement in cells
     dj: Integers
-    to: Integers  # (P, H) heading that it leads to
+    to: Integers  # (P, H) final heading
     cost: Integers  # (P, H) control instants
-    stride: Integers  # (P,) of its counter in the number of the counts; 0 for a basic one
-    valid: NDArray[np.bool_]  # (P, H, I, J) whether it is clear from there
+    stride: Integers  # (P,) of its counter in the index of the counts; 0 for a basic primitive
+    valid: NDArray[np.bool_]  # (P, H, I, J) whether the path from the cell is clear
 
 
 class Bounds(NamedTuple):
-    """What the cost to go cannot be below, by what is still to come (C,) and where (H, I, J)."""
+    """Lower bounds of the cost to go by remaining counts (C,) and by place (H, I, J)."""
 
-    manoeuvres: Integers  # (C,) least instants of the manoeuvres to come
-    reach: Array  # (C,) cells that they can lead on at most
-    pace: float  # cells an instant, the fastest basic primitive
-    relaxed: Integers  # (H, I, J) instants of passages, were manoeuvres free of charge and number
+    manoeuvres: Integers  # (C,) minimum instants of the remaining manoeuvres
+    reach: Array  # (C,) maximum displacement by them, in cells
+    pace: float  # cells per instant of the fastest basic primitive
+    relaxed: Integers  # (H, I, J) instants of passages if manoeuvres had no cost and no limit
     goal: Integers  # (2,) cell
 
 
 @kernel
 def heuristic(bounds: Bounds, c: int, h: int, i: int, j: int) -> int:
-    """A lower bound of the cost to go [instants]; consistent, so no state is opened twice.
+    """A lower bound of the cost to go [instants]; consistent, so no state is expanded twice.
 
-    The manoeuvres to come take their time; they can bring the vessel nearer by their reach, the
-    rest is sailed at the fastest pace, and around the obstacles.
+    It is the time of the remaining manoeuvres plus the time of the passages. The passages cover at
+    least the distance to the goal minus the reach of the manoeuvres, at the fastest pace, and at
+    least the relaxed path around the obstacles.
     """
-    far = np.hypot(float(i - bounds.goal[0]), float(j - bounds.goal[1]))
-    straight = int(max(0.0, (far - bounds.reach[c]) / bounds.pace - 1e-6))
+    distance = np.hypot(float(i - bounds.goal[0]), float(j - bounds.goal[1]))
+    straight = int(max(0.0, (distance - bounds.reach[c]) / bounds.pace - 1e-6))
     return int(bounds.manoeuvres[c]) + max(straight, int(bounds.relaxed[h, i, j]))
 
 
 @kernel
 def relaxed(moves: Moves, free: NDArray[np.bool_], at: int, backward: bool) -> Integers:
-    """Instants from every place to `at` (or from `at` to it), shape (H, I, J); Dijkstra.
+    """Instants from `at` to every place, or `backward` from every place to `at`; Dijkstra.
 
-    Primitives that are `free` (P,) cost nothing, and any number of them may be used.
+    Primitives that are `free` (P,) have no cost and may be used any number of times. Returns shape
+    (H, I, J).
     """
     n_p, n_h, n_i, n_j = moves.valid.shape
-    found = np.full(n_h * n_i * n_j, UNREACHED)
+    best = np.full(n_h * n_i * n_j, UNREACHED)
     done = np.zeros(n_h * n_i * n_j, dtype=np.bool_)
-    found[at] = 0
+    best[at] = 0
     heap = [(np.int64(0), np.int64(at))]
     while len(heap) > 0:
         cost, s = heappop(heap)
@@ -81,20 +83,21 @@ def relaxed(moves: Moves, free: NDArray[np.bool_], at: int, backward: bool) -> I
                     continue
                 t = (b * n_i + k) * n_j + m
                 total = cost + (np.int64(0) if free[p] else moves.cost[p, a])
-                if total < found[t]:
-                    found[t] = total
+                if total < best[t]:
+                    best[t] = total
                     heappush(heap, (total, np.int64(t)))
-    return found.reshape((n_h, n_i, n_j))
+    return best.reshape((n_h, n_i, n_j))
 
 
 @kernel
 def shortest(
     moves: Moves, sizes: Integers, bounds: Bounds, start: int, goal: int
 ) -> tuple[Integers, int]:
-    """Primitives of the cheapest path and its cost; none and -1 where there is no path.
+    """Primitives of the path of least cost, and the cost [instants]; empty and -1 if none exists.
 
-    `start` and `goal` are places, h I J + i J + j; from all counts to none. `sizes` (P,) is one
-    more than the count of an informative primitive. Of equal costs the first state counts.
+    `start` and `goal` are places, h I J + i J + j; the path uses all counts. `sizes` (P,) is the
+    count of an informative primitive plus one. Of several paths of equal cost the one that was
+    reached first is returned.
     """
     n_p, n_h, n_i, n_j = moves.valid.shape
     places = n_h * n_i * n_j
@@ -112,7 +115,7 @@ def shortest(
             continue
         done[s] = True
         if s == goal:
-            return _traced(parent, via, s), int(cost[s])
+            return _traceback(parent, via, s), int(cost[s])
         c, place = s // places, s % places
         h, i, j = place // (n_i * n_j), place // n_j % n_i, place % n_j
         for p in range(n_p):
@@ -131,8 +134,8 @@ def shortest(
 
 
 @kernel
-def _traced(parent: NDArray[np.int32], via: NDArray[np.int16], state: np.int64) -> Integers:
-    """The primitives that led to a state, first to last."""
+def _traceback(parent: NDArray[np.int32], via: NDArray[np.int16], state: np.int64) -> Integers:
+    """The primitives that lead to a state, from first to last."""
     steps = []
     while parent[state] >= 0:
         steps.append(np.int64(via[state]))

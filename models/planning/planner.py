@@ -1,9 +1,9 @@
-"""A path that sails given manoeuvres so many times each, from pose to pose, clear of obstacles.
+"""Plans a path with a prescribed number of each manoeuvre, between two poses, clear of obstacles.
 
     min sum_k J(m_k),  x_0 = x_s,  x_M = x_f,  x_k+1 = f(x_k, m_k),  c(m_k, x_k) in X_free
 
-Ljungberg (slides), "Obtaining an experiment trajectory". J is time. The ratios of the mix are
-kept by counters of the manoeuvres still to come in the state of the search.
+Ljungberg (slides), "Obtaining an experiment trajectory". J is time. Counters of the remaining
+manoeuvres in the state of the search ensure the composition of the mix.
 """
 
 import math
@@ -41,10 +41,10 @@ MOST_STATES = 30_000_000
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is to be sailed: informative primitives, how often each, from where to where.
+    """A planning task: the waters, the informative primitives and their counts, start and goal.
 
     `start` and `goal` are (north, east, heading) [m, m, rad]. The vessel rests for `hold` control
-    instants after a manoeuvre.
+    instants after each manoeuvre.
     """
 
     waters: Waters
@@ -57,19 +57,23 @@ class Task:
     hold: int = 0
 
     def __post_init__(self) -> None:
-        known = {one.name for one in self.primitives}
+        known = {primitive.name for primitive in self.primitives}
         unknown = [name for name in self.counts if name not in known]
         if unknown:
-            raise ConfigurationError(f"counts: got {unknown[0]}, which is no primitive")
+            raise ConfigurationError(
+                f"counts: got {unknown[0]}, expected some of {', '.join(sorted(known))}"
+            )
 
     @property
     def used(self) -> list[Primitive]:
-        """The primitives that are to be sailed at all."""
-        return [one for one in self.primitives if self.counts.get(one.name, 0) > 0]
+        """The primitives with a positive count."""
+        return [
+            primitive for primitive in self.primitives if self.counts.get(primitive.name, 0) > 0
+        ]
 
 
 class Leg(NamedTuple):
-    """A primitive of a plan, with its poses (N, 3) at the control instants after its start."""
+    """A primitive of a plan, with its poses (N, 3) [m, m, rad] at the instants after its start."""
 
     name: str
     informative: bool
@@ -78,12 +82,12 @@ class Leg(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The path that was found."""
+    """The planned path."""
 
     legs: tuple[Leg, ...]
     start: Array
-    cost: int  # control instants, without the passage from the lattice to the goal, and the rest
-    bound: int  # what the heuristic said of the start
+    cost: int  # control instants, without the passage from the lattice to the goal and the rest
+    bound: int  # value of the heuristic at the start [instants]
 
     @property
     def poses(self) -> Array:
@@ -104,7 +108,7 @@ class Setting:
     goal: int
 
     def bounds(self) -> Bounds:
-        """The heuristic's tables."""
+        """Tables of the heuristic."""
         n, board = len(self.task.used), self.board
         size = np.hypot(board.di, board.dj)
         sizes = self.sizes[:n]
@@ -123,12 +127,12 @@ class Setting:
 
 
 def plan(task: Task) -> Plan:
-    """The quickest path; ConfigurationError with what stands in the way where there is none."""
+    """The path of least time; raises ConfigurationError with the reason if there is none."""
     setting = set_up(task)
     bounds = setting.bounds()
     steps, cost = shortest(setting.moves, setting.sizes, bounds, setting.start, setting.goal)
     if cost < 0:
-        raise ConfigurationError(_why_none(setting))
+        raise ConfigurationError(_no_path_message(setting))
     legs = _legs(setting, steps)
     at = (int(k) for k in np.unravel_index(setting.start, (HEADINGS, *setting.lattice.shape)))
     bound = int(heuristic(bounds, len(bounds.manoeuvres) - 1, *at))
@@ -136,16 +140,16 @@ def plan(task: Task) -> Plan:
 
 
 def set_up(task: Task) -> Setting:
-    """The lattice of a task, its primitives, start and goal."""
+    """Place the primitives, the start and the goal of a task on its lattice."""
     for name, pose in (("start", task.start), ("goal", task.goal)):
         obstacle = task.waters.in_the_way(pose[:2].tolist())
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
-    cut = task.waters.separated_by(task.start[:2].tolist(), task.goal[:2].tolist())
-    if cut is not None:
+    obstacles = task.waters.separated_by(task.start[:2].tolist(), task.goal[:2].tolist())
+    if obstacles is not None:
         raise ConfigurationError(
-            f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: {cut} and the clearance_m of "
-            f"{task.waters.clearance_m:g} cut it off from the start"
+            f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: {obstacles} and the clearance_m of "
+            f"{task.waters.clearance_m:g} separate it from the start"
         )
     lattice = Lattice.over(task.waters, task.start, task.cell_m)
     _check_size(task, lattice)
@@ -153,8 +157,8 @@ def set_up(task: Task) -> Setting:
     n = len(task.used)
     for name, valid in zip(board.names[:n], board.valid, strict=False):
         if not np.any(valid):
-            raise ConfigurationError(_fits_nowhere(name, board, board.names.index(name)))
-    sizes = np.array([task.counts[one.name] + 1 for one in task.used], dtype=np.int64)
+            raise ConfigurationError(_no_space_message(name, board, board.names.index(name)))
+    sizes = np.array([task.counts[primitive.name] + 1 for primitive in task.used], dtype=np.int64)
     stride = np.array([int(np.prod(sizes[q + 1 :])) for q in range(n)], dtype=np.int64)
     basics = np.zeros(len(board.names) - n, dtype=np.int64)
     moves = Moves(
@@ -166,17 +170,18 @@ def set_up(task: Task) -> Setting:
 
 def _check_size(task: Task, lattice: Lattice) -> None:
     cells = lattice.shape[0] * lattice.shape[1]
-    counts = math.prod(task.counts[one.name] + 1 for one in task.used)
+    counts = math.prod(task.counts[primitive.name] + 1 for primitive in task.used)
     states = cells * HEADINGS * counts
     if states > MOST_STATES:
         raise ConfigurationError(
             f"the search has {states:.2g} states ({cells} cells, {HEADINGS} headings, {counts} "
-            f"counts), expected at most {MOST_STATES:.2g}: a larger cell_m or fewer sub-experiments"
+            f"counts), expected at most {MOST_STATES:.2g}; use a larger cell_m or fewer "
+            "sub-experiments"
         )
 
 
 def _arrival(task: Task, lattice: Lattice) -> int:
-    """The place nearest to the goal from which a straight passage to it is clear."""
+    """The place nearest to the goal with a clear straight passage to it."""
     free = task.waters.free()
     at = lattice.place(task.goal.copy())
     h, i, j = (int(k) for k in np.unravel_index(at, (HEADINGS, *lattice.shape)))
@@ -191,41 +196,43 @@ def _arrival(task: Task, lattice: Lattice) -> int:
         if clear(free, np.vstack([np.zeros(2), task.goal[:2] - pose]), pose[None, :])[0]:
             return place
     raise ConfigurationError(
-        f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: no pose of the lattice beside it is "
-        f"clear, expected a cell_m smaller than {task.cell_m:g}"
+        f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: there is no clear passage from a "
+        f"neighbouring pose of the lattice, expected a cell_m smaller than {task.cell_m:g}"
     )
 
 
-def _fits_nowhere(name: str, board: Placed, p: int) -> str:
+def _no_space_message(name: str, board: Placed, p: int) -> str:
     extent = np.ptp(board.paths[p][0][:, :2], axis=0)
     return (
         f"{name} takes {extent[0]:.3g} m along and {extent[1]:.3g} m across its first heading and "
-        "fits nowhere in the area beside the obstacles"
+        "does not fit anywhere in the area between the obstacles"
     )
 
 
-def _why_none(setting: Setting) -> str:
-    """What stands in the way of a task whose start and goal are connected."""
+def _no_path_message(setting: Setting) -> str:
+    """Why no path exists for a task whose start and goal are connected."""
     n, names = len(setting.task.used), setting.board.names
-    everything = np.zeros(len(names), dtype=np.bool_)
-    reached = relaxed(setting.moves, everything, setting.start, False) < UNREACHED
-    back = relaxed(setting.moves, everything, setting.goal, True) < UNREACHED
+    blocked = np.zeros(len(names), dtype=np.bool_)
+    reached = relaxed(setting.moves, blocked, setting.start, False) < UNREACHED
+    back = relaxed(setting.moves, blocked, setting.goal, True) < UNREACHED
     if not reached.ravel()[setting.goal]:
         return (
-            "the goal cannot be reached: no sequence of manoeuvres, arcs and turns gets through "
-            f"between start and goal with a cell_m of {setting.task.cell_m:g}; a smaller one or "
-            "a smaller clearance_m may"
+            "the goal cannot be reached: no sequence of manoeuvres, arcs and turns connects start "
+            f"and goal with a cell_m of {setting.task.cell_m:g}; use a smaller cell_m or "
+            "clearance_m"
         )
     for p in range(n):
         if not np.any(setting.board.valid[p] & reached):
-            return f"{names[p]} fits only where the vessel cannot get to from the start"
-    stuck = [names[p] for p in range(n) if not np.any(setting.board.valid[p] & reached & back)]
-    what = stuck[0] if stuck else "some manoeuvre"
-    return f"no order of the manoeuvres ends at the goal: there is no way back from {what}"
+            return f"{names[p]} fits only at places that cannot be reached from the start"
+    isolated = [names[p] for p in range(n) if not np.any(setting.board.valid[p] & reached & back)]
+    manoeuvre = isolated[0] if isolated else "some manoeuvre"
+    return (
+        f"no order of the manoeuvres ends at the goal: the goal cannot be reached from {manoeuvre}"
+    )
 
 
 def _legs(setting: Setting, steps: Integers) -> list[Leg]:
-    """The primitives of a path in NED, headings unwrapped, the passage to the goal and a rest."""
+    """The primitives of a path in NED with unwrapped headings, the final passage and the rest."""
     task, board, lattice = setting.task, setting.board, setting.lattice
     place, pose, legs = setting.start, task.start.copy(), []
     for p in steps:

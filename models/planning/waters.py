@@ -1,8 +1,8 @@
-"""Where a vessel may go: an area, polygons in it that are in the way, and a clearance from both.
+"""Restricted waters: an area, polygonal obstacles in it, and a clearance from both.
 
-Positions are (north, east) [m]. The clearance is that of the vessel's reference point: half its
-length and a margin. Corners that a clearance rounds are drawn outside their arcs, so nothing that
-is called clear is closer.
+Positions are (north, east) [m]. The clearance is the distance of the vessel's reference point:
+half its length and a margin. Rounded corners are approximated by polygons outside the arcs, so a
+path that counts as clear is never closer than the clearance.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from seatrial.models.vessel.basis import Array
 
 Corners = tuple[tuple[float, ...], ...]
 QUARTER = 16  # sides of the polygon in a quarter of a circle
-OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # its radius, so that it holds the circle
+OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # relative radius of a polygon around the circle
 
 
 @dataclass(frozen=True)
@@ -49,29 +49,31 @@ class Waters:
         }
 
     def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> Any:
-        """The points that keep the clearance and a margin [m], a shapely geometry.
+        """The positions with the clearance and a margin [m], as a shapely geometry.
 
-        `without` some of the obstacles.
+        The obstacles with an index in `without` are ignored.
         """
         import shapely  # slow to import
 
         distance = (self.clearance_m + margin_m) * OUTSIDE
         area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
-        kept = [one for i, one in enumerate(self.obstacles) if i not in without]
-        taken = [shapely.buffer(_polygon(one), distance, quad_segs=QUARTER) for one in kept]
-        left = shapely.difference(area, shapely.union_all(taken)) if taken else area
-        shapely.prepare(left)
-        return left
+        obstacles = [corners for i, corners in enumerate(self.obstacles) if i not in without]
+        occupied = [
+            shapely.buffer(_polygon(corners), distance, quad_segs=QUARTER) for corners in obstacles
+        ]
+        free = shapely.difference(area, shapely.union_all(occupied)) if occupied else area
+        shapely.prepare(free)
+        return free
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Least and largest north and east of the area [m]: (north, north, east, east)."""
+        """Limits of the area [m]: (least north, largest north, least east, largest east)."""
         points = np.array(self.area)
         (n0, e0), (n1, e1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
         return n0, n1, e0, e1
 
     def in_the_way(self, point: Sequence[float]) -> str | None:
-        """What keeps a vessel from being at a point (north, east), in words; None if nothing."""
+        """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
         import shapely
 
         at = shapely.Point(point[0], point[1])
@@ -91,28 +93,28 @@ class Waters:
         )
 
     def distance(self, points: Array) -> Array:
-        """From points (N, 2) to the nearest obstacle or the area's edge [m], (N,); 0 in or out."""
+        """Distance [m], (N,), of points (N, 2) to the nearest obstacle or edge; 0 if not free."""
         import shapely
 
         area = _polygon(self.area)
         at = shapely.points(points)
-        taken = shapely.union_all([_polygon(one) for one in self.obstacles])
+        occupied = shapely.union_all([_polygon(corners) for corners in self.obstacles])
         edge = np.where(shapely.covers(area, at), shapely.distance(area.exterior, at), 0.0)
-        beside = shapely.distance(taken, at) if self.obstacles else edge
-        return np.asarray(np.minimum(edge, beside))
+        obstacle = shapely.distance(occupied, at) if self.obstacles else edge
+        return np.asarray(np.minimum(edge, obstacle))
 
     def separated_by(self, start: Sequence[float], goal: Sequence[float]) -> str | None:
-        """The obstacles without which two free points are connected, in words; None if they are.
+        """The obstacles that separate two free points [m], in words; None if they are connected.
 
-        The smallest set is named, of two at most.
+        A smallest set of at most two obstacles is named if there is one.
         """
         numbers = range(len(self.obstacles))
         if self._connected(start, goal, ()):
             return None
         for size in (1, 2):
-            for some in combinations(numbers, size):
-                if self._connected(start, goal, some):
-                    return " and ".join(f"obstacles[{i}]" for i in some)
+            for removed in combinations(numbers, size):
+                if self._connected(start, goal, removed):
+                    return " and ".join(f"obstacles[{i}]" for i in removed)
         if self._connected(start, goal, tuple(numbers)):
             return "the obstacles"
         return "the edge of area"
@@ -134,7 +136,7 @@ def _polygon(corners: Corners) -> Any:
 
 
 def simplified(path: Array, tolerance_m: float) -> Array:
-    """The corners of a path (N, 2) [m] from which it strays by at most the tolerance, (n, 2)."""
+    """The corners (n, 2) of a path (N, 2) [m] simplified within a tolerance [m]."""
     import shapely
 
     if not np.any(path != path[0]):
@@ -143,14 +145,14 @@ def simplified(path: Array, tolerance_m: float) -> Array:
 
 
 def inside(free: Any, points: Array) -> NDArray[np.bool_]:
-    """Which of the points (..., 2) lie in a free geometry."""
+    """Whether points (..., 2) [m] lie in a free geometry, shape (...)."""
     import shapely
 
     return np.asarray(shapely.intersects_xy(free, points[..., 0], points[..., 1]))
 
 
 def clear(free: Any, path: Array, origins: Array) -> NDArray[np.bool_]:
-    """From which of the origins (M, 2) a path (n, 2) stays within a free geometry, (M,)."""
+    """Whether a path (n, 2) from each of the origins (M, 2) stays in a free geometry, (M,)."""
     import shapely
 
     if len(path) == 1:

@@ -1,4 +1,4 @@
-"""CSV files as columns of numbers, and which column is what; errors name file, line and column."""
+"""Reads CSV files as columns of numbers and maps the columns; errors name file, line and column."""
 
 import csv
 import io
@@ -18,32 +18,32 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, unroll
 
 LARGEST_BLOCK = 2**31 - 1  # bytes that pyarrow parses at once
-LARGEST = 1e30  # what is larger was not measured, and its square is not far from overflow
+LARGEST = 1e30  # larger numbers are not measurements, and their squares could overflow
 NUMBER = r"^(?P<number>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)$"
 MISSING = r"^([+-]?[nN][aA][nN])?$"
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
-NORM_TOLERANCE = 0.05  # of a quaternion's length: more is not rounding but a wrong column
+NORM_TOLERANCE = 0.05  # of the length of a quaternion: a larger error means a wrong column
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Number columns of a CSV file with one header line; NaN where a cell is empty."""
+    """Numeric columns of a CSV file with one header line; NaN for an empty cell."""
 
     path: Path
     columns: dict[str, Array]  # (N,) each
 
     def line(self, row: int) -> int:
-        """Line of the file that a row ends on, for messages: the file is read again."""
+        """Number of the line on which a row ends, for messages; reads the file again."""
         return next(islice(_cells(self.path, _text(self.path)), row + 1, None))[0]
 
 
 def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = (), *, gaps: bool = False
 ) -> Table:
-    """The `required` columns, and the `optional` ones that are there.
+    """Read the `required` columns, and those `optional` columns that exist.
 
-    `gaps` allows empty cells and NaN. RecordingError when the file cannot be read, a required
-    column is missing, or a cell of one of these columns is not a finite number.
+    `gaps` allows empty cells and NaN. Raises RecordingError if the file cannot be read, a required
+    column is missing, or a cell of these columns is not a finite number.
     """
     text = _text(path)
     head = list(islice(_cells(path, text), 2))
@@ -52,27 +52,27 @@ def read_table(
     line, header = head[0][0], [name.strip() for name in head[0][1]]
     for name in required:
         if name not in header:
-            names = shorten(", ".join(header), 600, placeholder=" ...")
-            raise RecordingError(f"{path}: no column {name!r}, expected it among {names}")
-    chosen = list(dict.fromkeys((*required, *(each for each in optional if each in header))))
-    for name in chosen:
+            listing = shorten(", ".join(header), 600, placeholder=" ...")
+            raise RecordingError(f"{path}: no column {name!r}, expected it among {listing}")
+    names = list(dict.fromkeys((*required, *(name for name in optional if name in header))))
+    for name in names:
         if header.count(name) > 1:
             raise RecordingError(f"{path}: {header.count(name)} columns {name!r}, expected one")
-    texts = _texts(path, text, line, len(header), [header.index(name) for name in chosen])
+    texts = _texts(path, text, line, len(header), [header.index(name) for name in names])
     table = Table(path, {})
-    for name, cells in zip(chosen, texts, strict=True):
+    for name, cells in zip(names, texts, strict=True):
         table.columns[name] = _numbers(table, name, cells, gaps)
     return table
 
 
-def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence[int]) -> Any:
-    """The columns at some places below the header, as text without spaces about it."""
+def _texts(path: Path, text: str, header_line: int, width: int, indices: Sequence[int]) -> Any:
+    """The columns at the given indices, below the header, as text without surrounding spaces."""
     import pyarrow as pa  # slow to import
     from pyarrow import compute as pc
     from pyarrow import csv as arrow_csv
 
-    data, names = text.encode(), [str(place) for place in range(width)]
-    chosen = {names[place]: pa.string() for place in places}
+    data, names = text.encode(), [str(index) for index in range(width)]
+    types = {names[index]: pa.string() for index in indices}
     try:
         table = arrow_csv.read_csv(
             pa.py_buffer(data),
@@ -84,7 +84,7 @@ def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence
             ),
             arrow_csv.ParseOptions(newlines_in_values=True),
             arrow_csv.ConvertOptions(
-                include_columns=list(chosen), column_types=chosen, strings_can_be_null=False
+                include_columns=list(types), column_types=types, strings_can_be_null=False
             ),
         )
     except pa.ArrowInvalid as error:
@@ -93,7 +93,7 @@ def _texts(path: Path, text: str, header_line: int, width: int, places: Sequence
 
 
 def _not_a_row(path: Path, text: str, width: int, reason: str) -> RecordingError:
-    """The first row of another length than the header's, or what else stopped the reader."""
+    """Error for the first row whose length differs from the header, else the reader's reason."""
     for line, row in _cells(path, text):
         if len(row) != width:
             return RecordingError(
@@ -103,7 +103,7 @@ def _not_a_row(path: Path, text: str, width: int, reason: str) -> RecordingError
 
 
 def _numbers(table: Table, name: str, cells: Any, gaps: bool) -> Array:
-    """Numbers as floats are written; NaN for a missing one, where `gaps` allows it."""
+    """Cells as numbers, shape (N,); NaN for a missing number if `gaps` allows it."""
     from pyarrow import compute as pc
 
     written = pc.struct_field(pc.extract_regex(cells, NUMBER), "number")  # null: not a number
@@ -123,7 +123,7 @@ def _numbers(table: Table, name: str, cells: Any, gaps: bool) -> Array:
 
 
 def _cells(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
-    """The line that each row ends on, and its cells; blank lines are skipped."""
+    """The line number on which each row ends, and its cells; blank lines are skipped."""
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
         for row in reader:
@@ -167,9 +167,9 @@ def _text(path: Path) -> str:
 class ColumnMap:
     """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
 
-    Positions [m] (angles [rad] where there is no `orientation`), body velocities [m/s, rad/s],
-    body accelerations [m/s^2, rad/s^2] where recorded, commanded forces [N, Nm], acting forces
-    where recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
+    Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s],
+    body accelerations [m/s^2, rad/s^2] if recorded, commanded forces [N, Nm], acting forces
+    if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
     """
 
     time: str
@@ -193,7 +193,7 @@ class ColumnMap:
                     )
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError when a degree of freedom has no column."""
+        """Raise ConfigurationError if a degree of freedom has no column."""
         for kind in ("velocity", "force", "position"):
             known = set(getattr(self, kind))
             if kind == "position" and self.orientation is not None:
@@ -206,14 +206,14 @@ class ColumnMap:
                     )
 
     def required(self, dofs: Sequence[str]) -> list[str]:
-        """Names of the columns that a vessel of these degrees of freedom needs."""
+        """Names of the columns required for a vessel with these degrees of freedom."""
         maps = (self.velocity, self.force, self._poses(), self.acceleration, self.actual_force)
-        names = [_plain(one[dof]) for one in maps for dof in dofs if dof in one]
+        names = [_plain(columns[dof]) for columns in maps for dof in dofs if dof in columns]
         turning = any(dof in DOFS[3:] for dof in dofs)
         return [self.time, *names, *((self.orientation or ()) if turning else ())]
 
     def angles(self) -> list[str]:
-        """Names of the columns that hold angles of the pose, which may jump by a full turn."""
+        """Names of the columns with angles of the pose, which may jump by a full turn."""
         return [_plain(name) for dof, name in self._poses().items() if dof in DOFS[3:]]
 
     def values(self, table: Table, kind: str, dofs: Iterable[str]) -> Array:
@@ -234,36 +234,36 @@ class ColumnMap:
         return angles
 
     def continuous(self, table: Table, angles: Iterable[str] = ()) -> Table:
-        """The table with quaternions of length one and without sign flips, angles unrolled.
+        """The table with unwrapped angles and with unit quaternions without sign flips.
 
-        `angles` names columns of other angles [rad] than those of the pose. Raises
-        RecordingError where a quaternion is far from length one.
+        `angles` names columns of further angles [rad] that do not belong to the pose. Raises
+        RecordingError if the length of a quaternion is far from one.
         """
         columns = dict(table.columns)
         for name in (*self.angles(), *angles):
-            if name in columns:  # a vessel may not need it
-                known = ~np.isnan(columns[name])
+            if name in columns:  # not every vessel uses it
+                valid = ~np.isnan(columns[name])
                 columns[name] = columns[name].copy()
-                columns[name][known] = unroll(columns[name][known])
+                columns[name][valid] = unroll(columns[name][valid])
         if self.orientation is not None and _all_in(table, self.orientation):
             quaternions = np.column_stack([columns[name] for name in self.orientation])
-            known = ~np.any(np.isnan(quaternions), axis=1)
+            valid = ~np.any(np.isnan(quaternions), axis=1)
             lengths = np.linalg.norm(quaternions, axis=1)
             _check_lengths(table, lengths, self.orientation)
-            quaternions[~known] = np.nan
-            unit = quaternions[known] / lengths[known, None]
-            quaternions[known] = without_sign_flips(unit)
+            quaternions[~valid] = np.nan
+            unit = quaternions[valid] / lengths[valid, None]
+            quaternions[valid] = without_sign_flips(unit)
             columns |= dict(zip(self.orientation, quaternions.T, strict=True))
         return replace(table, columns=columns)
 
     def _poses(self) -> Mapping[str, str]:
-        """The position columns in use: angles come from the orientation where it is recorded."""
-        own = DOFS if self.orientation is None else DOFS[:3]
-        return {dof: name for dof, name in self.position.items() if dof in own}
+        """The position columns in use; angles come from the orientation if it is recorded."""
+        dofs = DOFS if self.orientation is None else DOFS[:3]
+        return {dof: name for dof, name in self.position.items() if dof in dofs}
 
 
 def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
-    wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE  # False where it is not known
+    wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE  # False for NaN
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(

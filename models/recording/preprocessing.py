@@ -1,4 +1,4 @@
-"""From measured signals to signals that can be identified with, and how good a recording is.
+"""Preprocessing of measured signals for identification, and quality checks of a recording.
 
 Outliers, common sample rate, accelerometer bias, acting force: Jervan (2020), section 5.2.
 Synchronisation, quaternions, velocity against position: Hoyer (2021), section 5.4. All functions
@@ -26,9 +26,10 @@ def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
     """Samples further than `deviations` standard deviations from a moving mean; values (N,).
 
     Mean and standard deviation (n - 1) are those of the `window` nearest samples, half of them
-    before and half after, *without* the sample itself: with it, no sample of ten can be further
-    away than (10 - 1) / sqrt(10) = 2.85 standard deviations, and nothing would ever be found.
-    Of pure white noise 1.9 % is taken for outliers; of smooth signals, steps and ramps nothing.
+    before and half after, *without* the sample itself: if it were included, no sample of ten could
+    deviate by more than (10 - 1) / sqrt(10) = 2.85 standard deviations, and no outlier would be
+    detected. In pure white noise 1.9 % of the samples count as outliers; in smooth signals, steps
+    and ramps none do.
     """
     n = len(values)
     if n <= window:
@@ -39,12 +40,12 @@ def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
     distance = np.abs(values - mean)
     squares = np.sum((around - mean[:, None]) ** 2, axis=1) - distance**2
     deviation = np.sqrt(np.maximum(squares, 0.0) / (window - 1))
-    rounding = 1e-9 * float(np.max(np.abs(values)))  # a constant signal has none
+    rounding = 1e-9 * float(np.max(np.abs(values)))  # a constant signal has no outliers
     return np.asarray(distance > np.maximum(deviations * deviation, rounding))
 
 
 def interpolated(t: Array, values: Array, wrong: Mask) -> Array:
-    """The same with the `wrong` samples on the line between their neighbours; values (N,)."""
+    """Values (N,) with the `wrong` samples replaced by linear interpolation in time t (N,) [s]."""
     if np.all(wrong):
         return values
     return np.where(wrong, np.interp(t, t[~wrong], values[~wrong]), values)
@@ -53,11 +54,11 @@ def interpolated(t: Array, values: Array, wrong: Mask) -> Array:
 def common_rate(
     channels: Mapping[str, tuple[Array, Array]], rate_hz: float
 ) -> tuple[Array, dict[str, Array]]:
-    """Channels (t, values), each with its own samples, on one grid; linear interpolation.
+    """Interpolate channels (t [s], values), each with its own samples, linearly on one time grid.
 
-    The grid begins where the last channel begins and ends where the first one ends. Angles must
-    be unrolled and quaternions free of sign flips before. There is no anti-aliasing filter, as in
-    the sources. Raises RecordingError where the channels do not overlap.
+    The grid starts where the last channel starts and ends where the first one ends. Angles must
+    be unwrapped and quaternions free of sign flips. There is no anti-aliasing filter, as in the
+    sources. Raises RecordingError if the channels do not overlap.
     """
     start = max(t[0] for t, _ in channels.values())
     end = min(t[-1] for t, _ in channels.values())
@@ -66,29 +67,29 @@ def common_rate(
         last = max(channels, key=lambda name: channels[name][0][0])
         first = min(channels, key=lambda name: channels[name][0][-1])
         raise RecordingError(
-            f"got channels that share no two samples at {rate_hz:g} Hz: {last} begins at "
-            f"{start:g} s, {first} ends at {end:g} s"
+            f"got channels that overlap by fewer than two samples at {rate_hz:g} Hz: {last} begins "
+            f"at {start:g} s, {first} ends at {end:g} s"
         )
     grid = start + np.arange(count) / rate_hz
     return grid, {name: np.interp(grid, t, x) for name, (t, x) in channels.items()}
 
 
 def without_bias(acceleration: Array, velocity: Array, period_s: float) -> Array:
-    """Acceleration [m/s^2] moved by a constant so that its integral is the velocity's change.
+    """Acceleration [m/s^2] minus a constant, so that its integral equals the change of velocity.
 
-    Over a record that ends with the velocity it began with this is the zero mean of Jervan (2020),
-    section 5.2.
+    If the velocities at the start and at the end are equal, this is the zero mean of Jervan
+    (2020), section 5.2.
     """
     duration = period_s * (len(acceleration) - 1)
-    gained = np.trapezoid(acceleration, dx=period_s, axis=0)
-    return np.asarray(acceleration - (gained - (velocity[-1] - velocity[0])) / duration)
+    integral = np.trapezoid(acceleration, dx=period_s, axis=0)
+    return np.asarray(acceleration - (integral - (velocity[-1] - velocity[0])) / duration)
 
 
 def central_difference(values: Array, period_s: float) -> Array:
     """d/dt along the first axis, [unit/s]; second order, also at the two ends.
 
-    (x[k+1] - x[k-1]) / (2 h): no phase, gain sinc(2 f h). It commutes with every linear
-    time-invariant filter, but for the ends.
+    (x[k+1] - x[k-1]) / (2 h): zero phase, gain sinc(2 f h). Except at the ends, it commutes with
+    every linear time-invariant filter.
     """
     if len(values) < 3:
         return np.asarray(np.gradient(values, period_s, axis=0))
@@ -97,11 +98,11 @@ def central_difference(values: Array, period_s: float) -> Array:
 
 @dataclass(frozen=True)
 class Differentiation:
-    """How an acceleration is found from a velocity.
+    """Numerical differentiation of the velocity; all methods have zero phase.
 
     `central`: the central difference, unfiltered. `savitzky_golay`: the slope of a polynomial of
     degree `polynomial` fitted to `window_s` around each sample. `butterworth`: central difference
-    after a low-pass of `order` at `cutoff_hz`, forward and backward. None of them has phase.
+    after a low-pass of `order` at `cutoff_hz`, forward and backward.
     """
 
     method: Literal["central", "savitzky_golay", "butterworth"]
@@ -142,7 +143,7 @@ class Differentiation:
                 f"got {self.cutoff_hz:g}"
             )
         if len(values) < 6 * (self.order + 1):
-            raise RecordingError(f"got {len(values)} samples, too few for a low-pass")
+            raise RecordingError(f"got {len(values)} samples, too few for a low-pass filter")
         from scipy.signal import butter, sosfiltfilt  # slow to import
 
         sections = butter(self.order, self.cutoff_hz / nyquist, output="sos")
@@ -150,10 +151,10 @@ class Differentiation:
 
 
 def without_sign_flips(quaternions: Array) -> Array:
-    """The same rotations, shape (N, 4), with neighbours on the same side: q . q_next >= 0.
+    """The same rotations, shape (N, 4), with signs such that q . q_next >= 0.
 
-    q and -q are one rotation; a recorder that changes the sign at 180 degrees puts spikes into
-    derivatives and wrong values between samples. Hoyer (2021), section 5.4.3.
+    q and -q are the same rotation; a change of sign at 180 degrees causes spikes in derivatives
+    and wrong interpolated values. Hoyer (2021), section 5.4.3.
     """
     products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
@@ -169,7 +170,8 @@ class AzimuthThrusters:
 
         tau = sum over thrusters of tau_chi (cos alpha, sin alpha, l sin alpha)
 
-    Jervan (2020), eqs. (5.1) and (5.2). `rpm` and `angle` name the columns; none: not measured.
+    Jervan (2020), eqs. (5.1) and (5.2). `rpm` and `angle` name the columns; both are empty if they
+    were not measured.
     """
 
     rpm: tuple[str, ...]
@@ -182,7 +184,7 @@ class AzimuthThrusters:
         counts = (len(self.rpm), len(self.angle), len(self.arm_m))
         if self.rpm + self.angle and len(set(counts)) > 1:
             raise ConfigurationError(
-                f"rpm, angle and arm_m must be as many as there are thrusters, got {counts}"
+                f"rpm, angle and arm_m must have one entry per thruster, got {counts} entries"
             )
         if not self.rpm_limits[0] < self.rpm_limits[1]:
             raise ConfigurationError(f"rpm_limits must increase, got {self.rpm_limits}")
@@ -190,7 +192,7 @@ class AzimuthThrusters:
     def force(self, rpm: Array, angle: Array) -> Array:
         """(surge, sway, yaw) [N, N, Nm], shape (N, 3), from rpm and angle [rad], (N, thrusters).
 
-        Raises RecordingError where a speed lies outside the data that the map was fitted to.
+        Raises RecordingError if a speed is outside the range that the polynomial was fitted to.
         """
         low, high = self.rpm_limits
         outside = (rpm < low) | (rpm > high)
@@ -210,9 +212,9 @@ class AzimuthThrusters:
 class QualityCheck:
     """error = measured - calculated, Hoyer (2021), section 5.4.4.
 
-    `integrated_velocity`: the pose against the integral of the velocity from the first pose, in m
-    or rad: drift. `differentiated_position`: the velocity against the derivative of the pose, in
-    m/s or rad/s: wrong signs, frames and time stamps.
+    `integrated_velocity` compares the pose with the integral of the velocity from the first pose,
+    in m or rad, and shows drift. `differentiated_position` compares the velocity with the
+    derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
     """
 
     check: Check
@@ -248,8 +250,9 @@ class Description:
 def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     """Both checks of every degree of freedom.
 
-    Exact for surge-sway-yaw, for all six, and for axes without angles; what another set does not
-    hold (a heave velocity that pitch would turn forward) is taken as zero.
+    The checks are exact for surge, sway and yaw, for all six degrees of freedom, and for axes
+    without angles. In any other set the missing velocities (such as heave, which pitch would
+    rotate forward) are taken as zero.
     """
     from scipy.integrate import cumulative_trapezoid  # slow to import
 
@@ -274,26 +277,26 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
 def quality_series(checks: Sequence[QualityCheck]) -> tuple[dict[str, Array], dict[str, str]]:
     """Columns and units of the error series: `x_error`, `u_error` and so on."""
     columns, units = {}, {}
-    for one in checks:
-        pose = one.check == "integrated_velocity"
-        (name,) = poses_of([one.dof]) if pose else velocities_of([one.dof])
-        columns[f"{name}_error"], units[f"{name}_error"] = one.error, one.unit
+    for check in checks:
+        pose = check.check == "integrated_velocity"
+        (name,) = poses_of([check.dof]) if pose else velocities_of([check.dof])
+        columns[f"{name}_error"], units[f"{name}_error"] = check.error, check.unit
     return columns, units
 
 
 def describe(columns: Mapping[str, Array]) -> tuple[Description, ...]:
-    """Descriptive statistics of columns, in their order; empty cells (NaN) do not count."""
-    described = []
+    """Descriptive statistics of columns, in their order; empty cells (NaN) are ignored."""
+    descriptions = []
     for name, values in columns.items():
         x = values[~np.isnan(values)]
         if not len(x):
-            described.append(Description(name, 0, *(float("nan"),) * 5))
+            descriptions.append(Description(name, 0, *(float("nan"),) * 5))
             continue
         std = float(np.std(x, ddof=1)) if len(x) > 1 else float("nan")
-        described.append(
+        descriptions.append(
             Description(
                 name, len(x), float(np.mean(x)), std, float(np.median(x)), float(np.min(x)),
                 float(np.max(x)),
             )
         )  # fmt: skip
-    return tuple(described)
+    return tuple(descriptions)

@@ -1,4 +1,4 @@
-"""What every reader of measured recordings is asked; `recorded_file` is the one of CSV files."""
+"""Interface of the readers of measured recordings; `recorded_file` implements it for CSV files."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -9,23 +9,23 @@ from seatrial.models.vessel.basis import Array
 
 
 class Reader(ABC):
-    """A measured recording as excitation: read, not simulated."""
+    """A measured recording as excitation, which is read instead of simulated."""
 
-    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - nothing to refuse
-        """Raise ConfigurationError for a vessel that it cannot serve; reads nothing."""
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - every vessel is accepted
+        """Raise ConfigurationError if the recording does not suit a vessel; does not read it."""
 
     @abstractmethod
     def read(self, dofs: Sequence[str]) -> Recording:
-        """The recording of a vessel of these degrees of freedom; raises RecordingError."""
+        """Read the recording of a vessel with these degrees of freedom; raises RecordingError."""
 
     def split(self, t: Array) -> Split:
-        """Which of the samples that `read` gave are for training and which for testing."""
+        """Training and test samples of the recording that `read` returns; times t [s], (N,)."""
         return half(len(t))
 
     def describe(self) -> tuple[Description, ...]:
-        """Statistics of what was recorded, column by column."""
+        """Descriptive statistics of the recorded columns."""
         return ()
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
-        """How many samples of each column are outliers."""
+        """Number of outliers in each column."""
         return {}

@@ -1,4 +1,4 @@
-"""Measured recordings: a CSV file, read, checked, cleaned where asked, and cut."""
+"""Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +27,12 @@ from seatrial.models.recording.recording import Mask, Recording, Split, by_trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
-UNIFORMITY = 0.01  # a step may differ from the sample time by this share of it
+UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Replace what is more than `deviations` standard deviations from its `window` neighbours."""
+    """Outliers: samples over `deviations` standard deviations from their `window` neighbours."""
 
     replace: bool
     window: Annotated[int, Ge(4)]
@@ -44,14 +44,15 @@ class Outliers:
 
 @dataclass(frozen=True)
 class RecordedFile(Reader):
-    """A measured CSV file as excitation: read, checked and cut, not simulated.
+    """A measured CSV file as excitation, which is read, checked and cut instead of simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
-    `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) where
-    `trip_starts_s` are given. The file is sampled uniformly, with `sample_time_s` (null: whatever
-    it has); or every column has its own samples, empty cells between them, and `resample_hz` puts
-    them on one grid. `heading_deg` is the heading of the frame of the positions in the frame of
-    the orientation: 180 where the map turns both horizontal positions round.
+    `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) if
+    `trip_starts_s` is set. Either the file is sampled uniformly, with `sample_time_s` (null: the
+    median step), or every column has its own samples with empty cells between them, and all
+    columns are resampled on one grid with `resample_hz`. `heading_deg` is the heading of the frame
+    of the positions in the frame of the orientation: 180 if both horizontal positions are
+    reversed.
     """
 
     path: str | None
@@ -83,34 +84,34 @@ class RecordedFile(Reader):
             )
         if self.sample_time_s is not None and self.resample_hz is not None:
             raise ConfigurationError(
-                f"sample_time_s = {self.sample_time_s:g} asks for a uniform file and resample_hz = "
-                f"{self.resample_hz:g} makes one, expected one of them to be null"
+                f"sample_time_s = {self.sample_time_s:g} requires a uniform file and resample_hz = "
+                f"{self.resample_hz:g} resamples it, expected one of them to be null"
             )
         half(2, self.train_fraction)
         trips(np.zeros(1), self.trip_starts_s)
         if len(self.training_trips) and not len(self.trip_starts_s):
-            raise ConfigurationError("training_trips needs trip_starts_s, got none")
+            raise ConfigurationError("training_trips requires trip_starts_s, got none")
         if self.trip_starts_s:
             by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
         if self.thrusters.rpm and self.columns.actual_force:
             raise ConfigurationError(
-                "thrusters.rpm and columns.actual_force both give the acting force, expected one"
+                "thrusters.rpm and columns.actual_force both define the acting force, expected one"
             )
 
     @property
     def file(self) -> Path:
-        """The file, with `~` replaced by the home folder."""
+        """Path of the file, with `~` replaced by the home folder."""
         return Path(self.path or "").expanduser()
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError when the map has no columns for a vessel; reads nothing."""
+        """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
         self.columns.check(dofs)
 
     def read(self, dofs: Sequence[str]) -> Recording:
-        """The recording of a vessel of these degrees of freedom.
+        """Read the recording of a vessel with these degrees of freedom.
 
-        Raises RecordingError, naming file, line and column. An identifier's low-pass comes later:
-        it is linear, so it commutes with the differentiation.
+        Raises RecordingError, which names file, line and column. The low-pass filter of an
+        identifier is applied later: it is linear, so it commutes with the differentiation.
         """
         table = self._table(dofs)
         t = table.columns[self.columns.time]
@@ -118,52 +119,52 @@ class RecordedFile(Reader):
         nu = self.columns.values(table, "velocity", dofs)
         tau = self.columns.values(table, "force", dofs)
         nu_dot, acting = self._acceleration(table, nu, period_s, dofs), self._acting(table, dofs)
-        kept = self._window(t)
-        attitude = self.columns.attitude(table, np.radians(self.heading_deg))[kept]
+        rows = self._window(t)
+        attitude = self.columns.attitude(table, np.radians(self.heading_deg))[rows]
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
         return Recording(
-            tuple(dofs), t[kept], self._pose(table, kept, attitude, dofs), nu[kept], nu_dot[kept],
-            tau[kept], attitude, tau_actual=None if acting is None else acting[kept],
+            tuple(dofs), t[rows], self._pose(table, rows, attitude, dofs), nu[rows], nu_dot[rows],
+            tau[rows], attitude, tau_actual=None if acting is None else acting[rows],
         )  # fmt: skip
 
     def split(self, t: Array) -> Split:
-        """Which of the samples that `read` gave are for training and which for testing.
+        """Training and test samples of the recording that `read` returns; times t [s], (N,).
 
-        Raises ConfigurationError where the window leaves no trip to train or to test with.
+        Raises ConfigurationError if the window contains no trip for training or none for testing.
         """
         if not self.trip_starts_s:
             return half(len(t), self.train_fraction)
         return by_trips(trips(t, self.trip_starts_s), self.training_trips)
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
-        """How many samples of each column in use are outliers, over the whole file."""
+        """Number of outliers in each used column, over the entire file."""
         table = self._measured(dofs)
         return {name: int(np.sum(wrong)) for name, wrong in self._outliers(table).items()}
 
     def describe(self) -> tuple[Description, ...]:
-        """Statistics of the columns `statistics` that the file has, in the window, as recorded."""
+        """Descriptive statistics of the recorded columns `statistics` in the window."""
         table = read_table(self.file, (self.columns.time,), self.statistics, gaps=True)
-        kept = self._window(table.columns[self.columns.time])
+        window = self._window(table.columns[self.columns.time])
         names = [name for name in self.statistics if name in table.columns]
-        return describe({name: table.columns[name][kept] for name in names})
+        return describe({name: table.columns[name][window] for name in names})
 
     def _table(self, dofs: Sequence[str]) -> Table:
-        """The columns in use, without outliers where asked, on one uniform grid."""
+        """The used columns on one uniform grid, with outliers replaced if configured."""
         table = self._measured(dofs)
         if self.outliers.replace:
             columns, t = dict(table.columns), table.columns[self.columns.time]
             for name, wrong in self._outliers(table).items():
-                known = ~np.isnan(columns[name])
+                valid = ~np.isnan(columns[name])
                 columns[name] = columns[name].copy()
-                columns[name][known] = interpolated(t[known], columns[name][known], wrong[known])
+                columns[name][valid] = interpolated(t[valid], columns[name][valid], wrong[valid])
             table = replace(table, columns=columns)
         return table if self.resample_hz is None else self._resampled(table, self.resample_hz)
 
     def _measured(self, dofs: Sequence[str]) -> Table:
-        """The columns in use as the file has them: checked, angles and quaternions continuous."""
+        """The used columns as recorded, checked, with continuous angles and quaternions."""
         self.check(dofs)
         required = self.columns.required(dofs)
-        if self._thrusters_serve(dofs):
+        if self._has_thruster_force(dofs):
             required += [*self.thrusters.rpm, *self.thrusters.angle]
         optional = (*(self.columns.orientation or ()), *self.columns.angles())
         gaps = self.resample_hz is not None
@@ -175,24 +176,24 @@ class RecordedFile(Reader):
         return self.columns.continuous(table, self.thrusters.angle)
 
     def _outliers(self, table: Table) -> dict[str, Mask]:
-        """Outliers of every column but time, among its own samples."""
-        found = {}
+        """Masks (N,) of the outliers in every column except time, among its own samples."""
+        masks = {}
         for name, values in table.columns.items():
             if name != self.columns.time:
-                known = ~np.isnan(values)
-                found[name] = np.zeros(len(values), dtype=bool)
-                found[name][known] = outliers(
-                    values[known], self.outliers.window, self.outliers.deviations
+                valid = ~np.isnan(values)
+                masks[name] = np.zeros(len(values), dtype=bool)
+                masks[name][valid] = outliers(
+                    values[valid], self.outliers.window, self.outliers.deviations
                 )
-        return found
+        return masks
 
     def _resampled(self, table: Table, rate_hz: float) -> Table:
         t = table.columns[self.columns.time]
         channels = {}
         for name, values in table.columns.items():
-            known = ~np.isnan(values)
+            valid = ~np.isnan(values)
             if name != self.columns.time:
-                channels[name] = (t[known], values[known])
+                channels[name] = (t[valid], values[valid])
         try:
             grid, columns = common_rate(channels, rate_hz)
         except RecordingError as error:
@@ -200,7 +201,7 @@ class RecordedFile(Reader):
         return replace(table, columns={self.columns.time: grid, **columns})
 
     def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
-        """nu_dot (N, n_dof): as recorded, its bias zeroed where asked; else differentiated."""
+        """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated."""
         nu_dot = self.differentiation.derivative(nu, period_s)
         for i, dof in enumerate(dofs):
             if dof in self.columns.acceleration:
@@ -211,8 +212,8 @@ class RecordedFile(Reader):
         return nu_dot
 
     def _acting(self, table: Table, dofs: Sequence[str]) -> Array | None:
-        """The acting force (N, n_dof) where every degree of freedom has one, else None."""
-        if self._thrusters_serve(dofs):
+        """The acting force (N, n_dof); None if a degree of freedom has none."""
+        if self._has_thruster_force(dofs):
             rpm, angle = (
                 np.column_stack([table.columns[name] for name in names])
                 for names in (self.thrusters.rpm, self.thrusters.angle)
@@ -226,34 +227,34 @@ class RecordedFile(Reader):
             return self.columns.values(table, "actual_force", dofs)
         return None
 
-    def _thrusters_serve(self, dofs: Sequence[str]) -> bool:
-        """Whether motor speeds give the acting force in all these degrees of freedom."""
+    def _has_thruster_force(self, dofs: Sequence[str]) -> bool:
+        """Whether motor speeds determine the acting force in all these degrees of freedom."""
         return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
 
-    def _pose(self, table: Table, kept: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
+    def _pose(self, table: Table, window: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
         poses = []
         for dof in dofs:
             if dof in DOFS[3:]:
                 poses.append(attitude[:, DOFS[3:].index(dof)])
             else:
-                poses.append(self.columns.values(table, "position", (dof,))[kept, 0])
+                poses.append(self.columns.values(table, "position", (dof,))[window, 0])
         return np.column_stack(poses)
 
     def _window(self, t: Array) -> Mask:
-        """The samples strictly between `start_s` and `end_s`."""
+        """Mask (N,) of the samples strictly between `start_s` and `end_s`."""
         start = -np.inf if self.start_s is None else self.start_s
         end = np.inf if self.end_s is None else self.end_s
-        kept = (start < t) & (t < end)
-        if np.count_nonzero(kept) < 2:
+        window = (start < t) & (t < end)
+        if np.count_nonzero(window) < 2:
             raise RecordingError(
-                f"{self.file}: got {np.count_nonzero(kept)} samples with {start:g} < t < {end:g} s,"
-                f" expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
+                f"{self.file}: got {np.count_nonzero(window)} samples with {start:g} < t < {end:g} "
+                f"s, expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
-        return kept
+        return window
 
 
 def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
-    """Raise RecordingError where time does not increase in uniform steps.
+    """Raise RecordingError if time does not increase in uniform steps.
 
     A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
     """
@@ -271,11 +272,11 @@ def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
 
 
 def check_increasing(table: Table, name: str) -> None:
-    """Raise RecordingError where a time is missing or does not come after the one before."""
+    """Raise RecordingError if a time is missing or not later than the previous time."""
     t = table.columns[name]
     if len(t) < 2:
         raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
-    wrong = ~(np.diff(t) > 0.0)  # also where a time is missing
+    wrong = ~(np.diff(t) > 0.0)  # True for NaN
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
@@ -285,22 +286,22 @@ def check_increasing(table: Table, name: str) -> None:
 
 
 def check_gaps(table: Table, time: str, longest_s: float) -> None:
-    """Raise RecordingError where a column has no sample for more than `longest_s` [s].
+    """Raise RecordingError if a column has no sample for more than `longest_s` [s].
 
-    Columns may begin late and end early.
+    Columns may start late and end early.
     """
     check_increasing(table, time)
     for name, values in table.columns.items():
-        known = np.flatnonzero(~np.isnan(values))
-        if len(known) < 2:
+        rows = np.flatnonzero(~np.isnan(values))
+        if len(rows) < 2:
             raise RecordingError(
-                f"{table.path}, column {name}: got {len(known)} samples, expected at least 2"
+                f"{table.path}, column {name}: got {len(rows)} samples, expected at least 2"
             )
-        t = table.columns[time][known]
+        t = table.columns[time][rows]
         gaps = np.diff(t)
         if np.max(gaps) > longest_s:
             k = int(np.argmax(gaps > longest_s))
             raise RecordingError(
-                f"{table.path}, column {name}, line {table.line(int(known[k]))}: got no sample for "
+                f"{table.path}, column {name}, line {table.line(int(rows[k]))}: got no sample for "
                 f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
             )

@@ -14,7 +14,7 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
-GAP = 1.5  # sample times: a longer step in time is a gap
+GAP = 1.5  # in sample times; a longer time step is a gap
 LOWPASS_ORDER = 4
 FORCES = ("commanded", "filtered", "actual")
 Mask = NDArray[np.bool_]
@@ -22,12 +22,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Uniformly sampled data of one vessel; SI units, radians; arrays have one row a sample.
+    """Uniformly sampled data of one vessel; SI units, radians; arrays have one row per sample.
 
-    `tau` is the commanded force; `tau_filtered` the command passed through a known thruster
-    lag; `tau_actual` the acting force where it was measured (or simulated). Forces at a row act
-    at its instant, the command at a row is applied from its instant on. `wind` is the measured
-    velocity of the air.
+    `tau` is the commanded force, `tau_filtered` the command filtered by a known thruster lag, and
+    `tau_actual` the acting force if it was measured or simulated. The acting force in a row acts
+    at the time of that row; the command in a row is applied from that time on. `wind` is the
+    measured velocity of the air.
     """
 
     dofs: tuple[str, ...]
@@ -55,8 +55,8 @@ class Recording:
 
     @property
     def period_s(self) -> float:
-        """Sample time [s], also where parts of the recording are missing."""
-        span = self.t[-1] - self.t[0]  # over a gap, such as between trips, a whole multiple
+        """Sample time [s], also if parts of the recording are missing."""
+        span = self.t[-1] - self.t[0]  # gaps, as between trips, are multiples of the sample time
         return float(span / round(span / np.median(np.diff(self.t))))
 
     @property
@@ -65,7 +65,7 @@ class Recording:
         return np.diff(self.t, prepend=-np.inf) > GAP * self.period_s
 
     def part(self, mask: Mask | slice) -> "Recording":
-        """The samples of a mask or slice."""
+        """The recording restricted to the samples of a mask (N,) or slice."""
 
         def cut(values: Array | None) -> Array | None:
             return None if values is None else values[mask]
@@ -78,34 +78,35 @@ class Recording:
         )  # fmt: skip
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
-        """The same with `tau_filtered`, the command passed through a known lag from its start."""
+        """The recording with `tau_filtered`, the command filtered by a known thruster lag."""
         if thruster is None:
             return self
         return replace(self, tau_filtered=acting_force(thruster, self.tau, self.period_s))
 
     def force(self, kind: str | None) -> Array:
-        """The force [N, Nm] that a residual is formed with, shape (N, n_dof).
+        """The force [N, Nm] used to compute a residual, shape (N, n_dof).
 
-        `commanded` is the thesis's; `filtered` the default where the lag is known; `actual` the
-        default where it is not but the acting force is recorded.
+        `commanded` is the choice of the thesis. If `kind` is None, the force is `filtered` if the
+        lag is known, else `actual` if it is recorded, else `commanded`. Raises ConfigurationError
+        if the force of the kind is not available.
         """
         if kind is None:
-            known = self.tau_actual is not None
-            kind = "filtered" if self.tau_filtered is not None else "actual" if known else None
+            recorded = self.tau_actual is not None
+            kind = "filtered" if self.tau_filtered is not None else "actual" if recorded else None
         options = {"filtered": self.tau_filtered, "actual": self.tau_actual}
-        chosen = options.get(kind or "commanded", self.tau)
-        if chosen is None:
+        force = options.get(kind or "commanded", self.tau)
+        if force is None:
             missing = (
                 "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
             )
             raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
-        return chosen
+        return force
 
     def held_force(self, kind: str | None) -> Array:
         """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-        A command is held over its sample. An acting force is known at the samples and runs
-        straight between them, so that its middle is its mean; the last one stays.
+        A command is constant over its sample. An acting force is known at the samples and linear
+        between them; after the last sample it is constant.
         """
         start = self.force(kind)
         end = start if start is self.tau else following(start)
@@ -118,7 +119,7 @@ class Recording:
     def lowpass(self, cutoff_hz: float | None, drop_s: float = 2.0) -> "Recording":
         """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
 
-        `drop_s` [s] are dropped at each end, where the filter has no neighbours.
+        `drop_s` [s] are dropped at each end, where the filter lacks data on one side.
         """
         if cutoff_hz is None:
             return self
@@ -126,7 +127,7 @@ class Recording:
         return pieces[0] if len(pieces) == 1 else _joined(pieces)
 
     def pieces(self) -> list["Recording"]:
-        """The stretches without a gap in time, such as the trips of a training part."""
+        """The segments without a gap in time, such as the trips of the training part."""
         edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
         return [self.part(slice(a, b)) for a, b in pairwise(edges)]
 
@@ -134,7 +135,7 @@ class Recording:
         check_cutoff(cutoff_hz, self.period_s)
         drop = round(drop_s / self.period_s)
         if len(self) < 2 * drop + 30:
-            raise RecordingError(f"got {len(self)} samples, too few for a low-pass")
+            raise RecordingError(f"got {len(self)} samples, too few for a low-pass filter")
         from scipy.signal import butter, sosfiltfilt  # slow to import
 
         sections = butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos")
@@ -152,12 +153,12 @@ class Recording:
 
 
 def following(values: Array) -> Array:
-    """The value of the next sample, of the last one itself, shape (N, ...)."""
+    """The value at the next sample, shape (N, ...); the last value is repeated."""
     return np.concatenate([values[1:], values[-1:]])
 
 
 def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
-    """Refuse a low-pass that a sample time [s] cannot hold."""
+    """Raise ConfigurationError unless the cut-off is below half the sample rate; period [s]."""
     highest = 0.5 / period_s
     if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
         raise ConfigurationError(
@@ -166,7 +167,7 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
 
 
 def _joined(pieces: Sequence[Recording]) -> Recording:
-    """Pieces one after the other, each with its own time."""
+    """Concatenate pieces; each keeps its time."""
 
     def join(name: str) -> Any:
         parts = [getattr(piece, name) for piece in pieces]
@@ -195,10 +196,11 @@ def _edges(n: int, count: int) -> list[int]:
 
 
 class Split(NamedTuple):
-    """Masks over the samples, shape (N,): disjoint, not necessarily covering.
+    """Disjoint masks of the training and test samples, shape (N,); they need not cover all samples.
 
-    Neighbouring samples of a motion are alike, so a random split tests on what was learnt: all
-    splits cut in time, and those for cross-validation can leave a gap.
+    Neighbouring samples of a motion are similar, so a random split would test on data close to the
+    training data. All splits are therefore blocks in time, and those for cross-validation can
+    leave a gap.
     """
 
     train: Mask
@@ -225,23 +227,23 @@ def trips(t: Array, starts_s: Collection[float]) -> NDArray[np.int64]:
 
 
 def by_trips(trip: NDArray[np.int64], training: Collection[int]) -> Split:
-    """The `training` trips against the others; samples before the first trip are in neither.
+    """The `training` trips, and the others for testing, without samples before the first trip.
 
-    Jervan (2020), section 5.3: trips 1 and 3 for training, 2 and 4 for testing, so that weather
-    that changed on the way is in both.
+    Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing, so that both
+    contain the changing weather. Raises ConfigurationError if one of the sets is empty.
     """
-    chosen = np.isin(trip, list(training))
-    split = Split(chosen & (trip > 0), ~chosen & (trip > 0))
+    selected = np.isin(trip, list(training))
+    split = Split(selected & (trip > 0), ~selected & (trip > 0))
     if not np.any(split.train) or not np.any(split.test):
         raise ConfigurationError(
-            f"training_trips must leave trips to train and to test with, got {list(training)} of "
-            f"trips {np.unique(trip[trip > 0]).tolist()}"
+            f"training_trips must leave trips for training and for testing, got {list(training)} "
+            f"of trips {np.unique(trip[trip > 0]).tolist()}"
         )
     return split
 
 
 def rolling_origin(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
-    """`count` splits that train on the past and test on the next of count + 1 equal blocks.
+    """`count` splits of count + 1 equal blocks that train on the past and test on the next block.
 
     `gap` samples before each test block are left out.
     """

@@ -2,17 +2,17 @@
 
     eta_dot = J(eta) nu,    nu_dot = M^-1 (tau + J(eta)' f - F(0, nu_r, attitude, nu_q)) + w
 
-with the force f given in NED, the velocity through the water nu_r = nu - nu_c, that through the
-air nu_q = nu - nu_w, and the process noise w. A stream that is constant in NED turns in body axes
-with the vessel, d nu_c / dt = -S(omega) nu_c: in a uniform current a vessel moves as in still
-water, seen from the water (Fossen (2011), section 8.3.1). A table without Coriolis forces leaves
-this out as it leaves them out. A current that varies is taken as constant over a control period:
-the forces of accelerated water are neglected.
+with the force f in NED, the velocity through the water nu_r = nu - nu_c, the velocity through the
+air nu_q = nu - nu_w, and the process noise w. A current that is constant in NED rotates in body
+axes when the vessel turns, d nu_c / dt = -S(omega) nu_c: in a uniform current a vessel moves
+relative to the water as in still water (Fossen (2011), section 8.3.1). This term is omitted for a
+table without Coriolis forces. A varying current is taken as constant over a control period; the
+forces due to accelerated water are neglected.
 
-The kinematics J are chosen by the type of a named tuple of `pose`, so that each is compiled
+The kinematics J are selected by the type of a named tuple of `pose`, so that each is compiled
 without the others. The closed loop, the free run of one model and the free runs of many candidates
-are made from `step`: its arrays hold numbers, or packs of numbers (`seatrial.models.packs`) for
-candidates side by side. So no branch here may depend on the state: `where` chooses instead.
+all use `step`: its arrays hold numbers, or packs of numbers (`seatrial.models.packs`) for many
+candidates in parallel. Therefore no branch here may depend on the state; `where` is used instead.
 """
 
 from collections.abc import Callable
@@ -69,9 +69,9 @@ def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
 
 @register_jitable
 def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose: int) -> Scratch:
-    """Work space in two arrays of zeros, shapes (scratch_size,) and (2, 3, 6).
+    """Work space in two zero arrays of shapes (scratch_size,) and (2, 3, 6).
 
-    For a plant of so many terms, velocities and coordinates of the pose.
+    `n_terms`, `n_dof` and `n_pose` are the numbers of terms, velocities and pose coordinates.
     """
     z = vectors[: 2 * N_VARIABLES]
     for i in (0, COS_PHI, COS_THETA, COS_PSI):  # level, and heading north
@@ -108,18 +108,18 @@ def _rates(
 ) -> Callable[..., None]:  # fmt: skip
     step = RATES[tuple_of(kinematics)]
 
-    def chosen(
+    def kernel(
         kinematics: Kinematics, plant: PlantTable, eta: Array, nu: Array, tau: Array,
         weather: Weather, k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
     ) -> None:  # fmt: skip
         step(kinematics, plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
 
-    return chosen
+    return kernel
 
 
 @lean_kernel
-def _unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
-    """rest = tau - F(0, nu_r, attitude, nu_q), of the variables that stand in the work space."""
+def _net_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
+    """Write rest = tau - F(0, nu_r, attitude, nu_q) for the variables in the work space."""
     features_kernel(plant.codes, work.z, work.phi)
     for i in range(work.rest.shape[0]):
         total = 0.0
@@ -130,7 +130,7 @@ def _unmet_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
 
 @lean_kernel
 def _accelerate(plant: PlantTable, weather: Weather, k: int, rest: Array, nu_dot: Array) -> None:
-    """nu_dot = M^-1 rest + w."""
+    """Write nu_dot = M^-1 rest + w."""
     n = rest.shape[0]
     for i in range(n):
         total = 0.0
@@ -165,7 +165,7 @@ def _axes_rates(
     axes: Axes, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
     work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """Each axis alone; a current along north and east meets surge and sway."""
+    """Rates of independent axes; surge and sway are along north and east."""
     for i in range(nu.shape[0]):
         eta_dot[i] = nu[i]
     if axes.roll >= 0:
@@ -193,7 +193,7 @@ def _axes_rates(
         if weather.wind_body.shape[0] > 0:
             ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
         fill_air_kernel(work.z, ahead, aside)
-    _unmet_force(plant, tau, work)
+    _net_force(plant, tau, work)
     if weather.force_ned.shape[0] > 0:
         for i in range(nu.shape[0]):
             work.rest[i] += weather.force_ned[k, i]
@@ -208,7 +208,7 @@ def _planar_rates(
     planar: Planar, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
     work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """eta_dot = R(psi) nu; vectors in NED are seen from body axes by R(psi)'."""
+    """Rates of a planar vessel, eta_dot = R(psi) nu; R(psi)' maps vectors from NED to body axes."""
     _fill_angle(work.z, COS_PSI, eta[2])
     c, s = work.z[COS_PSI], work.z[SIN_PSI]
     eta_dot[0] = c * nu[0] - s * nu[1]
@@ -230,7 +230,7 @@ def _planar_rates(
         if weather.wind_body.shape[0] > 0:
             ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
         fill_air_kernel(work.z, ahead, aside)
-    _unmet_force(plant, tau, work)
+    _net_force(plant, tau, work)
     if weather.force_ned.shape[0] > 0:
         north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
         work.rest[0] += c * north + s * east
@@ -250,7 +250,7 @@ def _spatial_rates(
     plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int, work: Scratch,
     eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """All rates but that of the attitude, which stands in work.frame and work.z."""
+    """All rates except that of the attitude, which is in work.frame and work.z."""
     R, stream = work.frame, work.stream
     for i in range(3):
         eta_dot[i] = R[i, 0] * nu[0] + R[i, 1] * nu[1] + R[i, 2] * nu[2]
@@ -270,7 +270,7 @@ def _spatial_rates(
         if weather.wind_body.shape[0] > 0:
             ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
         fill_air_kernel(work.z, ahead, aside)
-    _unmet_force(plant, tau, work)
+    _net_force(plant, tau, work)
     if weather.force_ned.shape[0] > 0:
         force = weather.force_ned[k]
         for i in range(3):
@@ -288,7 +288,7 @@ def _quaternion_rates(
     kinematics: Quaternion, plant: PlantTable, eta: Array, nu: Array, tau: Array,
     weather: Weather, k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """Hoyer (2021), eqs. (2.2)-(2.3) and (2.20)."""
+    """Rates in six degrees of freedom. Hoyer (2021), eqs. (2.2)-(2.3) and (2.20)."""
     frame_of_quaternion_kernel(eta[3:], work.frame)
     fill_attitude_kernel(work.z, work.frame)
     quaternion_rate_kernel(eta[3:], nu[3], nu[4], nu[5], eta_dot[3:])
@@ -303,7 +303,7 @@ def _euler_rates(
     kinematics: Euler, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
     k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """The same with the attitude in angles."""
+    """Rates in six degrees of freedom with the attitude in Euler angles."""
     frame_of_angles_kernel(eta[3:], work.frame)
     fill_attitude_kernel(work.z, work.frame)
     angle_rate_kernel(eta[3:], nu[3], nu[4], nu[5], eta_dot[3:])
@@ -314,8 +314,8 @@ RATES[Euler] = _euler_rates
 
 
 @lean_kernel
-def _held(rate: float, limit: float) -> float:
-    """The rate within +-limit, which a NaN becomes too."""
+def _limited(rate: float, limit: float) -> float:
+    """The rate limited to +-limit; a NaN becomes the limit."""
     below = where(rate < limit, rate, limit)
     return where(below > -limit, below, -limit)  # type: ignore[no-any-return]
 
@@ -325,9 +325,9 @@ def _weigh(
     stage: int, h: float, euler: bool, limit: float, x: Array, x_dot: Array, change: Array,
     ahead: Array,
 ) -> float:  # fmt: skip
-    """Add the rate of a stage to the change over the step, and go ahead to the next stage.
+    """Add the rate of a stage to the change over the step, and compute the state of the next stage.
 
-    After the last stage `x` itself is changed. Returns how many rates had to be limited.
+    After the last stage `x` is updated. Returns the number of rates that were limited.
     """
     weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
     reach = h if stage == 2 else 0.5 * h
@@ -335,9 +335,9 @@ def _weigh(
     for i in range(x.shape[0]):
         rate = x_dot[i]
         if limit < np.inf:
-            held = _held(rate, limit)
-            count += where(held != rate, 1.0, 0.0)
-            rate = held
+            bounded = _limited(rate, limit)
+            count += where(bounded != rate, 1.0, 0.0)
+            rate = bounded
         if euler:
             x[i] += h * rate
         elif stage == 3:
@@ -356,8 +356,8 @@ def step(
     """One step of pose and velocity, in place, under row k of the weather.
 
     Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; the
-    force (3, n_dof) acts at the start, in the middle and at the end. Rates are held within
-    +-limit [m/s, rad/s and per second again] unless it is infinite; `work.limited` counts.
+    force (3, n_dof) acts at the start, in the middle and at the end. Rates are limited to +-limit
+    [m/s, rad/s; m/s^2, rad/s^2] unless it is infinite; `work.limited` counts the limited rates.
     """
     for stage in range(1 if euler else 4):
         at_eta, at_nu = (work.eta, work.nu) if stage > 0 else (eta, nu)
@@ -378,9 +378,9 @@ def advance(
     eta: Array, nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
     euler: bool = False,
 ) -> None:  # fmt: skip
-    """Advance pose, velocity and (exactly) thrust (n_dof, 2) over one control period.
+    """Advance pose, velocity and thrust (n_dof, 2) over one control period; thrust is exact.
 
-    The command is held; `lag` is the thruster's step of h/2.
+    The command (n_dof,) is constant; `lag` is the discretised thruster for a step of h/2 [s].
     """
     if lag.direct:
         step_lag_kernel(lag, thrust, command)

@@ -5,9 +5,9 @@ The state is (eta, nu), the input tau. With eta_dot = J(eta) nu and M nu_dot = t
     A = [ d(J nu)/d eta      J        ]      B = [  0   ]      C = [I 0]
         [ -M^-1 dF/d eta  -M^-1 dF/d nu ]        [ M^-1 ]
 
-for deviations from (eta_0, nu_0, tau_0 = F(nu_0, eta_0)). Bargouth (2022), section 3.2, does it
-by hand for one vessel; here F is a sum of products of factors x and |x|, whose derivative is a
-sum of products again.
+for deviations from (eta_0, nu_0, tau_0 = F(nu_0, eta_0)). Bargouth (2022), section 3.2, derives
+this for one vessel. Here F is a sum of products of factors x and |x|, so its derivative is a sum
+of products as well.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def gradient(codes: Codes, x: Array) -> Array:
 
 
 def operating_force(vessel: Vessel, nu: Array, attitude: Array, wind_ned: Array) -> Array:
-    """tau_0 = F(0, nu_0, attitude_0) that keeps the velocity [N, Nm], shape (n_dof,)."""
+    """Force tau_0 = F(0, nu_0, attitude_0) that maintains the velocity [N, Nm], shape (n_dof,)."""
     air = _air(vessel.dofs, attitude, wind_ned)
     still = np.zeros((1, len(nu)))
     return np.asarray(vessel.inverse(still, nu[None, :], attitude[None, :], air)[0])
@@ -52,11 +52,20 @@ def linearise(
 ) -> StateSpace:
     """The continuous model of deviations from a steady motion; state (eta, nu), output eta.
 
-    `nu` [m/s, rad/s], shape (n_dof,), `attitude` (phi, theta, psi) [rad], shape (3,), and
-    `wind_ned` (north, east) [m/s], shape (2,), are the operating point, by default rest, level
-    north, and still air. In surge, sway and yaw eta_dot = R(psi) nu; in six degrees of freedom
-    eta holds (phi, theta, psi); on other axes eta_dot = nu, as in the simulation. Raises
-    ConfigurationError when the vessel's inertia cannot be solved for the accelerations.
+    In surge, sway and yaw eta_dot = R(psi) nu; in six degrees of freedom eta contains
+    (phi, theta, psi); for other axes eta_dot = nu, as in the simulation.
+
+    Args:
+        vessel: the nonlinear model.
+        nu: velocity at the operating point [m/s, rad/s], shape (n_dof,); None means rest.
+        attitude: (phi, theta, psi) [rad], shape (3,); None means level and north.
+        wind_ned: velocity of the air (north, east) [m/s], shape (2,); None means still air.
+
+    Returns:
+        The continuous-time model with input tau [N, Nm].
+
+    Raises:
+        ConfigurationError: the equation of motion cannot be solved for the accelerations.
     """
     n = len(vessel.dofs)
     nu = np.zeros(n) if nu is None else np.asarray(nu, dtype=np.float64)
@@ -85,18 +94,18 @@ def linearise(
 
 
 def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
-    """The table made linear in the body velocity: F(nu_0) + dF/dnu (nu - nu_0).
+    """The table linearised in the body velocity: F(nu_0) + dF/dnu (nu - nu_0).
 
-    Terms with a velocity, shape of `nu` (n_dof,) [m/s, rad/s], become u, v, ... and, with
-    `offset`, the constant that the tangent has at rest; attitude in them is level north. Terms
-    without one, and those of the motion through the air, stay as they are.
+    Terms with a velocity are replaced by u, v, ... and, with `offset`, by the constant of the
+    tangent; the attitude in them is level and north. `nu` (n_dof,) [m/s, rad/s] is the operating
+    point. Terms without a velocity, and those in the velocity through the air, are unchanged.
     """
     n = len(vessel.dofs)
     codes = basis.codes(vessel.terms) % N_VARIABLES
-    moves = np.any(np.isin(codes, [INDEX[one] for one in notation.VELOCITIES]), axis=1)
-    blown = np.any(np.isin(codes, [INDEX[one] for one in basis.AIR]), axis=1)
-    terms = tuple(vessel.terms[i] for i in np.flatnonzero(moves & ~blown))
-    kept = tuple(one for one in vessel.terms if one not in terms)
+    moving = np.any(np.isin(codes, [INDEX[name] for name in notation.VELOCITIES]), axis=1)
+    aerodynamic = np.any(np.isin(codes, [INDEX[name] for name in basis.AIR]), axis=1)
+    terms = tuple(vessel.terms[i] for i in np.flatnonzero(moving & ~aerodynamic))
+    constant = tuple(name for name in vessel.terms if name not in terms)
     x = vessel.variables(np.zeros((1, n)), nu[None, :])
     theta = vessel.on(terms).theta
     columns = [INDEX[name] for name in vessel.velocities]
@@ -104,11 +113,11 @@ def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
     rest = basis.evaluate(terms, x) @ theta - nu @ slope
     names = [*vessel.velocities, *(["1"] if offset and np.any(rest != 0.0) else [])]
     linear = np.vstack([slope, rest])[: len(names)]
-    return vessel.on(kept) + Vessel(vessel.name, vessel.dofs, basis.terms(names), linear)
+    return vessel.on(constant) + Vessel(vessel.name, vessel.dofs, basis.terms(names), linear)
 
 
 def _variables_by_state(dofs: tuple[str, ...], x: Array, attitude: Array, wind: Array) -> Array:
-    """dx / d(eta, nu), shape (N_VARIABLES, 2 n_dof), of the variables that are no accelerations."""
+    """dx / d(eta, nu), shape (N_VARIABLES, 2 n_dof), for all variables but accelerations."""
     n = len(dofs)
     slope = np.zeros((N_VARIABLES, 2 * n))
     for column, dof in enumerate(dofs):
@@ -134,7 +143,7 @@ def _air(dofs: tuple[str, ...], attitude: Array, wind_ned: Array) -> Array:
 
 
 def _frame(dofs: tuple[str, ...], attitude: Array) -> Array:
-    """Rotation from body to NED, shape (3, 3), of the angles that the vessel can turn by."""
+    """Rotation from body to NED, shape (3, 3), by the angles among the degrees of freedom."""
     frame = np.eye(3)
     if dofs in (PLANAR, DOFS):
         frame_of_angles(attitude if dofs == DOFS else attitude * [0.0, 0.0, 1.0], frame)

@@ -1,12 +1,12 @@
 """The closed loop: guidance, reference filter, controller, thrusters, vessel and weather.
 
 At every control instant t_k the loop measures, logs the acceleration under the force that acts
-just before the new command, asks the guidance law for a set-point and the controller for a
-force, and then advances the vessel over one control period by RK4 while the command is held.
+just before the new command, evaluates the guidance law and the controller, and advances the vessel
+over one control period by RK4 with a constant command.
 
-The loop knows no controller, no guidance law and no reference model: `registry` gives it the step
-of each by the type of its parameters.
-A command that is not a number never reaches the vessel: the last one is held, and logged as held.
+The loop does not depend on any controller, guidance law or reference model: `registry` provides
+the step of each by the type of its parameters. A command that is not finite is not applied: the
+previous command is held, and the log marks it as held.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, stat
 from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
 
-BLOCK = 2000  # control instants of the compiled loop that are timed together
+BLOCK = 2000  # control instants of the compiled loop that are timed as one block
 
 
 @lean_kernel
@@ -47,7 +47,7 @@ def _observe(
     guidance_state: Array, planar: bool, table: Parameters, reference: Array, thrust: Array,
     eta: Array, nu: Array, limits: Array, work: Scratch, log: Log,
 ) -> bool:  # fmt: skip
-    """Measure, log and ask for the reference at instant k; False when a limit was left."""
+    """Measure, log and evaluate the reference at instant k; False if a limit is exceeded."""
     n_dof = nu.shape[0]
     for i in range(n_dof):
         if not abs(nu[i]) <= limits[i]:
@@ -71,7 +71,7 @@ def _observe(
 
 @lean_kernel
 def _hold(k: int, tau: Array, tau_fb: Array, held: Array) -> None:
-    """The last command again where that of row k is not a number."""
+    """Repeat the previous command if the command of row k is not finite."""
     for i in range(tau.shape[1]):
         if not np.isfinite(tau[k, i]):
             for j in range(tau.shape[1]):
@@ -89,7 +89,7 @@ def _sail(
     controller_state: State, added: Array, thrust: Array, eta: Array, nu: Array, limits: Array,
     h: float, substeps: int, euler: bool, work: Scratch, log: Log,
 ) -> int:  # fmt: skip
-    """Sail the instants from `first` to before `last`; where it ended, earlier at a limit."""
+    """Simulate the instants `first` to `last` - 1; returns the first not simulated."""
     for k in range(first, last):
         if not _observe(
             k, plant, kinematics, weather, guidance, guidance_state, planar, table, reference,
@@ -113,10 +113,10 @@ def _sail(
 
 @dataclass(frozen=True)
 class Watch:
-    """Somebody who looks at the log while sailing and may change the controller's parameters.
+    """A function that reads the log during a simulation and may change the controller parameters.
 
-    `look(k, log, parameters, state)` is called before the instants k that are multiples of
-    `every`, from the first multiple on, and returns parameters of the same type.
+    `look(k, log, parameters, state)` is called before every instant k > 0 that is a multiple of
+    `every`, and returns parameters of the same type.
     """
 
     every: int
@@ -136,15 +136,27 @@ def sail(
     watch: Watch | None = None,
     added: Array | None = None,
 ) -> Voyage:
-    """Sail from the pose `start` for as many control periods as the weather has rows.
+    """Simulate the closed loop for as many control periods as the weather has rows.
 
-    The voyage begins at rest, unless a velocity `start_nu` over ground is given. A force `added`
-    to the controller's command [N, Nm], shape (N, n_dof), excites the vessel.
+    Args:
+        plant: the vessel with thrusters and limits.
+        weather: realised disturbances, N rows.
+        guidance: parameters and initial state of a registered guidance step.
+        reference_filter: table of a registered reference model.
+        controller: parameters and initial state of a registered controller step.
+        start: initial pose [m, rad], shape (n_dof,).
+        period_s: control period [s].
+        step_s: longest integration step [s].
+        start_nu: initial velocity over ground [m/s, rad/s], shape (n_dof,); None means rest.
+        watch: function that may change the controller parameters during the simulation.
+        added: force added to the command of the controller [N, Nm], shape (N, n_dof).
 
-    `guidance` and `controller` are (parameters, initial state) of registered steps and
-    `reference_filter` the table of a registered reference model; `period_s` is the control period
-    and `step_s` the longest integration step [s]. Raises Diverged with the time when a velocity
-    leaves its limit.
+    Returns:
+        The voyage with its log.
+
+    Raises:
+        ConfigurationError: the integration step is not positive or longer than the period.
+        Diverged: a velocity exceeded its limit, with the time.
     """
     substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
@@ -155,7 +167,7 @@ def sail(
     parameters, state = controller
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
-    log.eta[:1] = start  # angles are unrolled from here
+    log.eta[:1] = start  # angles are unwrapped from here
     sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
     before = (
         kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather,
@@ -176,11 +188,11 @@ def sail(
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
         work = scratch(len(table.codes), n_dof, len(pose))
-        begun = perf_counter()
+        start_time = perf_counter()
         rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
         if rows < last:
             raise _diverged(plant, log, rows, period_s)
-        times.append((perf_counter() - begun) / max(last - first, 1))
+        times.append((perf_counter() - start_time) / max(last - first, 1))
     t = period_s * np.arange(n, dtype=np.float64)
     return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
 
@@ -201,9 +213,9 @@ def _loop(
     n: int,
     period_s: float,
 ) -> tuple[Callable[..., int], list[int]]:
-    """The compiled loop, or the same in Python for a step that is; and where it is interrupted.
+    """The loop, in Python if one of its steps is, and the instants at which it is interrupted.
 
-    It begins with an empty stretch, so that compiling or loading it is not timed.
+    The first block is empty, so that compiling or loading the loop is not timed.
     """
     compiled: Callable[..., int] = _sail
     block = BLOCK

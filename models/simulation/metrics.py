@@ -1,4 +1,4 @@
-"""Metrics: pure functions of sampled signals, with units. Jervan (2020), section 3.5."""
+"""Metrics of sampled signals, with units. Jervan (2020), section 3.5."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def mean_absolute(error: Array) -> Array:
 
 
 def position_error(eta_d: Array, eta: Array) -> Array:
-    """e_pos [m], shape (N,): distance in the plane, or along the axis of one. (4.6)"""
+    """Position error e_pos [m], shape (N,), in the plane or along a single axis. (4.6)"""
     difference = (eta_d - eta)[:, :2]
     return np.asarray(np.sqrt(np.sum(np.square(difference), axis=1)))
 
@@ -49,10 +49,10 @@ def relative_errors(value: Array, truth: Array) -> Array:
 
 
 def below_true_model(mse: Array, plant_mse: Array, force_variance: Array) -> Array:
-    """Whether a model fits better than the truth can: it then fits lag or feedback.
+    """Whether a model fits better than the true plant, which indicates a fit to lag or feedback.
 
-    True where the MSE is below 0.99 times the true plant's on the same force signal, unless the
-    plant's is within 1e-6 of the force's variance, that is, exact.
+    True if the MSE is below 0.99 times that of the true plant for the same force signal, unless
+    the latter is within 1e-6 of the variance of the force, that is, exact.
     """
     meaningful = plant_mse > 1e-6 * force_variance
     return np.asarray(meaningful & (mse < 0.99 * plant_mse))

@@ -1,8 +1,8 @@
 """The steps of the closed loop, registered for the type of their parameters.
 
-The loop knows no controller, no guidance law and no reference model. Each registers its compiled
-step for its own named tuple of parameters (`CONTROLLERS`, `GUIDANCE`, `REFERENCES`), so that the
-whole loop compiles with it, and the same source runs in Python for one that cannot be compiled.
+The loop does not depend on any controller, guidance law or reference model. Each of them registers
+its compiled step for its own named tuple of parameters (`CONTROLLERS`, `GUIDANCE`, `REFERENCES`).
+The loop is compiled with these steps, or runs in Python if a step cannot be compiled.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from seatrial.models.compiled import lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
 Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
-State: TypeAlias = Any  # what a step keeps: an array, or a named tuple of arrays
+State: TypeAlias = Any  # state of a step: an array, or a named tuple of arrays
 CONTROLLERS: dict[type, Callable[..., None]] = {}
 GUIDANCE: dict[type, Callable[..., None]] = {}
 REFERENCES: dict[type, Callable[..., None]] = {}
@@ -48,13 +48,13 @@ def _control_step(
 ) -> Callable[..., None]:  # fmt: skip
     step = CONTROLLERS[tuple_of(parameters)]
 
-    def chosen(
+    def kernel(
         parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
         nu_dot_d: Array, tau: Array, tau_fb: Array,
     ) -> None:  # fmt: skip
         step(parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
 
-    return chosen
+    return kernel
 
 
 def guide_step(parameters: Parameters, state: Array, k: int, eta: Array, setpoint: Array) -> None:
@@ -68,10 +68,10 @@ def _guide_step(
 ) -> Callable[..., None]:
     step = GUIDANCE[tuple_of(parameters)]
 
-    def chosen(parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array) -> None:
+    def kernel(parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array) -> None:
         step(parameters, state, k, eta, setpoint)
 
-    return chosen
+    return kernel
 
 
 def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
@@ -83,10 +83,10 @@ def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
 def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callable[..., None]:
     step = REFERENCES[tuple_of(table)]
 
-    def chosen(table: Parameters, state: State, setpoint: Array) -> None:
+    def kernel(table: Parameters, state: State, setpoint: Array) -> None:
         step(table, state, setpoint)
 
-    return chosen
+    return kernel
 
 
 @lean_kernel

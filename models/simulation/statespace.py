@@ -58,10 +58,10 @@ class StateSpace:
             frozen.setflags(write=False)
             object.__setattr__(self, name, frozen)
         for name, count, letter in (("inputs", r, "u"), ("outputs", m, "y")):
-            given = getattr(self, name) or tuple(f"{letter}{i + 1}" for i in range(count))
-            if len(given) != count:
-                raise ConfigurationError(f"{name}: got {len(given)} names, expected {count}")
-            object.__setattr__(self, name, given)
+            names = getattr(self, name) or tuple(f"{letter}{i + 1}" for i in range(count))
+            if len(names) != count:
+                raise ConfigurationError(f"{name}: got {len(names)} names, expected {count}")
+            object.__setattr__(self, name, names)
 
     @property
     def order(self) -> int:
@@ -81,7 +81,7 @@ class StateSpace:
 
     @property
     def stable(self) -> bool:
-        """Whether every free motion dies out; an integrator's does not."""
+        """Whether the model is asymptotically stable; an integrator is not."""
         if self.period_s is None:
             return bool(np.max(self.eigenvalues.real) < 0.0)
         return self.spectral_radius < 1.0
@@ -93,12 +93,12 @@ class StateSpace:
 
     @property
     def controllable_order(self) -> int:
-        """Dimension of the space that the inputs reach; equals `order` when controllable."""
+        """Dimension of the controllable subspace; equals `order` if controllable."""
         return reachable_order(self.A, self.B)
 
     @property
     def observable_order(self) -> int:
-        """Dimension of the space that the outputs show; equals `order` when observable."""
+        """Dimension of the observable subspace; equals `order` if observable."""
         return reachable_order(self.A.T, self.C.T)
 
     def markov(self, count: int) -> Array:
@@ -138,8 +138,8 @@ class StateSpace:
         free = np.empty((len(u), *self.C.shape))
         _free(self.A - gain @ self.C, self.C, free)
         rows = free.reshape(-1, self.order)
-        found = np.linalg.lstsq(rows, (y - forced).ravel(), rcond=None)[0]
-        return np.asarray(found, dtype=np.float64)
+        state = np.linalg.lstsq(rows, (y - forced).ravel(), rcond=None)[0]
+        return np.asarray(state, dtype=np.float64)
 
     def discretised(self, period_s: float) -> "StateSpace":
         """The same model sampled with a zero-order hold on its inputs. Bargouth (2022), (3.30)."""
@@ -185,12 +185,12 @@ class StateSpace:
         )  # fmt: skip
 
     def _start(self, x0: Array | None) -> Array:
-        given = self.x0 if x0 is None else x0
-        return np.zeros(self.order) if given is None else np.array(given, dtype=np.float64)
+        state = self.x0 if x0 is None else x0
+        return np.zeros(self.order) if state is None else np.array(state, dtype=np.float64)
 
     def _gain(self) -> Array:
         if self.K is None:
-            raise ConfigurationError("the model has no innovations gain K: it cannot predict")
+            raise ConfigurationError("the model has no innovations gain K, so it cannot predict")
         return self.K
 
     def _discrete(self, what: str) -> None:
@@ -215,9 +215,9 @@ def zero_order_hold(A: Array, B: Array, period_s: float) -> tuple[Array, Array]:
 def reachable_order(A: Array, B: Array) -> int:
     """Rank of the controllability matrix [B, A B, ...], found one block at a time.
 
-    The states are balanced and each input is scaled to unit effect, so that units do not decide
-    (a newton and a newton metre differ by 1e5 in a ship); every new block is orthogonal to what
-    is reached already, so that powers of A do not either. Bargouth (2022), (3.32).
+    The states are balanced and each input is scaled to unit effect, so units have no influence (the
+    effects of 1 N and 1 Nm differ by 1e5 in a ship); every new block is orthogonal to what
+    is reached already, so powers of A have no influence either. Bargouth (2022), (3.32).
     """
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
     effect = B / scale[:, None]
@@ -251,7 +251,7 @@ def _add_product(matrix: Array, vector: Array, out: Array) -> None:
 
 @kernel
 def _free(A: Array, C: Array, y: Array) -> None:
-    """y_k = C A^k, shape (N, m, n): the outputs of every first state without inputs."""
+    """Write y_k = C A^k, shape (N, m, n): free responses to every unit initial state."""
     n, m = A.shape[0], C.shape[0]
     x, following = np.eye(n), np.empty((n, n))
     for k in range(y.shape[0]):

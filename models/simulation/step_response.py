@@ -1,7 +1,7 @@
-"""Metrics of set-point steps, commands and computing time: pure functions of sampled signals.
+"""Metrics of set-point steps, commands and computing time, from sampled signals.
 
-A mission is cut into stands, stretches in which the set-point does not move. A step is where one
-stand follows another at once. Positions are compared by axis, headings wrapped by the caller.
+A mission is divided into stands, intervals of constant set-point. A step is where one stand
+immediately follows another. Positions are compared by axis; the caller wraps headings.
 """
 
 from itertools import pairwise
@@ -12,12 +12,12 @@ from seatrial.models.vessel.basis import Array
 
 SETTLED = 0.05  # of the step: the band of the settling time
 STEADY_S = 60.0  # length of the mean that is the steady-state error [s]
-EARLY_S = 10.0  # before the step, in which a preview may move already [s]
+EARLY_S = 10.0  # interval before the step in which a controller with preview may act [s]
 RISE = (0.1, 0.9)
 
 
 def stands(setpoint: Array, least: int) -> list[slice]:
-    """Rows in which no set-point (N, n_dof) moves, for at least so many rows."""
+    """Intervals of at least `least` rows in which the set-point (N, n_dof) is constant."""
     moves = np.flatnonzero(np.any(np.diff(setpoint, axis=0) != 0.0, axis=1)) + 1
     edges = [0, *moves.tolist(), len(setpoint)]
     runs = [slice(a, b) for a, b in pairwise(edges)]
@@ -25,10 +25,11 @@ def stands(setpoint: Array, least: int) -> list[slice]:
 
 
 def steady_state_error(error: Array, where: list[slice], period_s: float, ahead: int) -> Array:
-    """Largest |mean error| of a stand, over the 60 s that end before the next preview begins.
+    """Largest |mean error| of a stand, over the 60 s before the preview of the next step starts.
 
-    `error` (N, n_dof), `ahead` the rows of the preview, which only a following step makes. NaN
-    where no stand is long enough: the mean lies in its last two thirds.
+    `error` has shape (N, n_dof), the result (n_dof,); `ahead` is the number of rows of the
+    preview, which ends a stand only if another one follows. NaN if no stand is long enough: the
+    mean must be in its last two thirds.
     """
     rows = round(STEADY_S / period_s)
     means = []
@@ -36,8 +37,8 @@ def steady_state_error(error: Array, where: list[slice], period_s: float, ahead:
         end = stand.stop - (ahead if stand.stop < len(error) else 0)
         if end - rows >= stand.start + (stand.stop - stand.start) // 3:
             means.append(np.abs(np.mean(error[end - rows : end], axis=0)))
-    nothing = np.full(error.shape[1], np.nan)
-    return np.max(means, axis=0) if means else nothing
+    undefined = np.full(error.shape[1], np.nan)
+    return np.max(means, axis=0) if means else undefined
 
 
 def step_responses(
@@ -45,12 +46,12 @@ def step_responses(
 ) -> dict[str, Array]:
     """Overshoot, rise time, settling time and early share of every axis, shape (n_dof,).
 
-    Overshoot is the largest of the steps [%], the others are means: rise from 10 to 90 % [s],
-    settling within 5 % [s], and the share of the move that was made in the 10 s before the step
-    [%]. NaN where an axis makes no step, or does not settle in one of them.
+    Overshoot is the largest over all steps [%]; the others are means: rise from 10 to 90 % [s],
+    settling within 5 % [s], and the share of the change made in the 10 s before the step [%]. NaN
+    if an axis has no step, or does not settle after one of them.
     """
     n_dof = setpoint.shape[1]
-    found: dict[str, list[list[float]]] = {
+    responses: dict[str, list[list[float]]] = {
         name: [[] for _ in range(n_dof)]
         for name in ("overshoot", "rise_time", "settling_time", "early_share")
     }
@@ -65,25 +66,25 @@ def step_responses(
             share = (pose[stand.start : end, i] - first) / (last - first)
             start = max(stand.start - round(EARLY_S / period_s), before.start)
             early = (pose[stand.start, i] - pose[start, i]) / (last - first)
-            found["overshoot"][i].append(100.0 * max(0.0, float(np.max(share)) - 1.0))
-            found["rise_time"][i].append(_rise(share) * period_s)
-            found["settling_time"][i].append(_settling(share) * period_s)
-            found["early_share"][i].append(100.0 * float(early))
+            responses["overshoot"][i].append(100.0 * max(0.0, float(np.max(share)) - 1.0))
+            responses["rise_time"][i].append(_rise(share) * period_s)
+            responses["settling_time"][i].append(_settling(share) * period_s)
+            responses["early_share"][i].append(100.0 * float(early))
     combine = {"overshoot": np.max}
     return {
         name: np.array([combine.get(name, np.mean)(v) if v else np.nan for v in values])
-        for name, values in found.items()
+        for name, values in responses.items()
     }
 
 
 def _rise(share: Array) -> float:
-    """Rows from the first above 10 % to the first above 90 %; NaN when it never gets there."""
+    """Rows from the first above 10 % to the first above 90 %; NaN if 90 % is not reached."""
     low, high = (np.flatnonzero(share >= level) for level in RISE)
     return float(high[0] - low[0]) if len(high) else float("nan")
 
 
 def _settling(share: Array) -> float:
-    """Rows until the share stays within 5 % of one; NaN when it is outside at the end."""
+    """Rows until the share stays within 5 % of one; NaN if it is outside at the end."""
     outside = np.flatnonzero(np.abs(share - 1.0) > SETTLED)
     if not len(outside):
         return 0.0
@@ -114,7 +115,7 @@ def total_variation(signal: Array) -> Array:
 
 
 def hits(command: Array, limits: Array) -> Array:
-    """Samples at which a command (N, n_dof) is at its limit (n_dof,)."""
+    """Number of samples at which a command (N, n_dof) is at its limit (n_dof,), (n_dof,)."""
     return np.asarray(np.sum(np.abs(command) >= limits * (1.0 - 1e-9), axis=0))
 
 

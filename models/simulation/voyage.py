@@ -1,4 +1,4 @@
-"""A simulated voyage: its log, what was measured of it, and what can be known of it ahead."""
+"""A simulated voyage: its log, its recording, and the preview available to a controller."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from seatrial.models.weather.weather import Weather
 
 
 class Log(NamedTuple):
-    """What the loop writes, one row a control instant, shape (N, n_dof) each; SI units."""
+    """Log of the loop, one row per control instant, shape (N, n_dof) each; SI units."""
 
     eta: Array  # true pose
     nu: Array  # true body velocity
@@ -33,19 +33,19 @@ class Log(NamedTuple):
     nu_d: Array
     nu_dot_d: Array
     setpoint: Array
-    held: Array  # 1 where the command was not a number, and the last one was held
-    applied: Array  # what the thrusters' allocation makes of the command
+    held: Array  # 1 where the command was not finite and the previous one was held
+    applied: Array  # command after the thrust allocation
 
 
 class Outlook(NamedTuple):
-    """What a controller may know of the mission and the weather, now and ahead; SI units.
+    """Preview of the mission and the weather for a controller; SI units.
 
-    Rows are control instants; what is not known has no rows.
+    Rows are control instants; unknown signals have no rows.
     """
 
-    reference: Array  # (N, n_dof) pose that will be asked for
+    reference: Array  # (N, n_dof) reference pose
     wind_ned: Array  # (N, 2) velocity of the air
-    wind_noise: Array  # (N, 2) error of the anemometer, body axes; ahead, nobody has measured
+    wind_noise: Array  # (N, 2) error of the anemometer, body axes; not for future instants
     added: Array  # (N, n_dof) force that is added to the controller's commands
 
 
@@ -54,10 +54,10 @@ NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)), np.ze
 
 @dataclass(frozen=True)
 class Voyage:
-    """A sailed simulation: time [s], shape (N,), its log, and the weather it met.
+    """A simulated voyage: time [s], shape (N,), its log and its weather.
 
-    `step_times` [s] are wall-clock times of one turn of the loop: of every instant where the
-    controller ran in Python, else means over blocks of the compiled loop.
+    `step_times` [s] are wall-clock times of one iteration of the loop: for every instant if the
+    controller runs in Python, else means over blocks of the compiled loop.
     """
 
     t: Array
@@ -68,9 +68,9 @@ class Voyage:
 
 
 def recording_of(voyage: Voyage, weather: Weather) -> Recording:
-    """What the instruments saw of a voyage: the measured motion, the command, the acting force.
+    """The recording of a voyage: measured motion, command and acting force.
 
-    The command is the one after the allocation, which the vessel knows.
+    The command is taken after the thrust allocation.
     """
     log = voyage.log
     return Recording(
@@ -87,9 +87,9 @@ def recording_of(voyage: Voyage, weather: Weather) -> Recording:
 
 
 def measured_wind(voyage: Voyage, weather: Weather) -> Array | None:
-    """What an anemometer aboard sees: the air's velocity in body axes [m/s], shape (N, 2).
+    """Wind measured on board: the velocity of the air in body axes [m/s], shape (N, 2).
 
-    None where there is no wind.
+    None if there is no wind.
     """
     if not len(weather.wind_ned):
         return None
@@ -112,7 +112,7 @@ def outlook(
     plant: Plant, weather: Weather, guidance: NamedTuple, reference_filter: NamedTuple,
     start: Array, added: Array | None = None,
 ) -> Outlook:  # fmt: skip
-    """What can be known ahead: the reference of set-points on a timetable, and the weather's wind.
+    """The preview of a mission: the reference of set-points on a timetable, and the wind.
 
     Only a guidance law whose parameters are a `Timetable` knows its set-points in advance.
     """

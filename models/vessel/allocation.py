@@ -1,11 +1,12 @@
-"""Thrust allocation: which force each thruster gives so that together they give tau.
+"""Thrust allocation: the forces u of the thrusters that produce the generalised force tau.
 
     tau = T u,    T = [d; r x d] of a thruster at r that pushes along d      Bargouth, (2.11)-(2.14)
 
 An azimuth thruster has two components of u, its force ahead and to starboard, (2.15)-(2.18).
-Two methods: a weighted pseudo-inverse u = W^-1 T' (T W^-1 T')^-1 tau, in which thrusters that
-exceed their limit stay there and the others share the rest, compiled; and a quadratic program of a
-solver's. What cannot be reached is scaled, its direction kept.
+There are two methods. The compiled weighted pseudo-inverse u = W^-1 T' (T W^-1 T')^-1 tau holds
+saturated thrusters at their limit and distributes the remaining force over the others. The other
+method is a quadratic program. A force that cannot be reached is scaled down, and keeps its
+direction.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,13 +25,13 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all, by_pseudo_inverse
 from seatrial.models.vessel.thrust_program import QuadraticProgram, by_program, circles_of
 
-REACHED = 1e-9  # of the scale: closer to one is reached
+REACHED = 1e-9  # relative tolerance within which an applied force equals the commanded one
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
 T200 = ((14.0, 44.1, 34.5), (16.0, 51.4, 39.2))
 
 
 class Direct(NamedTuple):
-    """No allocation: every force can be given."""
+    """No allocation: the command is applied unchanged."""
 
     share: float = 1.0
 
@@ -49,7 +50,7 @@ ALLOCATIONS: dict[type, Callable[..., None]] = {
 
 
 def allocate_step(table: NamedTuple, tau: Array, applied: Array) -> None:
-    """The force [N, Nm] that is given for the force tau that is asked for, both (n_dof,)."""
+    """Write the applied force [N, Nm] for the commanded force tau [N, Nm], both (n_dof,)."""
     ALLOCATIONS[type(table)](table, tau, applied)
 
 
@@ -57,16 +58,17 @@ def allocate_step(table: NamedTuple, tau: Array, applied: Array) -> None:
 def _allocate_step(table: NamedTuple, tau: Array, applied: Array) -> Callable[..., None]:
     step = ALLOCATIONS[tuple_of(table)]
 
-    def chosen(table: NamedTuple, tau: Array, applied: Array) -> None:
+    def allocate(table: NamedTuple, tau: Array, applied: Array) -> None:
         step(table, tau, applied)
 
-    return chosen
+    return allocate
 
 
 def voltage_factors(voltage_v: float) -> tuple[float, float]:
-    """Share of the force at 16 V, ahead and astern, that a supplied voltage leaves (interpolated).
+    """Force limits at a supply voltage [V] relative to those at 16 V, ahead and astern.
 
-    Raises ConfigurationError outside the 14 to 16.7 V of the batteries.
+    The limits are interpolated linearly. Raises ConfigurationError outside the 14 to 16.7 V of the
+    batteries.
     """
     if not 14.0 <= voltage_v <= 16.7:
         raise ConfigurationError(f"voltage_v must lie between 14 and 16.7, got {voltage_v}")
@@ -80,17 +82,17 @@ def voltage_factors(voltage_v: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Thruster:
-    """A thruster at a place in body axes [m].
+    """A thruster at a position in body axes [m].
 
-    `kind`: `fixed`, along `direction`; `tunnel`, to starboard; `azimuth`, any horizontal
-    direction. Its force lies between -`astern_n` and `ahead_n`; an azimuth thruster turns instead
-    of going astern. A larger `weight` spares it.
+    A `fixed` thruster pushes along `direction`, a `tunnel` thruster to starboard and an `azimuth`
+    thruster in any horizontal direction. The force lies between -`astern_n` and `ahead_n`; an
+    azimuth thruster turns instead of reversing. A larger `weight` reduces its use.
     """
 
     kind: Literal["fixed", "tunnel", "azimuth"]
     position_m: tuple[float, float, float]
     ahead_n: Positive
-    astern_n: float | None = None  # None: as ahead
+    astern_n: float | None = None  # None: equal to ahead_n
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
     weight: Positive = 1.0
 
@@ -98,36 +100,36 @@ class Thruster:
         check_ranges(self)
         if self.astern_n is not None and (self.astern_n < 0.0 or self.kind == "azimuth"):
             raise ConfigurationError(
-                f"astern_n: got {self.astern_n} of a thruster of kind {self.kind}, expected no "
-                "negative number, and none of an azimuth thruster"
+                f"astern_n: got {self.astern_n} for a thruster of kind {self.kind}, expected a "
+                "number that is not negative, or null for an azimuth thruster"
             )
         if not np.linalg.norm(self.direction) > 0.0:
-            raise ConfigurationError(f"direction: got {self.direction}, which is none")
+            raise ConfigurationError(f"direction: got {self.direction}, expected a non-zero vector")
 
     def columns(self) -> Array:
-        """Its columns of T over all six degrees of freedom, shape (6, 1) or (6, 2)."""
+        """Columns of T for this thruster over six degrees of freedom, shape (6, 1) or (6, 2)."""
         if self.kind == "azimuth":
-            ways = np.eye(3)[:, :2]
+            directions = np.eye(3)[:, :2]
         elif self.kind == "tunnel":
-            ways = np.array([[0.0], [1.0], [0.0]])
+            directions = np.array([[0.0], [1.0], [0.0]])
         else:
-            ways = np.array(self.direction)[:, None] / np.linalg.norm(self.direction)
-        return np.vstack([ways, np.cross(self.position_m, ways.T).T])
+            directions = np.array(self.direction)[:, None] / np.linalg.norm(self.direction)
+        return np.vstack([directions, np.cross(self.position_m, directions.T).T])
 
 
 class Allocated(NamedTuple):
-    """Forces of the thrusters' components (N, n_u) and what they give, (N, n_dof) [N, Nm]."""
+    """Thruster force components (N, n_u) [N] and the force they produce, (N, n_dof) [N, Nm]."""
 
     u: Array
     applied: Array
-    reached: NDArray[np.bool_]  # (N,) whether it is what was asked for
+    reached: NDArray[np.bool_]  # (N,) whether the applied force equals the commanded one
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """The thrusters of a vessel and how they share a force; `none` takes every force as given.
+    """The thrusters of a vessel and the allocation method; `none` applies the command unchanged.
 
-    `voltage_v` is the voltage supplied to thrusters whose limits are those at 16 V.
+    `voltage_v` is the supply voltage of thrusters whose limits are stated for 16 V.
     """
 
     method: Literal["none", "pseudo_inverse", "qp"]
@@ -143,44 +145,44 @@ class Allocation:
         return (1.0, 1.0) if self.voltage_v is None else voltage_factors(self.voltage_v)
 
     def matrix(self, dofs: Sequence[str]) -> Array:
-        """T, shape (n_dof, n_u). Raises ConfigurationError where it cannot push every way."""
+        """T, shape (n_dof, n_u). Raises ConfigurationError if its rank is less than n_dof."""
         rows = [DOFS.index(dof) for dof in dofs]
-        T = np.hstack([one.columns() for one in self.thrusters])[rows]
+        T = np.hstack([thruster.columns() for thruster in self.thrusters])[rows]
         rank = np.linalg.matrix_rank(T / np.maximum(np.max(np.abs(T), axis=1), 1e-300)[:, None])
         if rank < len(dofs):
             raise ConfigurationError(
-                f"thrusters: they push in {rank} independent directions, expected {len(dofs)} "
+                f"thrusters: got {rank} independent directions of force, expected {len(dofs)} "
                 f"for {', '.join(dofs)}"
             )
         return np.ascontiguousarray(T)
 
     def table(self, dofs: Sequence[str]) -> Direct | PseudoInverse | QuadraticProgram:
-        """The geometry for the simulation."""
+        """Thruster geometry and limits for the allocation step."""
         if self.method == "none":
             return Direct()
         T = self.matrix(dofs)
-        counts = [one.columns().shape[1] for one in self.thrusters]
+        counts = [thruster.columns().shape[1] for thruster in self.thrusters]
         ahead, astern = self._factors()
-        high = np.array([ahead * one.ahead_n for one in self.thrusters])
+        high = np.array([ahead * thruster.ahead_n for thruster in self.thrusters])
         low = np.array(
             [
-                -astern * (one.ahead_n if one.astern_n is None else one.astern_n)
-                for one in self.thrusters
+                -astern * (thruster.ahead_n if thruster.astern_n is None else thruster.astern_n)
+                for thruster in self.thrusters
             ]
         )
-        weight = np.repeat([one.weight for one in self.thrusters], counts)
+        weight = np.repeat([thruster.weight for thruster in self.thrusters], counts)
         if self.method == "pseudo_inverse":
             first = np.concatenate([[0], np.cumsum(counts)])
             G = np.zeros((len(dofs), len(dofs) + 1))
             size = np.repeat(np.maximum(high, -low), counts)
             u, pull = np.zeros(T.shape[1]), np.zeros(T.shape[1])
-            multiplier, way = np.zeros(len(dofs)), np.zeros(len(dofs))
+            multiplier, step = np.zeros(len(dofs)), np.zeros(len(dofs))
             reach, give = np.abs(T) @ size, np.square(T) @ (1.0 / weight)
             return PseudoInverse(
-                T, 1.0 / weight, low, high, first, u, pull, multiplier, way, reach, give, G
+                T, 1.0 / weight, low, high, first, u, pull, multiplier, step, reach, give, G
             )
-        turns = np.array([one.kind == "azimuth" for one in self.thrusters])
-        low = np.where(turns, -high, low)
+        azimuth = np.array([thruster.kind == "azimuth" for thruster in self.thrusters])
+        low = np.where(azimuth, -high, low)
         first = np.cumsum([0, *counts[:-1]])[np.array(counts) == 2]
         pairs = np.stack([first, first + 1], axis=1).astype(np.int64)
         sizes = np.repeat(low, counts), np.repeat(high, counts)
@@ -188,7 +190,7 @@ class Allocation:
         return QuadraticProgram(T, weight, *sizes, circles, pairs, np.zeros(T.shape[1]))
 
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
-        """Thruster forces for forces tau [N, Nm], shape (N, n_dof)."""
+        """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""
         table = self.table(dofs)
         if isinstance(table, Direct):
             raise ConfigurationError("thrusters.method: got none, expected pseudo_inverse or qp")
@@ -203,6 +205,6 @@ class Allocation:
 
 
 def reached(tau: Array, applied: Array) -> NDArray[np.bool_]:
-    """Whether the force that was given is the one that was asked for; rows of (N, n_dof)."""
+    """Whether each row of the applied force equals tau, both (N, n_dof); shape (N,)."""
     size = np.maximum(np.max(np.abs(tau), axis=0), 1e-300)
     return np.asarray(np.all(np.abs(applied - tau) <= REACHED * size, axis=1))

@@ -6,12 +6,12 @@ written as in the literature:
 
     1   u_dot   u   |u|u   u^3   |u|   u^2   vr   |r|v   |u||v|   cos(psi)   sin(theta)   V_qu_q
 
-`u`, `v`, ... are velocities through the water, which are those over ground where there is no
+`u`, `v`, ... are velocities through the water, which equal those over ground if there is no
 current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
-Ljungberg) and `V_q` their norm, the relative wind speed.
+Ljungberg) and `V_q` is their norm, the relative wind speed.
 
-With z = [x, |x|] and the codes (a, b, c) of a term, phi = z_a z_b z_c. Codes are what the kernel
-evaluates; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
+With z = [x, |x|] and the codes (a, b, c) of a term, phi = z_a z_b z_c. The kernel evaluates the
+codes; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
 """
 
 import re
@@ -61,7 +61,7 @@ class Term:
 
 
 def term(text: str) -> Term:
-    """Parse one term; raises ConfigurationError that names the unknown part."""
+    """Parse a term; raises ConfigurationError that names the unknown part."""
     codes: list[int] = []
     rest = text.replace(" ", "").replace("*", "")
     while rest and rest != "1":
@@ -69,7 +69,7 @@ def term(text: str) -> Term:
         name = match and (match["abs"] or match["fun"] or match["var"])
         if match is None or name not in INDEX:
             raise ConfigurationError(
-                f"term {text!r}: got {rest!r}, expected factors out of {', '.join(VARIABLES)}"
+                f"term {text!r}: got {rest!r}, expected factors from {', '.join(VARIABLES)}"
             )
         rest = rest[match.end() :]
         power = _POWER.match(rest)
@@ -84,11 +84,11 @@ def term(text: str) -> Term:
 
 
 def terms(texts: Iterable[str]) -> tuple[Term, ...]:
-    """Parse several terms; a repeated one is refused."""
+    """Parse several terms; raises ConfigurationError if a term is repeated."""
     parsed = tuple(term(text) for text in texts)
-    for i, one in enumerate(parsed):
-        if one in parsed[:i]:
-            raise ConfigurationError(f"term {one} is given twice")
+    for i, parsed_term in enumerate(parsed):
+        if parsed_term in parsed[:i]:
+            raise ConfigurationError(f"term {parsed_term} is given twice, expected it once")
     return parsed
 
 
@@ -117,7 +117,8 @@ def _spell(codes: tuple[int, int, int]) -> str:
 
 def codes(basis: Sequence[Term]) -> Codes:
     """Integer codes of a list of terms, shape (n_terms, 3)."""
-    return np.array([one.codes for one in basis], dtype=np.int64).reshape(len(basis), FACTORS)
+    rows = [term.codes for term in basis]
+    return np.array(rows, dtype=np.int64).reshape(len(basis), FACTORS)
 
 
 def magnify(x: Array) -> Array:
@@ -126,7 +127,7 @@ def magnify(x: Array) -> Array:
 
 
 def features(codes: Codes, z: Array, phi: Array) -> None:
-    """phi_k = z[a_k] z[b_k] z[c_k]; codes (n, 3), z (2 N_VARIABLES,), phi (n,) is written."""
+    """Write phi_k = z[a_k] z[b_k] z[c_k]; codes (n, 3), z (2 N_VARIABLES,), phi (n,)."""
     for k in range(codes.shape[0]):
         phi[k] = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
 
@@ -158,7 +159,7 @@ def variables(
 
     nu_dot [m/s^2, rad/s^2] and nu [m/s, rad/s] have shape (N, n_dof) with columns `dofs`;
     attitude is (phi, theta, psi) [rad], shape (N, 3). `wind` is the velocity of the air in body
-    axes [m/s], shape (N, 2); None is still air.
+    axes [m/s], shape (N, 2); None means still air.
     """
     x = np.zeros((len(nu), N_VARIABLES))
     x[:, 0] = 1.0

@@ -29,10 +29,10 @@ def coriolis(inertia: Array, dofs: Sequence[str]) -> Vessel:
         for row, left, right in ((i, 3, 0), (3 + i, 3, 3), (3 + i, 0, 0)):
             for sign, a, b in ((1.0, j, k), (-1.0, k, j)):
                 _add_product(products, row, VELOCITIES[left + a], sign * full[right + b])
-    kept = {t: c[index] for t, c in products.items() if np.any(c[index] != 0.0)}
-    ordered = tuple(sorted(kept))
-    theta = np.array([kept[one] for one in ordered]).reshape(len(ordered), len(dofs))
-    return Vessel("coriolis", tuple(dofs), ordered, theta)
+    coefficients = {t: c[index] for t, c in products.items() if np.any(c[index] != 0.0)}
+    terms = tuple(sorted(coefficients))
+    theta = np.array([coefficients[term] for term in terms]).reshape(len(terms), len(dofs))
+    return Vessel("coriolis", tuple(dofs), terms, theta)
 
 
 def _add_product(products: dict[Term, Array], row: int, factor: str, momentum: Array) -> None:
@@ -52,10 +52,23 @@ def from_derivatives(
 ) -> Vessel:
     """Table of a vessel from its inertia matrix and hydrodynamic derivatives.
 
-    Derivatives are named as by Fossen: `X_u`, `X_|u|u`, `Y_vvv`, `N_|v|r`, the force letter
-    before the underscore. The table stands on the force side, so an entry is minus the
-    derivative. Added mass is in the inertia matrix or among the derivatives (`X_udot`).
-    Jervan (2020), eqs. (2.3)-(2.6); Hoyer (2021), eqs. (2.11)-(2.18).
+    Derivatives have the names of Fossen: `X_u`, `X_|u|u`, `Y_vvv`, `N_|v|r`, with the letter of
+    the force before the underscore. The table gives the force that a motion requires, so an entry
+    is minus the derivative. Jervan (2020), eqs. (2.3)-(2.6); Hoyer (2021), eqs. (2.11)-(2.18).
+
+    Args:
+        name: name of the vessel.
+        dofs: degrees of freedom.
+        inertia: inertia matrix [kg, kg m, kg m^2], shape (n_dof, n_dof); it may include the added
+            mass.
+        derivatives: derivatives in SI units; they may include the added mass (`X_udot`).
+        with_coriolis: whether the Coriolis forces of the inertia matrix are added.
+
+    Returns:
+        The coefficient table.
+
+    Raises:
+        ConfigurationError: a shape or the name of a derivative is wrong.
     """
     n = len(dofs)
     matrix = np.asarray(inertia, dtype=np.float64)
@@ -72,14 +85,16 @@ def from_derivatives(
 
 
 def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
-    """The table of hydrodynamic (or wind) derivatives alone: entries are minus the derivatives."""
+    """Table of hydrodynamic or wind derivatives only; its entries are minus the derivatives."""
     table = Vessel(name, tuple(dofs), (), np.zeros((0, len(dofs))))
     for key, value in derivatives.items():
-        dof, one = parse_derivative(key)
+        dof, term = parse_derivative(key)
         if dof not in dofs:
-            raise ConfigurationError(f"derivatives.{key}: {name} has no {dof}")
+            raise ConfigurationError(
+                f"derivatives.{key}: got {dof}, expected one of {', '.join(dofs)}"
+            )
         row = np.array([[-value if d == dof else 0.0 for d in dofs]])
-        table = table + Vessel(name, tuple(dofs), (one,), row)
+        table = table + Vessel(name, tuple(dofs), (term,), row)
     return table
 
 
@@ -94,20 +109,20 @@ def parse_derivative(key: str) -> tuple[str, Term]:
     return DOFS["XYZKMN".index(letter)], basis.term(name)
 
 
-# The rigid body and its buoyancy: inertia and restoring forces about the vehicle's origin.
+# Rigid body: inertia and restoring forces about the origin of the body axes.
 #
-# Positions r_g of gravity and r_b of buoyancy are in body axes from the origin CO; the inertia
-# matrix is the one about CO. Hoyer (2021), sections 2.2.1 and 2.2.2.
+# The centres of gravity r_g and buoyancy r_b are in body axes from the origin CO; the inertia
+# matrix refers to CO. Hoyer (2021), sections 2.2.1 and 2.2.2.
 
 
-# R(q)' e_3, the direction of gravity in body axes, is made of these
+# Terms of R(q)' e_3, the direction of gravity in body axes
 DOWN = ("sin(theta)", "sin(phi)cos(theta)", "cos(phi)cos(theta)")
 Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class RigidBody:
-    """Mass [kg], inertia about CO [kg m^2], weight and buoyancy [N], and where they act [m]."""
+    """Mass [kg], inertia about CO [kg m^2], weight and buoyancy [N] with their centres [m]."""
 
     mass_kg: Positive
     inertia_kg_m2: tuple[Vector3, Vector3, Vector3]
@@ -120,10 +135,11 @@ class RigidBody:
         check_ranges(self)
         matrix = np.array(self.inertia_kg_m2)
         if not np.array_equal(matrix, matrix.T):
-            raise ConfigurationError("inertia_kg_m2 must be symmetric")
+            raise ConfigurationError(f"inertia_kg_m2 must be symmetric, got {matrix.tolist()}")
         if np.min(np.linalg.eigvalsh(self.inertia())) <= 0.0:
             raise ConfigurationError(
-                "inertia_kg_m2: about CO it must exceed that of the mass at the centre of gravity"
+                f"inertia_kg_m2: got {matrix.tolist()}, expected more than the inertia about CO of "
+                "a point mass at the centre of gravity"
             )
 
     def inertia(self) -> Array:

@@ -28,7 +28,7 @@ def rotation(psi: float) -> Array:
 
 
 def wrap(angle: Angle) -> Angle:
-    """The same angle, a number or an array, in (-pi, pi]; [rad]."""
+    """Wrap an angle [rad], a number or an array, to (-pi, pi]."""
     return np.pi - (np.pi - angle) % (2.0 * np.pi)
 
 
@@ -36,7 +36,7 @@ wrap_kernel = lean_kernel(wrap)
 
 
 def unroll(headings: Array) -> Array:
-    """Headings without jumps of a full turn along the first axis; [rad]."""
+    """Unwrap headings [rad] along the first axis."""
     return np.asarray(np.unwrap(headings, axis=0), dtype=np.float64)
 
 
@@ -47,19 +47,19 @@ def cross_matrix(a: Sequence[float] | Array) -> Array:
 
 
 def in_ned(body: Array, psi: float | Array) -> Array:
-    """Horizontal vectors of body axes at headings `psi` [rad], seen in NED, shape (..., 2)."""
+    """Rotate horizontal vectors (..., 2) from body axes at headings `psi` [rad] to NED."""
     c, s = np.cos(psi), np.sin(psi)
     ahead, aside = body[..., 0], body[..., 1]
     return np.stack([c * ahead - s * aside, s * ahead + c * aside], axis=-1)
 
 
 def in_body(ned: Array, psi: float | Array) -> Array:
-    """Horizontal vectors (north, east) seen from body axes at headings `psi` [rad], (..., 2)."""
+    """Rotate horizontal vectors (..., 2) from NED to body axes at headings `psi` [rad]."""
     return in_ned(ned, -psi)
 
 
 def half_turns(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
-    """Unit quaternion of (phi, theta, psi) [rad]."""
+    """Unit quaternion (eta, eps_1, eps_2, eps_3) of the attitude (phi, theta, psi) [rad]."""
     cx, sx = np.cos(0.5 * phi), np.sin(0.5 * phi)
     cy, sy = np.cos(0.5 * theta), np.sin(0.5 * theta)
     cz, sz = np.cos(0.5 * psi), np.sin(0.5 * psi)
@@ -80,9 +80,9 @@ def quaternion_of(angles: Array) -> Array:
 
 
 def frame_of_quaternion(q: Array, frame: Array) -> None:
-    """Rotation from body to NED of a quaternion (4,), written to frame (3, 3). Hoyer, eq. (2.3).
+    """Write the rotation from body to NED of a quaternion (4,) to frame (3, 3). Hoyer, eq. (2.3).
 
-    Of N quaternions (4, N) as well, written to frame (3, 3, N).
+    N quaternions (4, N) are written to frame (3, 3, N).
     """
     n, x, y, z = q[0], q[1], q[2], q[3]
     frame[0, 0], frame[1, 1] = 1.0 - 2.0 * (y * y + z * z), 1.0 - 2.0 * (x * x + z * z)
@@ -93,9 +93,9 @@ def frame_of_quaternion(q: Array, frame: Array) -> None:
 
 
 def frame_of_angles(angles: Array, frame: Array) -> None:
-    """Rotation from body to NED of (phi, theta, psi) [rad], written to frame (3, 3).
+    """Write the rotation from body to NED of (phi, theta, psi) [rad] to frame (3, 3).
 
-    Of N attitudes (3, N) as well, written to frame (3, 3, N).
+    N attitudes (3, N) are written to frame (3, 3, N).
     """
     cx, sx = np.cos(angles[0]), np.sin(angles[0])
     cy, sy = np.cos(angles[1]), np.sin(angles[1])
@@ -107,9 +107,9 @@ def frame_of_angles(angles: Array, frame: Array) -> None:
 
 
 def angles_of_frame(frame: Array, angles: Array) -> None:
-    """(phi, theta, psi) [rad] of a rotation (3, 3), each the turn that is nearest to `angles`.
+    """Write (phi, theta, psi) [rad] of a rotation (3, 3), unwrapped to the turn nearest `angles`.
 
-    Where the vessel points straight up or down phi and psi are one angle: phi is kept.
+    At a pitch of +-90 degrees only a combination of phi and psi is determined; phi is not changed.
     """
     level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
     roll = angles[0]
@@ -127,18 +127,18 @@ def angles_of_frame(frame: Array, angles: Array) -> None:
 def fill_attitude(z: Array, frame: Array) -> None:
     """Write cosines and sines of the attitude, and their magnitudes, into z = [x, |x|].
 
-    From the rotation (3, 3), without its angles: products such as cos(theta) sin(phi) are right at
-    every attitude.
+    They follow from the rotation (3, 3) without its angles, so products such as
+    cos(theta) sin(phi) are correct at every attitude.
     """
     level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
-    upright = level <= SMALL
-    share = 1.0 / where(upright, SMALL, level)
+    vertical = level <= SMALL
+    inverse = 1.0 / where(vertical, SMALL, level)
     at = FIRST_ANGLE
-    z[at] = where(upright, 1.0, frame[2, 2] * share)
-    z[at + 1] = where(upright, 0.0, frame[2, 1] * share)
+    z[at] = where(vertical, 1.0, frame[2, 2] * inverse)
+    z[at + 1] = where(vertical, 0.0, frame[2, 1] * inverse)
     z[at + 2], z[at + 3] = level, -frame[2, 0]
-    z[at + 4] = where(upright, frame[1, 1], frame[0, 0] * share)
-    z[at + 5] = where(upright, -frame[0, 1], frame[1, 0] * share)
+    z[at + 4] = where(vertical, frame[1, 1], frame[0, 0] * inverse)
+    z[at + 5] = where(vertical, -frame[0, 1], frame[1, 0] * inverse)
     for i in range(at, at + 6):
         z[N_VARIABLES + i] = abs(z[i])
 
@@ -153,12 +153,12 @@ def quaternion_rate(q: Array, p: float, q_rate: float, r: float, rate: Array) ->
 
 
 def angle_rate(angles: Array, p: float, q: float, r: float, rate: Array) -> None:
-    """(phi, theta, psi)_dot = T(phi, theta) omega, singular at theta = 90 degrees; (3,)."""
+    """Write (phi, theta, psi)_dot = T(phi, theta) omega, (3,); singular at theta = 90 degrees."""
     c, s = np.cos(angles[0]), np.sin(angles[0])
-    turn = (s * q + c * r) / np.cos(angles[1])
-    rate[0] = p + np.sin(angles[1]) * turn
+    yaw_rate = (s * q + c * r) / np.cos(angles[1])
+    rate[0] = p + np.sin(angles[1]) * yaw_rate
     rate[1] = c * q - s * r
-    rate[2] = turn
+    rate[2] = yaw_rate
 
 
 def pose_jacobian(angles: Array) -> Array:
@@ -199,10 +199,10 @@ angle_rate_kernel = lean_kernel(angle_rate)
 
 
 @lean_kernel
-def _turn_back(
+def _to_body(
     cx: float, sx: float, cy: float, sy: float, cz: float, sz: float, ned: Array, body: Array
 ) -> None:
-    """R' of a vector in NED (3,), from the cosines and sines of phi, theta and psi."""
+    """Write R' times a vector in NED (3,), from the cosines and sines of phi, theta and psi."""
     x, y, z = ned[0], ned[1], ned[2]
     body[0] = cz * cy * x + sz * cy * y - sy * z
     body[1] = (cz * sy * sx - sz * cx) * x + (cz * cx + sx * sy * sz) * y + cy * sx * z
@@ -210,8 +210,9 @@ def _turn_back(
 
 
 def spatial_reference(filtered: Array, nu_d: Array, nu_dot_d: Array) -> None:
-    """Body velocity and acceleration of a path in (x, y, z, phi, theta, psi), filtered (6, 3).
+    """Write body velocity and acceleration (6,) of a reference in six degrees of freedom.
 
+    `filtered` (6, 3) holds (x, y, z, phi, theta, psi) with first and second derivative.
     v = R' p_dot, v_dot = R' p_ddot - omega x v; omega = T^-1 Theta_dot, and its derivative.
     """
     cx, sx = np.cos(filtered[3, 0]), np.sin(filtered[3, 0])
@@ -223,8 +224,8 @@ def spatial_reference(filtered: Array, nu_d: Array, nu_dot_d: Array) -> None:
     nu_dot_d[3] = filtered[3, 2] - sy * filtered[5, 2] - cy * pitch * yaw
     nu_dot_d[4] = cx * filtered[4, 2] + sx * cy * filtered[5, 2] + roll * r - sx * sy * pitch * yaw
     nu_dot_d[5] = cx * cy * filtered[5, 2] - sx * filtered[4, 2] - roll * q - cx * sy * pitch * yaw
-    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 1], nu_d)
-    _turn_back(cx, sx, cy, sy, cz, sz, filtered[:3, 2], nu_dot_d)
+    _to_body(cx, sx, cy, sy, cz, sz, filtered[:3, 1], nu_d)
+    _to_body(cx, sx, cy, sy, cz, sz, filtered[:3, 2], nu_dot_d)
     u, v, w = nu_d[0], nu_d[1], nu_d[2]
     nu_dot_d[0] -= q * w - r * v
     nu_dot_d[1] -= r * u - p * w
@@ -235,14 +236,15 @@ spatial_reference_kernel = lean_kernel(spatial_reference)
 
 
 def spatial_error(eta_d: Array, eta: Array, e: Array) -> None:
-    """Position error in body axes, and twice the vector part of the quaternion error; (6,).
+    """Write the position error in body axes and twice the vector part of the quaternion error.
 
-    e = [R' (p_d - p), 2 sgn(eta_e) eps_e] with q_e = conj(q) q_d, small angles being themselves.
+    e = [R' (p_d - p), 2 sgn(eta_e) eps_e], shape (6,), with q_e = conj(q) q_d. For a small
+    attitude error the second part is the rotation vector [rad].
     """
     cx, sx, cy, sy = np.cos(eta[3]), np.sin(eta[3]), np.cos(eta[4]), np.sin(eta[4])
     for i in range(3):
         e[i] = eta_d[i] - eta[i]
-    _turn_back(cx, sx, cy, sy, np.cos(eta[5]), np.sin(eta[5]), e, e)
+    _to_body(cx, sx, cy, sy, np.cos(eta[5]), np.sin(eta[5]), e, e)
     n, x, y, z = half_turns_kernel(eta[3], eta[4], eta[5])
     n_d, x_d, y_d, z_d = half_turns_kernel(eta_d[3], eta_d[4], eta_d[5])
     sign = 2.0 if n * n_d + x * x_d + y * y_d + z * z_d >= 0.0 else -2.0
@@ -256,7 +258,7 @@ spatial_error_kernel = lean_kernel(spatial_error)
 
 @lean_kernel
 def turn_between(first: float, second: float) -> float:
-    """The turn in [-pi, pi) that leads from one angle to another; [rad]."""
+    """Difference `second` - `first` of two angles [rad], in [-pi, pi)."""
     angle = second - first
     return angle - TURN * np.floor((angle + np.pi) / TURN)  # type: ignore[no-any-return]
 
@@ -274,10 +276,10 @@ def rotation_between(
     first: tuple[float, float, float, float], second: tuple[float, float, float, float],
     vector: Array,
 ) -> None:  # fmt: skip
-    """Rotation vector of R_1' R_2 [rad], written to (3,), of two unit quaternions.
+    """Write the rotation vector (3,) of R_1' R_2 [rad] for two unit quaternions.
 
-    Its direction, in body axes, is that of the turn from the first attitude to the second, and
-    its length, at most pi, the angle.
+    Its direction is the axis, in body axes, of the rotation from the first attitude to the second;
+    its length is the angle, at most pi.
     """
     n, x, y, z = first
     n_2, x_2, y_2, z_2 = second
@@ -299,10 +301,10 @@ fill_angles_kernel = lean_kernel(fill_angles)
 def reference_in_body(
     planar: bool, filtered: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array
 ) -> None:
-    """Desired pose, body velocity and acceleration from the filter state (n_dof, 3).
+    """Write desired pose, body velocity and acceleration (n_dof,) from the filter state (n_dof, 3).
 
-    Planar: nu_d = R(psi_d)' eta_d_dot, and its derivative; six degrees of freedom likewise.
-    Otherwise each axis stands alone.
+    For a planar vessel nu_d = R(psi_d)' eta_d_dot, and its derivative; six degrees of freedom are
+    treated likewise. For any other vessel the axes are independent.
     """
     for i in range(eta_d.shape[0]):
         eta_d[i], nu_d[i], nu_dot_d[i] = filtered[i, 0], filtered[i, 1], filtered[i, 2]

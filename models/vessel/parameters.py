@@ -1,4 +1,4 @@
-"""What a vessel's YAML says: derivatives, thrusters, limits and what suits its size."""
+"""Configuration of a vessel: derivatives, thrusters, limits and tuning values."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -20,9 +20,9 @@ class Plant:
     vessel: Vessel
     thruster: SecondOrderLag | None
     velocity_limits: tuple[float, ...]  # [m/s, rad/s]
-    change: tuple[float, Vessel] | None = None  # from a time [s] on it is another vessel
+    change: tuple[float, Vessel] | None = None  # time [s] from which another vessel replaces it
     integrator: Literal["rk4", "euler"] = "rk4"
-    allocation: Allocation | None = None  # of the command to thrusters
+    allocation: Allocation | None = None  # of the commanded force to the thrusters
 
     @property
     def planar(self) -> bool:
@@ -38,28 +38,28 @@ class Plant:
 
 @dataclass(frozen=True)
 class VesselParameters:
-    """A vessel as configured.
+    """The configured parameters of a vessel.
 
-    `tuning` holds what other groups take from the vessel they sail with (gains, noise, force
-    sizes) by interpolation; the vessel itself does not read it. `sources` says of every other
-    entry where its numbers come from.
+    `tuning` holds values that other configuration groups read by interpolation, such as gains,
+    noise levels and force amplitudes; the vessel itself does not use them. `sources` states the
+    source of the numbers of every other entry.
     """
 
     name: str
     dofs: tuple[str, ...]
     inertia: tuple[tuple[float, ...], ...] | None  # [kg, kg m, kg m^2]
     derivatives: dict[str, float]  # hydrodynamic derivatives, SI
-    velocity_limits: tuple[float, ...]  # [m/s, rad/s]; beyond them a simulation has diverged
+    velocity_limits: tuple[float, ...]  # [m/s, rad/s]; a simulation that exceeds one has diverged
     coriolis: bool = True
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
     tuning: dict[str, Any] = field(default_factory=dict)
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
-    thrusters: Allocation | None = None  # how they share a force
+    thrusters: Allocation | None = None  # thruster geometry and allocation method
     attitude: Attitude = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
-    parameters: str | None = None  # which of the sets completes the derivatives
+    parameters: str | None = None  # name of the parameter set that completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
 
@@ -86,11 +86,11 @@ class VesselParameters:
         if self.thrusters is not None:
             self.thrusters.matrix(self.dofs)
         if (self.inertia is None) == (self.body is None):
-            raise ConfigurationError("inertia and body: expected one of them, not both or none")
+            raise ConfigurationError("inertia and body: expected exactly one of them")
         self.nominal().plant_table()
 
     def nominal(self) -> Vessel:
-        """The believed model F0."""
+        """The nominal model F0."""
         rows = [DOFS.index(dof) for dof in self.dofs]
         if self.body is not None:
             inertia = self.body.inertia()[np.ix_(rows, rows)]
@@ -102,7 +102,7 @@ class VesselParameters:
         return replace(table, attitude=self.attitude)
 
     def plant(self, table: Vessel) -> Plant:
-        """What is sailed: a table with this vessel's thrusters, limits and integration."""
+        """The plant with a coefficient table and the thrusters and limits of this vessel."""
         return Plant(
             table,
             self.thruster,
@@ -113,7 +113,7 @@ class VesselParameters:
 
     @property
     def limits_by_dof(self) -> dict[str, float]:
-        """Largest force of the thrusters [N, Nm] by degree of freedom, where it is known."""
+        """Largest force of the thrusters [N, Nm] by degree of freedom, if it is known."""
         limits = dict(zip(self.dofs, self.force_limits or (), strict=False))
         lag = None if self.thruster is None else self.thruster.amplitude_limit
         for dof, limit in zip(self.dofs, lag or (), strict=False):

@@ -1,7 +1,7 @@
-"""A coefficient table as the equation of motion walks it: its terms without acceleration, and M^-1.
+"""Coefficient tables for the equation of motion: the terms without acceleration, and M^-1.
 
-Only the entries that are not zero are walked, axis by axis. Candidates of one fit share a `Layout`,
-which says where these entries stand in their tables.
+Only non-zero entries are evaluated, axis by axis. The candidates of a fit share a `Layout`, which
+holds the positions of these entries in their tables.
 """
 
 from collections.abc import Sequence
@@ -19,23 +19,23 @@ Flags = NDArray[np.bool_]
 
 
 class PlantTable(NamedTuple):
-    """Forward dynamics for the kernels; of one vessel, or in packs of many candidates."""
+    """Forward dynamics for the kernels, of one vessel or of many candidates in packs."""
 
     codes: Codes  # (n_terms, 3), see `basis`
     term: Codes  # (n_entries,) term of each entry, axis after axis
     first: Codes  # (n_dof + 1,) first entry of each axis
     entries: Array  # (n_entries,) coefficients
     inverse_inertia: Array  # (n_dof, n_dof)
-    coupled: Flags  # (n_dof, n_dof) entries of M^-1 that can be other than zero
+    coupled: Flags  # (n_dof, n_dof) entries of M^-1 that can be non-zero
     velocity_index: Codes  # (n_dof,) variables that are the velocities
-    magnitudes: Codes  # places of the velocities whose magnitude is used
-    aerodynamic: bool  # it has terms in the velocity through the air
-    turning: bool  # it has Coriolis forces, so that a stream turns in its axes when it turns
+    magnitudes: Codes  # indices of the velocities whose magnitude is used
+    aerodynamic: bool  # whether it has terms in the velocity through the air
+    turning: bool  # whether it has Coriolis forces: a current then rotates in body axes
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Which entries of tables (n_terms, n_dof) are walked, and where they stand."""
+    """Which entries of tables (n_terms, n_dof) are evaluated, and their positions."""
 
     structure: PlantTable  # with entries and M^-1 of zero
     rows: Codes  # (n_entries,) term of each entry in the table
@@ -43,14 +43,14 @@ class Layout:
     inertia: Codes  # (n_dof,) terms that are the accelerations
 
     def entries(self, tables: Array) -> Array:
-        """Coefficients that are walked, (n_entries, n), of tables (n, n_terms, n_dof)."""
+        """Coefficients that are evaluated, (n_entries, n), of tables (n, n_terms, n_dof)."""
         return np.ascontiguousarray(tables[:, self.rows, self.columns].T)
 
     def inverse_inertia(self, tables: Array) -> tuple[Array, Flags]:
         """M^-1 of many tables, shape (n_dof, n_dof, n), and which of them are realistic.
 
-        A table is realistic when its inertia is positive definite (kinetic energy); the others
-        get a zero inverse, which stands still.
+        A table is realistic if its inertia matrix is positive definite (kinetic energy). The
+        inverse of the others is set to zero, so that these vessels do not accelerate.
         """
         inertia = tables[:, self.inertia, :].transpose(0, 2, 1)
         if len(self.inertia) == 1:
@@ -71,18 +71,20 @@ class Layout:
 
 
 def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout:
-    """Layout of tables over `terms`; support (n_terms, n_dof) is what can be other than zero."""
+    """Layout of tables over `terms`; support (n_terms, n_dof) marks possible non-zeros."""
     columns = [DOFS.index(dof) for dof in dofs]
-    names = [one.name for one in terms]
+    names = [term.name for term in terms]
     inertia = np.array([names.index(ACCELERATIONS[column]) for column in columns])
-    walked = np.any(support, axis=1)
-    walked[inertia] = False
-    axes, rows = np.nonzero((support & walked[:, None]).T)  # axis after axis, terms in their order
-    kept, term = np.unique(rows, return_inverse=True)
-    codes = basis.codes(terms)[kept]
+    evaluated = np.any(support, axis=1)
+    evaluated[inertia] = False
+    axes, rows = np.nonzero(
+        (support & evaluated[:, None]).T
+    )  # axis after axis, terms in their order
+    used, term = np.unique(rows, return_inverse=True)
+    codes = basis.codes(terms)[used]
     index = [INDEX[VELOCITIES[column]] for column in columns]
     structure = PlantTable(
-        codes=codes.astype(np.uint64),  # numba asks of signed indices whether they are negative
+        codes=codes.astype(np.uint64),  # numba checks signed indices for negative values
         term=term.astype(np.uint64),
         first=np.searchsorted(axes, np.arange(len(dofs) + 1)).astype(np.int64),
         entries=np.zeros(len(rows)),
@@ -99,15 +101,15 @@ def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout
 
 
 def has_coriolis(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> bool:
-    """Whether a table has Coriolis forces: a force from velocity times rate of turn."""
+    """Whether a table has Coriolis forces, products of a velocity and an angular rate."""
     linear = [i for i, dof in enumerate(dofs) if dof in DOFS[:3]]
     products = {basis.term(a + b) for a in VELOCITIES[:3] for b in VELOCITIES[3:]}
-    rows = [i for i, one in enumerate(terms) if one in products]
+    rows = [i for i, term in enumerate(terms) if term in products]
     return bool(np.any(support[np.ix_(rows, linear)]))
 
 
 def _coupling(support: Flags) -> Flags:
-    """Entries of M^-1 that can be other than zero: axes that a chain of inertia connects."""
+    """Entries of M^-1 that can be non-zero: axes connected by entries of the inertia matrix."""
     linked = np.eye(len(support), dtype=bool) | support | support.T
     for _ in range(len(support)):
         linked = linked @ linked

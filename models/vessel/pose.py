@@ -1,7 +1,7 @@
-"""The pose as it is integrated, by the kinematics of the vessel.
+"""The pose as a state of the integration, for each kind of kinematics.
 
-`Axes`, `Planar`, `Quaternion` and `Euler` name the kinematics J of eta_dot = J(eta) nu; a kernel
-is compiled for the type of the one that it is given, without the others.
+`Axes`, `Planar`, `Quaternion` and `Euler` name the kinematics J of eta_dot = J(eta) nu. A kernel
+is compiled for one of these types, without the code of the others.
 """
 
 from collections.abc import Callable
@@ -26,9 +26,9 @@ OF_AXES = ("surge", "sway", "roll", "pitch", "yaw")
 
 
 class Axes(NamedTuple):
-    """Every velocity is integrated along its own axis, the vessel else level and heading north.
+    """Every velocity is integrated along its own axis; other angles stay level and north.
 
-    Each field is the place among the degrees of freedom, -1 where the vessel does not have it.
+    Each field is an index into the degrees of freedom, -1 if the vessel does not have that one.
     """
 
     north: int
@@ -60,17 +60,17 @@ Kinematics = Axes | Planar | Quaternion | Euler
 
 
 def kinematics_of(dofs: tuple[str, ...], attitude: str = "quaternion") -> Kinematics:
-    """The kinematics of a vessel; `attitude` (quaternion, euler) is of six degrees of freedom."""
+    """The kinematics of a vessel; `attitude` (quaternion, euler) is for six degrees of freedom."""
     if dofs == PLANAR:
         return Planar()
     if dofs == DOFS:
         return Quaternion() if attitude == "quaternion" else Euler()
-    places = (dofs.index(dof) if dof in dofs else -1 for dof in OF_AXES)
-    return Axes(*places)
+    indices = (dofs.index(dof) if dof in dofs else -1 for dof in OF_AXES)
+    return Axes(*indices)
 
 
 def state_of(kinematics: Kinematics, pose: Array) -> Array:
-    """The state that is integrated, of poses over the degrees of freedom, shape (..., n_dof)."""
+    """The integrated state (..., n_pose) of poses over the degrees of freedom, (..., n_dof)."""
     if isinstance(kinematics, Quaternion):
         quaternion = np.moveaxis(quaternion_of(np.moveaxis(pose[..., 3:], -1, 0)), 0, -1)
         return np.concatenate([pose[..., :3], quaternion], axis=-1)
@@ -97,9 +97,9 @@ POSES: dict[type, Callable[..., None]] = {
 
 
 def pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
-    """Write the pose over the degrees of freedom of a state.
+    """Write the pose (n_dof,) [m, rad] of a state (n_pose,).
 
-    Angles become the turns that are nearest to those that stand in `pose` before.
+    Angles are unwrapped to the turn nearest to the previous content of `pose`.
     """
     POSES[type(kinematics)](kinematics, eta, frame, pose)
 
@@ -108,14 +108,14 @@ def pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> No
 def _pose_of(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> Callable[..., None]:
     step = POSES[tuple_of(kinematics)]
 
-    def chosen(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
+    def kernel(kinematics: Kinematics, eta: Array, frame: Array, pose: Array) -> None:
         step(kinematics, eta, frame, pose)
 
-    return chosen
+    return kernel
 
 
 @lean_kernel
-def _leave(kinematics: Kinematics, eta: Array) -> None:
+def _no_change(kinematics: Kinematics, eta: Array) -> None:
     pass
 
 
@@ -127,12 +127,12 @@ def _to_unit(kinematics: Quaternion, eta: Array) -> None:
 
 
 NORMS: dict[type, Callable[..., None]] = {
-    Axes: _leave, Planar: _leave, Euler: _leave, Quaternion: _to_unit,
+    Axes: _no_change, Planar: _no_change, Euler: _no_change, Quaternion: _to_unit,
 }  # fmt: skip
 
 
 def normalise(kinematics: Kinematics, eta: Array) -> None:
-    """Give the quaternion of a state, where it has one, its length of one."""
+    """Scale the quaternion of a state, if it has one, to unit length."""
     NORMS[type(kinematics)](kinematics, eta)
 
 
@@ -140,10 +140,10 @@ def normalise(kinematics: Kinematics, eta: Array) -> None:
 def _normalise(kinematics: Kinematics, eta: Array) -> Callable[..., None]:
     step = NORMS[tuple_of(kinematics)]
 
-    def chosen(kinematics: Kinematics, eta: Array) -> None:
+    def kernel(kinematics: Kinematics, eta: Array) -> None:
         step(kinematics, eta)
 
-    return chosen
+    return kernel
 
 
 @lean_kernel
@@ -187,10 +187,10 @@ DEVIATIONS: dict[type, Callable[..., None]] = {
 
 
 def deviation(kinematics: Kinematics, first: Array, second: Array, e: Array) -> None:
-    """Write what leads from one state of the pose to another, shape (n_dof,).
+    """Write the deviation e (n_dof,) [m, rad] of the second state of the pose from the first.
 
-    Of positions the difference in NED, of an attitude in three angles the rotation vector of
-    R_1' R_2, of a single angle the turn, which is within half a turn.
+    It is the difference in NED for positions, the rotation vector of R_1' R_2 for an attitude in
+    three angles, and the difference within half a turn for a single angle.
     """
     DEVIATIONS[type(kinematics)](kinematics, first, second, e)
 
@@ -201,22 +201,22 @@ def _deviation(
 ) -> Callable[..., None]:
     step = DEVIATIONS[tuple_of(kinematics)]
 
-    def chosen(kinematics: Kinematics, first: Array, second: Array, e: Array) -> None:
+    def kernel(kinematics: Kinematics, first: Array, second: Array, e: Array) -> None:
         step(kinematics, first, second, e)
 
-    return chosen
+    return kernel
 
 
 def displaced(kinematics: Kinematics, states: Array, offsets: Array) -> Array:
-    """Poses (n, n_pose) moved by offsets (n, n_dof), of quaternions by rotation vectors."""
+    """States (n, n_pose) displaced by offsets (n, n_dof); quaternions by rotation vectors [rad]."""
     if not isinstance(kinematics, Quaternion):
         return np.asarray(states + offsets)
     n, x, y, z = states[:, 3:].T
     angle = np.linalg.norm(offsets[:, 3:], axis=1)
     a, b, c = (0.5 * np.sinc(angle / (2.0 * np.pi))[:, None] * offsets[:, 3:]).T
     m = np.cos(0.5 * angle)
-    turned = [
+    rotated = [
         n * m - x * a - y * b - z * c, n * a + x * m + y * c - z * b,
         n * b - x * c + y * m + z * a, n * c + x * b - y * a + z * m,
     ]  # fmt: skip
-    return np.column_stack([states[:, :3] + offsets[:, :3], *turned])
+    return np.column_stack([states[:, :3] + offsets[:, :3], *rotated])

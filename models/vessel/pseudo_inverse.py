@@ -1,9 +1,9 @@
 """Thrust allocation by a weighted pseudo-inverse, within the thrusters' limits.
 
-The lightest u (of least u' W u) with T u = tau and every thruster within its limit. Without limits
-it is u = W^-1 T' (T W^-1 T')^-1 tau; with them u = P(W^-1 T' lambda), where P keeps each thruster
-within its limit, for the multipliers lambda that make T u = tau. They are the maximum of the
-concave dual function, whose gradient is tau - T u: Newton's method, whose first step is the
+The result is the u of least u' W u with T u = tau and every thruster within its limit. Without
+limits it is u = W^-1 T' (T W^-1 T')^-1 tau. With limits it is u = P(W^-1 T' lambda), where P
+saturates each thruster, for the multipliers lambda with T u = tau. They maximise the concave dual
+function, whose gradient is tau - T u, and are found by Newton's method, whose first step is the
 pseudo-inverse (Boyd and Vandenberghe (2004), sections 5.5 and 9.5).
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.vessel.basis import Array, Codes
 
-HALVINGS = 40  # of the interval in which the scale of an unreachable force lies
+HALVINGS = 40  # of the interval that contains the scale of an unreachable force
 SINGULAR = 1e-12  # of a pivot, relative to the largest entry
 NEWTON_STEPS = 40
 ROUNDING = 1e-13  # of a force, relative to that of all thrusters at their limit
-RIDGE = 1e-9  # of a diagonal, where thrusters at their limit do not answer
+RIDGE = 1e-9  # added to the diagonal, relative to it, as saturated thrusters do not respond
 
 
 class PseudoInverse(NamedTuple):
-    """Geometry for the kernel; work space for one distribution."""
+    """Geometry for the kernel, and work space for one allocation."""
 
     T: Array  # (n_dof, n_u)
     spare: Array  # (n_u,) 1 / weight
@@ -33,14 +33,14 @@ class PseudoInverse(NamedTuple):
     pull: Array  # (n_u,) u without limits
     multiplier: Array  # (n_dof,) lambda
     way: Array  # (n_dof,) step of lambda
-    reach: Array  # (n_dof,) [N, Nm] all thrusters at their limit
+    reach: Array  # (n_dof,) [N, Nm] force of all thrusters at their limit
     give: Array  # (n_dof,) diagonal of T W^-1 T'
     G: Array  # (n_dof, n_dof + 1)
 
 
 @lean_kernel
 def _solve(G: Array) -> bool:
-    """Solve the square system in G = [A b] by elimination, the solution in its last column."""
+    """Solve the square system in G = [A b] by elimination, with the solution in its last column."""
     n = G.shape[0]
     largest = 0.0
     for i in range(n):
@@ -67,7 +67,7 @@ def _solve(G: Array) -> bool:
 
 @lean_kernel
 def _respond(table: PseudoInverse) -> float:
-    """Write u = W^-1 T' lambda, each thruster kept within its limit; the conjugate of the cost."""
+    """Write u = P(W^-1 T' lambda), saturated at the limits; returns the conjugate of the cost."""
     total = 0.0
     for t in range(table.low.shape[0]):
         at, end = table.first[t], table.first[t + 1]
@@ -77,11 +77,11 @@ def _respond(table: PseudoInverse) -> float:
             for i in range(table.multiplier.shape[0]):
                 table.pull[c] += table.spare[c] * table.T[i, c] * table.multiplier[i]
             square += table.pull[c] ** 2
-        cut = 1.0
+        scale = 1.0
         if end - at == 2 and square > table.high[t] ** 2:
-            cut = table.high[t] / np.sqrt(square)
+            scale = table.high[t] / np.sqrt(square)
         for c in range(at, end):
-            table.u[c] = cut * table.pull[c]
+            table.u[c] = scale * table.pull[c]
             if end - at == 1:
                 table.u[c] = min(max(table.pull[c], table.low[t]), table.high[t])
             total += (table.pull[c] - 0.5 * table.u[c]) * table.u[c] / table.spare[c]
@@ -90,7 +90,7 @@ def _respond(table: PseudoInverse) -> float:
 
 @lean_kernel
 def _curve(table: PseudoInverse, i: int, j: int) -> float:
-    """d (T u)_i / d lambda_j: thrusters at their limit do not answer, or only sideways."""
+    """d (T u)_i / d lambda_j: saturated thrusters do not respond, or only sideways."""
     total = 0.0
     for t in range(table.low.shape[0]):
         at = table.first[t]
@@ -104,28 +104,28 @@ def _curve(table: PseudoInverse, i: int, j: int) -> float:
             if size <= table.high[t]:
                 total += table.spare[at] * along
             else:
-                mine = (table.T[i, at] * x + table.T[i, at + 1] * y) / size
-                other = (table.T[j, at] * x + table.T[j, at + 1] * y) / size
-                total += table.spare[at] * table.high[t] / size * (along - mine * other)
+                along_i = (table.T[i, at] * x + table.T[i, at + 1] * y) / size
+                along_j = (table.T[j, at] * x + table.T[j, at + 1] * y) / size
+                total += table.spare[at] * table.high[t] / size * (along - along_i * along_j)
     return total
 
 
 @lean_kernel
-def _lack(table: PseudoInverse, tau: Array, scale: float) -> bool:
-    """Write scale tau - T u into the last column of G; whether it is more than rounding."""
-    lacking = False
+def _residual(table: PseudoInverse, tau: Array, scale: float) -> bool:
+    """Write scale tau - T u to the last column of G; returns whether it exceeds rounding."""
+    nonzero = False
     for i in range(tau.shape[0]):
         rest = scale * tau[i]
         for c in range(table.u.shape[0]):
             rest -= table.T[i, c] * table.u[c]
         table.G[i, -1] = rest
-        lacking = lacking or abs(rest) > ROUNDING * table.reach[i]
-    return lacking
+        nonzero = nonzero or abs(rest) > ROUNDING * table.reach[i]
+    return nonzero
 
 
 @lean_kernel
-def _climb(table: PseudoInverse, tau: Array, scale: float, value: float) -> float:
-    """A step of Newton's up the dual function, whose gradient is in G; halved until it rises."""
+def _newton_step(table: PseudoInverse, tau: Array, scale: float, value: float) -> float:
+    """A Newton step that maximises the dual function, halved until it rises; gradient in G."""
     n = tau.shape[0]
     slope = 0.0
     for i in range(n):
@@ -141,11 +141,11 @@ def _climb(table: PseudoInverse, tau: Array, scale: float, value: float) -> floa
         table.multiplier[i] += table.way[i]
     length = 1.0
     for _ in range(HALVINGS):
-        risen = -_respond(table)
+        increased = -_respond(table)
         for i in range(n):
-            risen += scale * tau[i] * table.multiplier[i]
-        if risen >= value + 1e-4 * length * slope - ROUNDING * abs(value):
-            return risen
+            increased += scale * tau[i] * table.multiplier[i]
+        if increased >= value + 1e-4 * length * slope - ROUNDING * abs(value):
+            return increased
         length *= 0.5
         for i in range(n):
             table.multiplier[i] -= length * table.way[i]
@@ -154,24 +154,24 @@ def _climb(table: PseudoInverse, tau: Array, scale: float, value: float) -> floa
 
 @lean_kernel
 def _distribute(table: PseudoInverse, tau: Array, scale: float) -> bool:
-    """Write the lightest u within the limits with T u = scale tau; False where none is found.
+    """Write the u of least cost within the limits with T u = scale tau; False if there is none.
 
     Newton's method on the multipliers of T u = scale tau: its first step is the weighted
-    pseudo-inverse, the others spread what thrusters at their limit leave.
+    pseudo-inverse; the following steps distribute the force that saturated thrusters do not give.
     """
     for i in range(tau.shape[0]):
         table.multiplier[i] = 0.0
     value = -_respond(table)
     for _ in range(NEWTON_STEPS):
-        if not _lack(table, tau, scale):
+        if not _residual(table, tau, scale):
             return True
-        value = _climb(table, tau, scale, value)
-    return not _lack(table, tau, scale)
+        value = _newton_step(table, tau, scale, value)
+    return not _residual(table, tau, scale)
 
 
 @lean_kernel
 def by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None:
-    """T u of the largest share of tau, up to all of it, that is found."""
+    """Write T u for the largest share of tau, at most all of it, that the thrusters can give."""
     low, high = 0.0, 1.0
     if not _distribute(table, tau, 1.0):
         for _ in range(HALVINGS):

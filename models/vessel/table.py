@@ -2,10 +2,10 @@
 
     tau[dof] = sum_k theta[k, dof] phi_k(nu_dot, nu, attitude, nu_q)
 
-In a current nu and nu_dot are those through the water: in a uniform stream a vessel behaves as in
-still water, seen from the water. That holds for the rigid body too (Fossen (2011), property 8.1),
-so a table needs no parting into rigid-body and hydrodynamic terms. Velocities through the air,
-nu_q, are variables of their own.
+In a current nu and nu_dot are velocity and acceleration through the water: in a uniform current a
+vessel moves relative to the water as in still water. This holds for the rigid body too (Fossen
+(2011), property 8.1), so a table does not separate rigid-body and hydrodynamic terms. Velocities
+through the air, nu_q, are separate variables.
 
 The nominal model, the true plant, a residual model and the improved model F1 = F0 + Theta Phi
 (Jervan (2020), eq. (3.22)) are the same type; improving again is addition. Inverse dynamics
@@ -43,7 +43,7 @@ class ForceTable(NamedTuple):
     theta: Array
     acceleration_index: Codes
     velocity_index: Codes
-    aerodynamic: bool  # it has terms in the velocity through the air
+    aerodynamic: bool  # whether it has terms in the velocity through the air
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,9 @@ class Vessel:
     def __post_init__(self) -> None:
         unknown = [dof for dof in self.dofs if dof not in DOFS]
         if unknown:
-            raise ConfigurationError(f"dofs: got {unknown[0]!r}, expected some of {DOFS}")
+            raise ConfigurationError(
+                f"dofs: got {unknown[0]!r}, expected some of {', '.join(DOFS)}"
+            )
         theta = np.array(self.theta, dtype=np.float64)
         if theta.shape != (len(self.terms), len(self.dofs)):
             raise ConfigurationError(
@@ -84,14 +86,14 @@ class Vessel:
         return np.array([self.row(name) for name in self.accelerations]).T
 
     def row(self, name: str) -> Array:
-        """Coefficients of one term over `dofs`, zero where the table does not have it."""
-        one = basis.term(name)
-        if one not in self.terms:
+        """Coefficients of a term over `dofs`, shape (n_dof,); zero if it is not in the table."""
+        term = basis.term(name)
+        if term not in self.terms:
             return np.zeros(len(self.dofs))
-        return np.asarray(self.theta[self.terms.index(one)])
+        return np.asarray(self.theta[self.terms.index(term)])
 
     def coefficient(self, dof: str, name: str) -> float:
-        """theta of one term in one degree of freedom."""
+        """Coefficient of a term in a degree of freedom, in SI units."""
         return float(self.row(name)[self.dofs.index(dof)])
 
     def variables(
@@ -103,7 +105,7 @@ class Vessel:
     ) -> Array:
         """Variables of sampled motion, shape (N, N_VARIABLES).
 
-        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level north, and `wind`, the
+        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level and north, and `wind`, the
         velocity of the air in body axes [m/s], shape (N, 2), to still air.
         """
         level = np.zeros((len(nu), 3)) if attitude is None else attitude
@@ -116,7 +118,7 @@ class Vessel:
         attitude: Array | None = None,
         wind: Array | None = None,
     ) -> Array:
-        """Force that the motion needs [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
+        """Force that the motion requires [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
         x = self.variables(nu_dot, nu, attitude, wind)
         return np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
 
@@ -135,7 +137,7 @@ class Vessel:
         """Sum of the tables over the union of their terms. Jervan (2020), eq. (3.26)."""
         if other.dofs != self.dofs:
             raise ConfigurationError(f"cannot add a model of {other.dofs} to one of {self.dofs}")
-        union = self.terms + tuple(one for one in other.terms if one not in self.terms)
+        union = self.terms + tuple(term for term in other.terms if term not in self.terms)
         return replace(self, terms=union, theta=self.on(union).theta + other.on(union).theta)
 
     def __mul__(self, factor: float) -> "Vessel":
@@ -149,32 +151,32 @@ class Vessel:
     def on(self, union: Sequence[Term]) -> "Vessel":
         """The same table with its rows in the order of `union`; rows not in it are dropped."""
         rows = [
-            self.theta[self.terms.index(one)] if one in self.terms else np.zeros(len(self.dofs))
-            for one in union
+            self.theta[self.terms.index(term)] if term in self.terms else np.zeros(len(self.dofs))
+            for term in union
         ]
         theta = np.array(rows).reshape(len(rows), len(self.dofs))
         return replace(self, terms=tuple(union), theta=theta)
 
-    def unit(self, one: Term, dof: str) -> str:
+    def unit(self, term: Term, dof: str) -> str:
         """SI unit of a coefficient (radians have none), such as kg, kg/s, kg/m, kg m^2, N."""
-        return coefficient_unit(one, dof)
+        return coefficient_unit(term, dof)
 
     def force_table(self) -> ForceTable:
-        """The table for the kernels, terms that are zero in every degree of freedom left out."""
-        kept = [i for i in range(len(self.terms)) if np.any(self.theta[i] != 0.0)]
+        """The table for the kernels, without terms that are zero in every degree of freedom."""
+        rows = [i for i in range(len(self.terms)) if np.any(self.theta[i] != 0.0)]
         return ForceTable(
-            basis.codes([self.terms[i] for i in kept]),
-            np.ascontiguousarray(self.theta[kept]),
+            basis.codes([self.terms[i] for i in rows]),
+            np.ascontiguousarray(self.theta[rows]),
             np.array([INDEX[name] for name in self.accelerations]),
             np.array([INDEX[name] for name in self.velocities]),
-            self._has(kept, AIR),
+            self._has(rows, AIR),
         )
 
     def plant_table(self) -> PlantTable:
-        """Forward dynamics for the kernels; worked out once.
+        """Forward dynamics for the kernels; computed once.
 
-        Raises ConfigurationError when the inertia matrix is not positive definite or an
-        acceleration stands in a product: then nu_dot does not follow from a constant matrix.
+        Raises ConfigurationError if the inertia matrix is not positive definite or a product
+        contains an acceleration: then nu_dot does not follow from a constant matrix.
         """
         return self._plant_table
 
@@ -187,38 +189,40 @@ class Vessel:
                 f"got an eigenvalue of {np.min(eigenvalues.real):.3g}"
             )
         accelerated = set(range(1, 1 + len(ACCELERATIONS)))
-        for one, row in zip(self.terms, self.theta, strict=True):
-            factors = {code % N_VARIABLES for code in one.codes}
-            if factors & accelerated and one.name not in ACCELERATIONS and np.any(row != 0.0):
-                raise ConfigurationError(f"{self.name}: term {one} cannot be solved for nu_dot")
-        plan = layout(self.terms, self.dofs, self.theta != 0.0)
-        return plan.plant(self.theta, np.asarray(np.linalg.inv(self.inertia), dtype=np.float64))
+        for term, row in zip(self.terms, self.theta, strict=True):
+            factors = {code % N_VARIABLES for code in term.codes}
+            if factors & accelerated and term.name not in ACCELERATIONS and np.any(row != 0.0):
+                raise ConfigurationError(f"{self.name}: term {term} cannot be solved for nu_dot")
+        positions = layout(self.terms, self.dofs, self.theta != 0.0)
+        return positions.plant(
+            self.theta, np.asarray(np.linalg.inv(self.inertia), dtype=np.float64)
+        )
 
     @property
     def turning(self) -> bool:
         """Whether the table has Coriolis forces."""
         return has_coriolis(self.terms, self.dofs, self.theta != 0.0)
 
-    def _has(self, kept: Sequence[int], names: Sequence[str]) -> bool:
-        """Whether one of some terms has one of some variables."""
-        wanted = {INDEX[name] for name in names}
-        return any(wanted & {code % N_VARIABLES for code in self.terms[i].codes} for i in kept)
+    def _has(self, rows: Sequence[int], names: Sequence[str]) -> bool:
+        """Whether any of the terms in `rows` contains one of the named variables."""
+        indices = {INDEX[name] for name in names}
+        return any(indices & {code % N_VARIABLES for code in self.terms[i].codes} for i in rows)
 
 
-def coefficient_unit(one: Term, dof: str) -> str:
+def coefficient_unit(term: Term, dof: str) -> str:
     """SI unit of the coefficient of a term in a degree of freedom; radians count as 1."""
     metres, seconds = (1, -2) if FORCE_UNIT[dof] == "N" else (2, -2)
-    for code in one.codes:
+    for code in term.codes:
         name = basis.VARIABLES[code % N_VARIABLES]
         if name in (*VELOCITIES, *ACCELERATIONS, *AIR):
             metres -= 0 if name[0] in VELOCITIES[3:] else 1
             seconds += 2 if name in ACCELERATIONS else 1
     if (metres, seconds) in ((1, -2), (2, -2)):
         return "N" if metres == 1 else "Nm"
-    above = ["kg"] + [_power(u, n) for u, n in (("m", metres), ("s", seconds)) if n > 0]
-    below = [_power(u, -n) for u, n in (("m", metres), ("s", seconds)) if n < 0]
-    bottom = below[0] if len(below) == 1 else f"({' '.join(below)})"
-    return " ".join(above) + (f"/{bottom}" if below else "")
+    numerator = ["kg"] + [_power(u, n) for u, n in (("m", metres), ("s", seconds)) if n > 0]
+    factors = [_power(u, -n) for u, n in (("m", metres), ("s", seconds)) if n < 0]
+    denominator = factors[0] if len(factors) == 1 else f"({' '.join(factors)})"
+    return " ".join(numerator) + (f"/{denominator}" if factors else "")
 
 
 def _power(unit: str, exponent: int) -> str:

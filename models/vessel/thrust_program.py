@@ -7,13 +7,13 @@ import numpy as np
 
 from seatrial.models.vessel.basis import Array, Codes
 
-SIDES = 16  # of the polygon about an azimuth thruster's circle, for the quadratic program
-CUTS = 12  # at most; each brings the circle's tangent where the force lies outside it
+SIDES = 16  # of the polygon around the circle of an azimuth thruster
+CUTS = 12  # largest number of cuts; each adds the tangent where the force is outside the circle
 INSIDE = 1e-9  # of a circle's radius
 
 
 class QuadraticProgram(NamedTuple):
-    """Geometry for the program; circles are inequality rows in shares of the limit."""
+    """Geometry for the program; circles are inequality rows relative to the limits."""
 
     T: Array
     weight: Array  # (n_u,)
@@ -25,7 +25,7 @@ class QuadraticProgram(NamedTuple):
 
 
 def _solve_program(table: QuadraticProgram, T: Array, tau: Array, circles: Array) -> Array | None:
-    """(u, s) of the program, u in shares of the limits; None where the solver gives up."""
+    """(u, s) of the program, u relative to the limits; None if the solver fails."""
     import daqp
 
     n_dof, n_u = T.shape
@@ -38,61 +38,62 @@ def _solve_program(table: QuadraticProgram, T: Array, tau: Array, circles: Array
     )
     sense = np.zeros(len(upper), dtype=np.int32)
     sense[n_u + 1 : n_u + 1 + n_dof] = 5  # equality
-    round_ = np.hstack([circles, np.zeros((len(circles), 1))])
-    for tolerance in (1e-10, 1e-8):  # tangents that nearly coincide can be too fine for the first
-        found, _, flag, _ = daqp.solve(
-            H, f, np.vstack([rows, round_]), upper, lower, sense.copy(), primal_tol=tolerance
+    circle_rows = np.hstack([circles, np.zeros((len(circles), 1))])
+    for tolerance in (1e-10, 1e-8):  # nearly equal tangents can fail at the first
+        solution, _, flag, _ = daqp.solve(
+            H, f, np.vstack([rows, circle_rows]), upper, lower, sense.copy(), primal_tol=tolerance
         )
         if flag >= 1:
-            return np.asarray(found, dtype=np.float64)
+            return np.asarray(solution, dtype=np.float64)
     return None
 
 
 def by_program(table: QuadraticProgram, tau: Array, applied: Array) -> None:
-    """min delta/2 u' W u - s,  T u = s tau,  0 <= s <= 1,  u within its limits.
+    """Write the solution of min delta/2 u' W u - s,  T u = s tau,  0 <= s <= 1,  u within limits.
 
     For a small delta the share s is the largest possible one (an exact penalty), and u the
-    lightest that gives it. In shares of the limits, so that the solver's tolerances have a
-    meaning; what they leave of T u - s tau is then given to the thrusters between their limits.
-    The circle of an azimuth thruster begins as a polygon about it; where its force lies outside,
-    the tangent there is added (cutting planes), and at the end it is scaled by what is left.
+    solution of least cost for it. The forces are relative to the limits, so that the tolerances of
+    the solver are meaningful; its residual T u - s tau is then distributed over the thrusters that
+    are not at a limit. The circle of an azimuth thruster is first a polygon around it; where the
+    force is outside the circle, the tangent is added (cutting planes). Finally the forces are
+    scaled by the remaining excess.
     """
     n_u = table.T.shape[1]
     T = table.T * table.high
     size = np.max(np.abs(T), axis=1)
-    circles, found = table.circles, np.zeros(n_u + 1)
-    pairs = found[:n_u][table.pairs]
+    circles, solution = table.circles, np.zeros(n_u + 1)
+    pairs = solution[:n_u][table.pairs]
     for _ in range(CUTS):
-        better = _solve_program(table, T / size[:, None], tau / size, circles)
-        if better is None:  # what was found before is nearly it
+        improved = _solve_program(table, T / size[:, None], tau / size, circles)
+        if improved is None:  # keep the last solution, which is close
             break
-        found = better
-        pairs = found[:n_u][table.pairs]  # (n_azimuths, 2)
+        solution = improved
+        pairs = solution[:n_u][table.pairs]  # (n_azimuths, 2)
         outside = np.hypot(*pairs.T) > 1.0 + INSIDE
         if not np.any(outside):
             break
         tangents = np.zeros((int(np.sum(outside)), n_u))
-        way = pairs[outside] / np.hypot(*pairs[outside].T)[:, None]
-        np.put_along_axis(tangents, table.pairs[outside], way, axis=1)
+        direction = pairs[outside] / np.hypot(*pairs[outside].T)[:, None]
+        np.put_along_axis(tangents, table.pairs[outside], direction, axis=1)
         circles = np.vstack([circles, tangents])
-    found = found / max(1.0, np.max(np.hypot(*pairs.T), initial=0.0))
-    x, s = found[:n_u], min(found[n_u], 1.0)
+    solution = solution / max(1.0, np.max(np.hypot(*pairs.T), initial=0.0))
+    x, s = solution[:n_u], min(solution[n_u], 1.0)
     s = 1.0 if s > 1.0 - 1e-7 else s
     free = (x < 1.0 - 1e-6) & (x > table.low / table.high + 1e-6)
-    left = (s * tau - T @ x) / size
-    x[free] += np.linalg.lstsq(T[:, free] / size[:, None], left, rcond=None)[0]
+    residual = (s * tau - T @ x) / size
+    x[free] += np.linalg.lstsq(T[:, free] / size[:, None], residual, rcond=None)[0]
     table.u[:] = x * table.high
     applied[:] = table.T @ table.u
 
 
 def circles_of(counts: Sequence[int]) -> Array:
-    """Rows c with c u <= 1, tangents of azimuth thrusters' circles, in shares of their limit."""
+    """Rows c with c u <= 1: tangents of the circles of azimuth thrusters, relative to the limit."""
     angle = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
     sides = np.column_stack([np.cos(angle), np.sin(angle)])
     rows = np.zeros((SIDES * counts.count(2), sum(counts)))
-    at = 0
+    row = 0
     for first, count in zip(np.cumsum([0, *counts[:-1]]), counts, strict=True):
         if count == 2:
-            rows[at : at + SIDES, first : first + 2] = sides
-            at += SIDES
+            rows[row : row + SIDES, first : first + 2] = sides
+            row += SIDES
     return rows

@@ -14,13 +14,12 @@ from seatrial.models.weather.weather import Stream
 
 @dataclass(frozen=True)
 class Current(Stream):
-    """A horizontal current of a mean speed and the direction it sets to.
+    """A horizontal current with a mean speed and the direction in which the water moves.
 
     `variation`: `constant`; `slow`, Gauss-Markov processes in north and east about the mean
-    (Bargouth (2022), (2.7)-(2.8), with a time constant: without one they would wander off);
-    `white`, each component uniform in [0, max_m_s] anew at every sample, as in Bargouth's
-    appendices (there with 10 m/s, which no water does).
-    The speed stays below `max_m_s`.
+    (Bargouth (2022), (2.7)-(2.8), with a time constant, since a random walk is unbounded);
+    `white`, each component drawn uniformly from [0, max_m_s] at every sample, as in Bargouth's
+    appendices (which use the unrealistic value 10 m/s). The speed is limited to `max_m_s`.
     """
 
     speed_m_s: NotNegative

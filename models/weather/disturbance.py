@@ -1,7 +1,7 @@
 """Disturbance cases, composed of parts and realised from seeded generators.
 
-Noise has a generator of its own, the other parts share one and draw from it in a fixed way: a part
-that is added or left out does not change what the others realise.
+The measurement noise has its own generator. The seeds of the other parts are drawn from a second
+generator in a fixed order, so adding or removing a part does not change the realisation of others.
 """
 
 from collections.abc import Iterable, Sequence
@@ -23,7 +23,7 @@ from seatrial.models.weather.weather import Force, Noise, Part, Stream, Weather
 class ConstantForce(Force):
     """A force that is constant in NED. Jervan (2020), Table 4.16.
 
-    A vessel that moves along one axis only meets its northward part.
+    A vessel that moves along one axis only is affected by the northward component.
     """
 
     north_n: float
@@ -35,7 +35,7 @@ class ConstantForce(Force):
     def realise(
         self, n: int, dofs: Sequence[str], period_s: float, rng: np.random.Generator
     ) -> Array:
-        """The same at every instant, shape (n, n_dof)."""
+        """The same force [N, Nm] at every instant, shape (n, n_dof)."""
         return np.tile(self.ned(dofs), (n, 1))
 
     def ned(self, dofs: Sequence[str]) -> Array:
@@ -44,7 +44,7 @@ class ConstantForce(Force):
         return np.array([parts.get(dof, 0.0) for dof in dofs])
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
-        """The same as terms of the force that a motion needs: tau = F(nu_dot, nu) - R(psi)' f."""
+        """The force as terms of the required force: tau = F(nu_dot, nu) - R(psi)' f."""
         force = self.ned(dofs)
         if dofs == DOFS:
             return derivative_table("constant force", dofs, self._spatial())
@@ -71,9 +71,9 @@ class ConstantForce(Force):
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A disturbance case, composed of parts; a part that is None is absent.
+    """A disturbance case composed of parts; None means that a part is absent.
 
-    `others` are parts beside the named ones, by any name.
+    `others` are additional parts, by name.
     """
 
     noise: MeasurementNoise | None = None
@@ -86,12 +86,12 @@ class Disturbance:
 
     @property
     def parts(self) -> tuple[Part | None, ...]:
-        """All but the measurement noise, in the order of their generators."""
+        """All parts except the measurement noise, in the order of their generators."""
         named = (self.wind, self.current, self.waves, self.process, self.force)
         return (*named, *(self.others or {}).values())
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
-        """Raise ConfigurationError for a part that a vessel of these dofs cannot meet so long."""
+        """Raise ConfigurationError if a part does not suit the vessel or the duration [s]."""
         for part in self.parts:
             if part is not None:
                 part.check(dofs, duration_s)
@@ -104,15 +104,16 @@ class Disturbance:
         weather_rng: np.random.Generator | None = None,
         period_s: float | None = None,
     ) -> Weather:
-        """One realisation of n control instants; the same generators give the same weather.
+        """A realisation over n control instants; the same generators give the same weather.
 
-        `weather_rng` and the control period [s] are for what varies beside measurement noise.
+        `weather_rng` and the control period [s] are required for every varying part except the
+        measurement noise.
         """
         weather = self._measured(n, dofs, noise_rng)
         parts = self.parts
         if weather_rng is None or period_s is None:
             if any(part is not None and part.varies for part in parts):
-                raise TypeError("weather_rng and period_s are needed for what varies")
+                raise TypeError("weather_rng and period_s are required by a part that varies")
             weather_rng, period_s = np.random.default_rng(0), 0.0
         seeds = weather_rng.integers(0, 2**63, size=len(parts))
         for part, seed in zip(parts, seeds, strict=True):
@@ -124,24 +125,26 @@ class Disturbance:
         return weather
 
     def _measured(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
-        """Measurement noise, and no force yet."""
+        """Weather with the measurement noise and zero force."""
         deviations = np.zeros((3, len(dofs))) if self.noise is None else self.noise.deviations(dofs)
         draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
         pose, velocity, acceleration = (np.ascontiguousarray(draws[:, i]) for i in range(3))
         return Weather(pose, velocity, acceleration, np.zeros((n, len(dofs))))
 
     def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
-        """The terms that the parts add to the vessel that sails in them, such as the wind's."""
-        none = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
-        return _total(none, (None if one is None else one.aerodynamics(dofs) for one in self.parts))
+        """The terms that the parts add to the table of the vessel, such as the wind forces."""
+        zero = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
+        return _total(
+            zero, (None if part is None else part.aerodynamics(dofs) for part in self.parts)
+        )
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
-        """What the disturbance adds to the force a motion needs, as far as it is a table."""
-        none = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
-        return _total(none, (None if one is None else one.table(dofs) for one in self.parts))
+        """The part of the disturbance that is a table of the force that a motion requires."""
+        zero = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
+        return _total(zero, (None if part is None else part.table(dofs) for part in self.parts))
 
 
-def _total(none: Vessel, tables: Iterable[Vessel | None]) -> Vessel:
-    """The sum of tables; `none` where there is none."""
-    first, *more = [table for table in tables if table is not None] or [none]
+def _total(zero: Vessel, tables: Iterable[Vessel | None]) -> Vessel:
+    """The sum of tables; `zero` if there is none."""
+    first, *more = [table for table in tables if table is not None] or [zero]
     return sum(more, start=first)

@@ -1,4 +1,4 @@
-"""Measurement and process noise, and the coloured noise that wind and current are made of."""
+"""Measurement and process noise, and the coloured noise used by wind and current."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from seatrial.models.weather.weather import Noise, Weather
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """Standard deviations of white Gaussian noise, drawn once a sample. Jervan, Table 4.14."""
+    """Standard deviations of white Gaussian noise, drawn once per sample. Jervan, Table 4.14."""
 
     position_m: NotNegative
     angle_deg: NotNegative
@@ -31,7 +31,7 @@ class MeasurementNoise:
         check_ranges(self)
 
     def deviations(self, dofs: Sequence[str]) -> Array:
-        """Standard deviation of pose, velocity and acceleration, shape (3, n_dof), in SI."""
+        """Standard deviations of pose, velocity and acceleration, shape (3, n_dof), SI units."""
         linear = [self.position_m, self.velocity_m_s, self.acceleration_m_s2]
         angular = [self.angle_deg, self.angular_rate_deg_s, self.angular_acceleration_deg_s2]
         columns = [linear if dof in DOFS[:3] else np.radians(angular) for dof in dofs]
@@ -40,10 +40,10 @@ class MeasurementNoise:
 
 @dataclass(frozen=True)
 class ProcessNoise(Noise):
-    """White accelerations, held over a sample: eta of Bargouth (2022), (2.24)-(2.26).
+    """White accelerations, constant over a sample: eta of Bargouth (2022), (2.24)-(2.26).
 
-    `size` [m/s^2, rad/s^2], one a degree of freedom, is the standard deviation, or half the width
-    of a uniform distribution about zero.
+    `size` [m/s^2, rad/s^2], one number per degree of freedom, is the standard deviation, or half
+    the width of a uniform distribution about zero.
     """
 
     size: tuple[NotNegative, ...]
@@ -53,7 +53,7 @@ class ProcessNoise(Noise):
         check_ranges(self)
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
-        """One size a degree of freedom."""
+        """Raise ConfigurationError unless there is one size per degree of freedom."""
         if len(self.size) != len(dofs):
             raise ConfigurationError(
                 f"disturbance.process.size: got {len(self.size)} numbers, expected {len(dofs)} "
@@ -61,11 +61,11 @@ class ProcessNoise(Noise):
             )
 
     def realise(self, n: int, rng: np.random.Generator) -> Array:
-        """Accelerations, shape (n, n_dof)."""
+        """Accelerations [m/s^2, rad/s^2], shape (n, n_dof)."""
         shape = (n, len(self.size))
         normal = self.distribution == "normal"
-        drawn = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
-        return np.asarray(drawn * np.array(self.size), dtype=np.float64)
+        draws = rng.standard_normal(shape) if normal else rng.uniform(-1.0, 1.0, shape)
+        return np.asarray(draws * np.array(self.size), dtype=np.float64)
 
     def added(
         self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
@@ -90,7 +90,7 @@ def gauss_markov(
 ) -> Array:
     """A stationary Gaussian process dx = system x dt + noise, shape (n, m), sampled exactly.
 
-    `deviation` (m, m) is a Cholesky factor of its covariance P: with Phi = exp(system h) a step is
+    `deviation` (m, m) is a Cholesky factor of the covariance P. With Phi = exp(system h) a step is
     x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
     """
     transition = expm(system * period_s)
@@ -118,14 +118,14 @@ def first_order(
 
 
 def smoothed_levels(n: int, rng: np.random.Generator, levels: int = 4) -> Array:
-    """Random levels in (0, 1), each for its share of n samples, smoothed. Bargouth, appendix F.
+    """Random levels in (0, 1), each for an equal part of n samples, smoothed. Bargouth, appendix F.
 
-    The smoothing is a moving average over half of the samples, over fewer near the ends, so that
-    it stays centred (MATLAB's `smooth(A, 0.5)`). Shape (n,).
+    The smoothing is a centred moving average over half of the samples, and over fewer samples near
+    the ends (MATLAB's `smooth(A, 0.5)`). Shape (n,).
     """
-    drawn = rng.random(levels)[np.minimum(np.arange(n) * levels // max(n, 1), levels - 1)]
+    steps = rng.random(levels)[np.minimum(np.arange(n) * levels // max(n, 1), levels - 1)]
     reach = max((n // 2 - 1 + n // 2 % 2) // 2, 0)  # an odd span of about n / 2
     index = np.arange(n)
     half = np.minimum(np.minimum(index, n - 1 - index), reach)
-    total = np.concatenate([[0.0], np.cumsum(drawn)])
+    total = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray((total[index + half + 1] - total[index - half]) / (2 * half + 1))

@@ -1,4 +1,4 @@
-"""The weather that a vessel meets in one trial, and what every part of a disturbance is asked."""
+"""The weather of a trial, and the interfaces of the parts of a disturbance."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,30 +11,30 @@ from seatrial.models.vessel.table import Vessel
 
 
 class Weather(NamedTuple):
-    """Realised disturbances, one row a control instant; SI units. What is absent has no rows."""
+    """Realised disturbances, one row per control instant; SI units. Absent parts have no rows."""
 
     pose_noise: Array  # (N, n_dof), added to the measured pose
     velocity_noise: Array  # (N, n_dof)
     acceleration_noise: Array  # (N, n_dof), in the log only
-    force_ned: Array  # (N, n_dof), NED [N, N, Nm]; along the axis where there is no heading
+    force_ned: Array  # (N, n_dof), NED [N, N, Nm]; along the axes if there is no heading
     current_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the water, north and east
     wind_ned: Array = np.zeros((0, 2))  # (N, 2) velocity of the air
     wind_noise: Array = np.zeros((0, 2))  # (N, 2), added to the measured wind, body axes
     process: Array = np.zeros((0, 0))  # (N, n_dof) accelerations [m/s^2, rad/s^2]
     wind_body: Array = np.zeros((0, 2))  # (N, 2) velocity of the air in body axes, as recorded
-    wave_motion: Array = np.zeros((0, 0))  # (N, n_dof), the part of pose_noise that waves make
+    wave_motion: Array = np.zeros((0, 0))  # (N, n_dof), the part of pose_noise that is due to waves
 
 
 class Part(ABC):
-    """A part of a disturbance: a force, a stream of air or water, or a noise.
+    """A part of a disturbance: a force, a stream of air or water, or noise.
 
-    `varies`: its realisation draws from a generator.
+    `varies` states whether its realisation draws from a generator.
     """
 
     varies: ClassVar[bool] = True
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:  # noqa: B027
-        """Raise ConfigurationError for a vessel that cannot meet it, or not for so long [s]."""
+        """Raise ConfigurationError if the part does not suit the vessel or the duration [s]."""
 
     @abstractmethod
     def added(
@@ -43,11 +43,11 @@ class Part(ABC):
         """The weather with this part realised at all its control instants."""
 
     def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel | None:
-        """The terms that it adds to the vessel that meets it, where it does."""
+        """The terms that it adds to the table of the vessel, if any."""
         return None
 
     def table(self, dofs: tuple[str, ...]) -> Vessel | None:
-        """What it adds to the force that a motion needs, as far as that is a table."""
+        """The part of its force that is a table of the force that a motion requires."""
         return self.aerodynamics(dofs)
 
 
@@ -89,7 +89,7 @@ class Stream(Part):
 
 
 class Noise(Part):
-    """What disturbs the measurements, or the motion without a cause that a model could have."""
+    """Noise in the measurements, or process noise in the motion."""
 
 
 def _sum(before: Array, more: Array) -> Array:

@@ -1,6 +1,6 @@
-"""Wind: how it blows, and the force it has on a vessel.
+"""Wind: its variation in time, and its force on a vessel.
 
-The direction is the one the air moves *to* in NED, beta, unless `direction` says `from`. With the
+The direction beta is where the air moves *to* in NED, unless `direction` is `from`. With the
 velocity through the air nu_q = nu - R(psi)' v_w and its norm V_q, Bargouth (2022), (2.2)-(2.6) are
 
     X = -d1 V_q u_q,    Y = -d2 V_q v_q,    N = 2 d3 u_q v_q
@@ -33,7 +33,7 @@ BEAUFORT = (
     (17.3, 20.8), (20.9, 24.4), (24.5, 28.5), (28.6, 32.6), (32.6, 32.6),
 )  # fmt: skip
 NORSOK_EXPONENT = 0.468
-NORSOK_BAND_HZ = (1.0 / 600.0, 0.5)  # where the spectrum is meant to hold
+NORSOK_BAND_HZ = (1.0 / 600.0, 0.5)  # range in which the spectrum is valid
 
 
 class WindForce(ABC):
@@ -41,12 +41,12 @@ class WindForce(ABC):
 
     @abstractmethod
     def table(self, dofs: tuple[str, ...]) -> Vessel:
-        """Its share of the force that a motion needs."""
+        """The wind terms of the force that a motion requires."""
 
 
 @dataclass(frozen=True)
 class Windage(WindForce):
-    """Wind areas and coefficients, eq. (2.2); cx and so on are those of a head and a beam wind."""
+    """Wind areas and coefficients, eq. (2.2); cx is for a head wind, cy and cn for a beam wind."""
 
     frontal_area_m2: NotNegative
     lateral_area_m2: NotNegative
@@ -83,15 +83,15 @@ class WindDerivatives(WindForce):
         self.table(PLANAR)
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
-        """Minus the derivatives."""
+        """Table with entries that are minus the derivatives."""
         return derivative_table("wind", dofs, self.derivatives)
 
 
 @dataclass(frozen=True)
 class Wind(Stream):
-    """Wind of a mean speed and direction, and how it varies.
+    """Wind with a mean speed and direction, and a variation in time.
 
-    `beaufort` (1 to 12, Table 2.1) is shorthand for the middle of a class and goes before
+    `beaufort` (1 to 12, Table 2.1) selects the mean speed of a class and overrides
     `speed_m_s`. `variation`: `constant`; `slow`, smoothed random levels of speed and direction
     (Bargouth, appendix F: the mean speed is half of the largest); `gusting`, a first-order
     Gauss-Markov process of relative standard deviation `intensity`; `spectrum`, NORSOK N-003
@@ -105,7 +105,7 @@ class Wind(Stream):
     direction_deg: float
     direction: Literal["to", "from"]
     variation: Literal["constant", "slow", "gusting", "spectrum", "file"]
-    direction_spread_deg: NotNegative  # of `slow`, over which directions are drawn
+    direction_spread_deg: NotNegative  # of `slow`, width of the range of directions
     intensity: NotNegative  # of `gusting`
     time_constant_s: Positive  # of `gusting`
     height_m: Positive  # of `spectrum`
@@ -123,10 +123,9 @@ class Wind(Stream):
             )
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
-        """Wind meets what stands above the water, of known areas, and moves in the plane.
+        """Raise ConfigurationError unless the vessel is planar and its wind forces are known.
 
-        A file has to cover the duration. Raises ConfigurationError, or RecordingError for a file
-        that cannot be read.
+        A file must cover the duration [s]. Raises RecordingError if the file cannot be read.
         """
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
@@ -135,20 +134,20 @@ class Wind(Stream):
             )
         if self.windage is None:
             raise ConfigurationError(
-                "disturbance.wind.windage: got none, expected the vessel's areas or derivatives"
+                "disturbance.wind.windage: got null, expected wind areas or derivatives"
             )
         if self.variation == "file":
             self._recorded(np.array([0.0, duration_s]))
 
     def aerodynamics(self, dofs: tuple[str, ...]) -> Vessel:
-        """Its share of the force that a motion needs."""
+        """The wind terms of the force that a motion requires."""
         if self.windage is None:
-            raise ConfigurationError("disturbance.wind.windage: got none, expected areas")
+            raise ConfigurationError("disturbance.wind.windage: got null, expected areas")
         return self.windage.table(dofs)
 
     @property
     def mean_speed(self) -> float:
-        """Speed [m/s], by `beaufort` where it is given."""
+        """Mean speed [m/s], from `beaufort` if it is set."""
         if self.beaufort is None:
             return self.speed_m_s
         return float(np.mean(BEAUFORT[self.beaufort - 1]))
@@ -174,14 +173,14 @@ class Wind(Stream):
 
     def _recorded(self, t: Array) -> Array:
         columns = read_table(Path(self.file or ""), ["t", "speed", "direction"]).columns
-        at = columns["t"]
-        if at[0] > t[0] or at[-1] < t[-1] or np.any(np.diff(at) <= 0.0):
+        times = columns["t"]
+        if times[0] > t[0] or times[-1] < t[-1] or np.any(np.diff(times) <= 0.0):
             raise ConfigurationError(
-                f"file: got {self.file} from {at[0]:g} to {at[-1]:g} s, expected increasing times "
-                f"that cover 0 to {t[-1]:g} s"
+                f"file: got {self.file} from {times[0]:g} to {times[-1]:g} s, expected "
+                f"increasing times that cover 0 to {t[-1]:g} s"
             )
-        blown = self._north_east(columns["speed"], columns["direction"])
-        return np.stack([np.interp(t, at, column) for column in blown.T], axis=1)
+        velocity = self._north_east(columns["speed"], columns["direction"])
+        return np.stack([np.interp(t, times, column) for column in velocity.T], axis=1)
 
 
 def gust_spectrum(frequency_hz: Array, mean_m_s: float, height_m: float) -> Array:
@@ -201,8 +200,8 @@ def gusts(
 ) -> Array:
     """Deviations from the mean speed with the spectrum above [m/s], shape (n,).
 
-    A sum of 200 waves sqrt(2 S(f) df) cos(2 pi f t + phase) in bands of equal ratio, frequency
-    and phase random: the sum does not repeat.
+    A sum of 200 waves sqrt(2 S(f) df) cos(2 pi f t + phase) in bands of equal ratio. Frequency and
+    phase are random, so the sum is not periodic.
     """
     edges = np.geomspace(*NORSOK_BAND_HZ, 201)
     frequency = rng.uniform(edges[:-1], edges[1:])

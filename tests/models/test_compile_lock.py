@@ -151,7 +151,7 @@ def test_a_suspended_process_is_named_and_not_waited_for(place: Path, holder: Pr
     out = Process(place, "report(slow)\nprint(compile_lock.seconds_compiled())", 1.0).finish()
     assert "result 7.0" in out
     assert f"process {holder.pid} on" in out
-    assert "kernels.slow, shows no sign of life for 1 s: compiling without it" in out
+    assert "kernels.slow, has not responded for 1 s: compiling without the lock" in out
     seconds = float(out.split()[-1])
     assert 1.0 < seconds < 10.0
     # What it compiled is of use to the next one, and so is what the suspended one adds later.

@@ -46,7 +46,7 @@ def _empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def forget() -> None:
-    source_digest._known.cache_clear()
+    source_digest._cached.cache_clear()
     source_digest._source.cache_clear()
 
 

@@ -110,7 +110,7 @@ def test_manoeuvres_that_cannot_tell_terms_apart_are_refused() -> None:
     phi = np.random.default_rng(0).standard_normal((50, 2))
     same = np.column_stack([phi, phi[:, 1]])
     gammas = np.array([information(same), information(2.0 * same)])
-    with pytest.raises(ConfigurationError, match="do not tell v, v r apart"):
+    with pytest.raises(ConfigurationError, match="do not separate v, v r"):
         optimal(gammas, ["u", "v", "v r"])
     assert inseparable(information(phi), ["u", "v"]) == ()
 

@@ -161,7 +161,7 @@ def test_the_believed_model_may_be_wrong() -> None:
         (["excitation.sub_experiments=1", "excitation.held_out=[circle]",
           "~excitation.candidates.prbs_ahead", "~excitation.candidates.prbs_aside",
           "~excitation.candidates.multisine", "~excitation.candidates.four_corner"],
-         "1 of the optimal mix do not tell"),
+         "1 of the optimal mix do not separate"),
         (
             ["vessel.tuning.excitation.amplitude.surge=2.5"],
             "excitation.candidates.prbs_ahead.amplitude.surge: the signal reaches 3.5",
@@ -266,8 +266,8 @@ def test_a_lattice_follows_the_starting_heading() -> None:
          "excitation.route: goal at (99, 15) m: it lies outside area"),
         ("excitation.route.area=[[0,0],[60,0],[60,10],[0,10]] excitation.route.goal=null "
          "excitation.route.clearance_m=4.5 excitation.route.obstacles=[]",
-         "fits nowhere in the area beside the obstacles"),
-        ("excitation.route.area=null", "obstacles: got some without an area"),
+         "does not fit anywhere in the area between the obstacles"),
+        ("excitation.route.area=null", "obstacles: got obstacles without an area"),
         ("excitation.route.area=[[0,0],[1,1]]", "area: expected at least three corners"),
         ("excitation.route.cell_m=0", "cell_m must be positive or null, got 0"),
         ("excitation.route.speed_m_s=0", "speed_m_s must be positive, got 0"),

@@ -184,10 +184,10 @@ def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
         ((QUAY,), {"start": np.array([20.0, 15.0, 0.0])},
          "start at (20, 15) m: it lies inside obstacles[0]"),
         ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it lies outside"),
-        ((QUAY, WALL), {}, "goal at (54, 34.5) m: obstacles[1] and the clearance_m of 1 cut it"),
-        ((QUAY,), {"cell_m": 0.01}, "cell_m: 0.01 m makes"),
+        ((QUAY, WALL), {}, "goal at (54, 34.5) m: obstacles[1] and the clearance_m of 1 separate"),
+        ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, which divides"),
         ((QUAY,), {"cell_m": 0.2, "counts": {"zig": 6, "loop": 6, "back": 6}},
-         f"expected at most {MOST_STATES:.2g}: a larger cell_m or fewer sub-experiments"),
+         f"expected at most {MOST_STATES:.2g}; use a larger cell_m or fewer sub-experiments"),
     ],
 )  # fmt: skip
 def test_an_impossible_task_is_answered(obstacles, changes, message) -> None:
@@ -203,7 +203,9 @@ def test_a_manoeuvre_that_fits_nowhere_is_named() -> None:
     narrow = ((0.0, 0.0), (40.0, 0.0), (40.0, 6.0), (0.0, 6.0))
     ends = {"start": np.array([3.0, 3.0, 0.0]), "goal": np.array([37.0, 3.0, 0.0])}
     assert plan(task({"zig": 1}, Waters(narrow, (), 0.5), cell_m=1.0, **ends)).cost > 0
-    with pytest.raises(ConfigurationError, match=r"^loop takes .* m across .* fits nowhere"):
+    with pytest.raises(
+        ConfigurationError, match=r"^loop takes .* m across .* does not fit anywhere"
+    ):
         plan(task({"zig": 1, "loop": 1}, Waters(narrow, (), 0.5), cell_m=1.0, **ends))
 
 
@@ -214,7 +216,7 @@ def test_a_manoeuvre_that_cannot_be_got_to_is_named() -> None:
     low = ((-1.0, 7.0), (28.0, 7.0), (28.0, 41.0), (-1.0, 41.0))
     asked = task({"loop": 1}, Waters(AREA, (left, right, low), 0.8),
                  start=np.array([3.0, 3.0, 0.0]), goal=np.array([20.0, 3.0, 0.0]))  # fmt: skip
-    with pytest.raises(ConfigurationError, match="loop fits only where the vessel cannot get to"):
+    with pytest.raises(ConfigurationError, match="loop fits only at places that cannot be reached"):
         plan(asked)
 
 

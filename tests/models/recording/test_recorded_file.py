@@ -251,7 +251,7 @@ def test_what_cannot_be_put_on_one_grid(tmp_path: Path) -> None:
     columns["force_x"] = [*["1"] * 5, *[""] * 15]
     columns["surge_vel"] = [*[""] * 15, *["1"] * 5]
     path = write(tmp_path / "a.csv", columns)
-    assert "share no two samples at 10 Hz" in refusal(path, resample_hz=10.0)
+    assert "overlap by fewer than two samples at 10 Hz" in refusal(path, resample_hz=10.0)
     columns = surge_columns()
     columns["Time"][4] = ""
     assert "column Time, line 6" in refusal(write(path, columns), resample_hz=10.0)
@@ -343,18 +343,18 @@ def test_quality_of_surge_1(beluga: Path) -> None:
         ({"train_fraction": 1.0}, "excitation: train_fraction must lie between 0 and 1, got 1"),
         (
             {"sample_time_s": 0.1, "resample_hz": 10},
-            "excitation: sample_time_s = 0.1 asks for a uniform file and resample_hz = 10 makes "
-            "one, expected one of them to be null",
+            "excitation: sample_time_s = 0.1 requires a uniform file and resample_hz = 10 "
+            "resamples it, expected one of them to be null",
         ),
         ({"max_gap_s": 0}, "excitation.max_gap_s must be positive, got 0"),
         (
             {"training_trips": [1]},
-            "excitation: training_trips needs trip_starts_s, got none",
+            "excitation: training_trips requires trip_starts_s, got none",
         ),
         (
             {"trip_starts_s": [0, 10], "training_trips": []},
-            "excitation: training_trips must leave trips to train and to test with, got [] of "
-            "trips [1, 2]",
+            "excitation: training_trips must leave trips for training and for testing, got [] "
+            "of trips [1, 2]",
         ),
         (
             {"trip_starts_s": [10, 0], "training_trips": [1]},
@@ -375,15 +375,15 @@ def test_quality_of_surge_1(beluga: Path) -> None:
         ),
         (
             {"thrusters": {"rpm": ["a"], "angle": ["b"]}},
-            "excitation.thrusters: rpm, angle and arm_m must be as many as there are thrusters, "
-            "got (1, 1, 2)",
+            "excitation.thrusters: rpm, angle and arm_m must have one entry per thruster, "
+            "got (1, 1, 2) entries",
         ),
         (
             {
                 "thrusters": {"rpm": ["a", "b"], "angle": ["c", "d"]},
                 "columns": {"actual_force": {"surge": "e"}},
             },
-            "excitation: thrusters.rpm and columns.actual_force both give the acting force, "
+            "excitation: thrusters.rpm and columns.actual_force both define the acting force, "
             "expected one",
         ),
         (

@@ -184,5 +184,5 @@ def test_wrong_options_are_refused(changes: dict[str, Any]) -> None:
 def test_wind_needs_a_vessel_in_the_plane() -> None:
     with pytest.raises(ConfigurationError, match=r"disturbance\.wind needs"):
         wind().check(("surge",))
-    with pytest.raises(ConfigurationError, match=r"disturbance\.wind\.windage: got none"):
+    with pytest.raises(ConfigurationError, match=r"disturbance\.wind\.windage: got null"):
         wind(windage=None).check(PLANAR)
