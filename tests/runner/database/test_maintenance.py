@@ -85,8 +85,8 @@ def test_rows_that_were_changed_are_found(filled: Logbook, url: str) -> None:
     if parse(url).sqlite:  # PostgreSQL has no way round a foreign key
         change(url, delete(Run).where(Run.id == 2))
         found = {problem.where: problem.what for problem in filled.verify().problems}
-        assert found["table metric"] == "30 rows point to no run"
-        assert found["table coefficient"] == "100 rows point to no run"
+        assert found["table metric"] == "30 rows refer to no run"
+        assert found["table coefficient"] == "100 rows refer to no run"
 
 
 @pytest.mark.parametrize(
