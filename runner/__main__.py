@@ -2,12 +2,12 @@
 
 Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
-What is wrong is said in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
+An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Two parts of Hydra 1.3.8 that are not public are used, here alone. Its parser of the command line:
-Hydra itself would print a usage message and end the process, where one line is wanted. And its
-table of plugins: the public `Plugins.register` names a plugin after its module, which Hydra takes
-from the name space `hydra_plugins` only, and seatrial installs no name beside its own.
+This module alone uses two private parts of Hydra 1.3.8. The first is its command-line parser, which
+by itself prints a usage message and ends the process instead of reporting one line. The second is
+its table of plugins: the public `Plugins.register` names a plugin after its module, which must be
+in the name space `hydra_plugins`, but seatrial installs no other name than its own.
 """
 
 import os
@@ -34,7 +34,7 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 
 
 class Stopped(KeyboardInterrupt):
-    """Another signal than that of Ctrl-C, which ends the program in the same way."""
+    """SIGTERM or SIGHUP, which end the program in the same way as Ctrl-C."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -42,7 +42,7 @@ class Stopped(KeyboardInterrupt):
 
 
 def main() -> int:
-    """Run the command in sys.argv; the answer is its exit code."""
+    """Run the command in sys.argv and return its exit code."""
     for text in (*sys.argv, os.environ.get("SEATRIAL_DATABASE", "")):
         learn(text)
     with masked_output(), _stoppable():
@@ -67,7 +67,7 @@ def _main() -> int:
             raise
         return _complain(one_line(error, overrides), 2)
     except Exception as error:
-        # Hydra raises all sorts of errors about a command line; later on they would be bugs.
+        # Before the start, any exception of Hydra is about the command line; later it is a bug.
         if session.started or traceback_wanted:
             raise
         return _complain(one_line(error, overrides), 2)
@@ -86,11 +86,10 @@ def _complain(line: str, code: int) -> int:
 
 
 def _checked_arguments() -> list[str]:
-    """The overrides of the command line; ConfigurationError where its flags are wrong."""
+    """Return the overrides of the command line; raises ConfigurationError for invalid flags."""
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]
-    given = parser.parse_args()
-    overrides: list[str] = given.overrides
+    overrides: list[str] = parser.parse_args().overrides
     return overrides
 
 
@@ -100,28 +99,28 @@ def _refuse(message: str) -> NoReturn:
 
 @contextmanager
 def _stoppable() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise Stopped, once; one that is ignored (nohup) stays so."""
+    """Make SIGTERM and SIGHUP raise Stopped once; an ignored signal (nohup) stays ignored."""
     names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)}
-    caught = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+    signals = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
-        for other in caught:  # a second one must not break off what the first one ends
+        for other in signals:  # a second signal must not interrupt the clean-up
             signal.signal(other, signal.SIG_IGN)
         raise Stopped(number)
 
-    for number in caught:
+    for number in signals:
         signal.signal(number, stop)
     try:
         yield
     finally:
-        for number in caught:
+        for number in signals:
             signal.signal(number, before[number])
 
 
 @contextmanager
 def _raising() -> Iterator[None]:
-    """Let Hydra raise its errors instead of printing them."""
+    """Make Hydra raise its errors instead of printing them."""
     before = os.environ.get(FULL_ERROR)
     os.environ[FULL_ERROR] = "1"
     try:

@@ -1,4 +1,4 @@
-"""A mission of a trial in closed loop: the plant, its weather, the controller, and adaptation."""
+"""Closed-loop simulation of a mission: plant, weather, controller and adaptation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,18 +27,18 @@ from seatrial.runner.config import Trial
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What a controller says of itself on a model, known before it sails."""
+    """Properties of a controller's design on a model, known before the simulation."""
 
     dofs: tuple[str, ...]
-    needed: Array  # (n_dof,) largest force that standing still takes [N, Nm]
+    needed: Array  # (n_dof,) largest force needed to hold the vessel still [N, Nm]
     limits: tuple[float, ...] | None = None  # [N, Nm]
-    ahead: int = 0  # loop instants of its preview
-    every: int = 1  # loop instants from one command to the next
+    ahead: int = 0  # preview horizon, in loop instants
+    every: int = 1  # period of the commands, in loop instants
     remarks: Sequence[Finding] = ()
 
     @property
     def infeasible(self) -> Array:
-        """Whether an axis of the limits is below the largest disturbance, shape (n_dof,)."""
+        """Whether the limit of each axis is below the largest disturbance, shape (n_dof,)."""
         if self.limits is None:
             return np.zeros(len(self.needed), dtype=bool)
         return np.asarray(self.needed > np.array(self.limits))
@@ -46,18 +46,18 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Sailed:
-    """A voyage, and the design that sailed it."""
+    """A simulated voyage, and the controller design it was simulated with."""
 
     voyage: Voyage
     period_s: float
     design: Design
-    failures: int = 0  # commands that the controller could not compute, and held
-    adapter: Adapter | None = None  # what identified while sailing
+    failures: int = 0  # number of commands that could not be computed; the last one was held
+    adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
 
 
 class Streams(NamedTuple):
-    """Independent seeds of one trial; making a generator of one again repeats its numbers."""
+    """Independent seeds of one trial; equal seeds give generators with equal numbers."""
 
     excitation: np.random.SeedSequence
     noise: np.random.SeedSequence
@@ -66,13 +66,13 @@ class Streams(NamedTuple):
 
 
 def streams(seed: int) -> Streams:
-    """The independent seeds of a trial."""
+    """Spawn the independent seeds of a trial."""
     return Streams(*np.random.SeedSequence(seed).spawn(len(Streams._fields)))
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A mission before it is sailed: the plant in its weather, and the controller as built."""
+    """A mission ready to be simulated: the plant, the weather and the built controller."""
 
     trial: Trial
     seeds: Streams
@@ -82,26 +82,27 @@ class Prepared:
     weather: Weather
     guidance: tuple[Parameters, State]
     reference: Parameters
-    controller: Controller | None  # None: the mission steers in its place
+    controller: Controller | None  # None: the mission gives the commands
     control: tuple[Parameters, State]
     start: Array
-    added: Array | None  # by an excitation to the command
+    added: Array | None  # force that the excitation adds to the command [N, Nm]
     ahead: Outlook
     design: Design
 
     def sail(self, adaptive: bool = False) -> Sailed:
-        """Sail it; an adaptive one identifies meanwhile. Raises Diverged."""
+        """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
         trial, adapter = self.trial, None
         if adaptive and self.controller is not None and isinstance(self.model, Vessel):
             adapter = adapter_of(
                 trial, self.controller, self.model, self.weather, self.seeds, self.ahead
             )
         dofs, period = trial.vessel.dofs, trial.sample_time_s
-        both = self.mission.accompany(dofs, period, self.control)
+        loop_controller = self.mission.accompany(dofs, period, self.control)
         voyage = sail(
-            self.plant, self.weather, self.guidance, self.reference, both, self.start, period,
+            self.plant, self.weather, self.guidance, self.reference, loop_controller,
+            self.start, period,
             trial.integration_step_s,
-            watch=watch_of(adapter, alone=both[0] is self.control[0]), added=self.added,
+            watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
         )  # fmt: skip
         controller, state = self.controller, self.control[1]
         return Sailed(
@@ -116,9 +117,9 @@ def prepare(
     trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
     deployed: bool = False,
 ) -> Prepared:  # fmt: skip
-    """A mission from rest where it begins, with the controller built on `model`.
+    """Prepare a mission that starts at rest, with the controller built on `model`.
 
-    A deployment meets the change of the plant.
+    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says.
     """
     vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
@@ -142,7 +143,7 @@ def prepare(
 
 
 def controller_of(trial: Trial, deployed: bool) -> Controller:
-    """What sails a closed loop, in a deployment or before it."""
+    """Return the controller of the trial, in its deployed form if `deployed`."""
     assert trial.controller is not None
     return trial.controller.deployed() if deployed else trial.controller
 
@@ -150,7 +151,7 @@ def controller_of(trial: Trial, deployed: bool) -> Controller:
 def design_of(
     controller: Controller, model: Vessel | StateSpace, period: float, design: Design
 ) -> Design:
-    """What a controller says of itself."""
+    """Return the design with the limits, horizons and remarks of the controller."""
     return replace(
         design,
         limits=controller.command_limits(),
@@ -169,30 +170,34 @@ def sail_mission(
     deployed: bool = False,
     adaptive: bool = False,
 ) -> Sailed:
-    """Prepare a mission and sail it."""
+    """Prepare a mission and simulate it; raises Diverged."""
     return prepare(trial, seeds, model, mission, deployed).sail(adaptive)
 
 
 def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
-    """Who looks at the controller's parameters, also where a zig-zag stands beside it."""
+    """Return the callback that adapts the controller's parameters; None without an adapter.
+
+    `alone` is False if the mission adds a controller of its own, such as a zig-zag.
+    """
     if adapter is None or alone:
         return None if adapter is None else adapter.watch
 
-    def look(k: int, log: Log, both: Parameters, state: State) -> Parameters:
-        return both._replace(controller=adapter.look(k, log, both.controller, state[0]))
+    def look(k: int, log: Log, parameters: Parameters, state: State) -> Parameters:
+        controller = adapter.look(k, log, parameters.controller, state[0])
+        return parameters._replace(controller=controller)
 
     return Watch(adapter.watch.every, look)
 
 
 def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
-    """The trial's one realisation of its disturbance, over n control instants."""
+    """Realise the trial's disturbance over n control instants."""
     disturbance, dofs = trial.disturbance, trial.vessel.dofs
     noise, weather = (np.random.default_rng(s) for s in (seeds.noise, seeds.disturbance))
     return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
 
 
 def plant_of(trial: Trial, deployed: bool) -> Plant:
-    """The true vessel in its wind, and in a deployment what it changes to."""
+    """Build the true vessel with its wind forces and, in a deployment, its change."""
     vessel = trial.vessel
     wind, change = trial.disturbance.aerodynamics(vessel.dofs), trial.plant_change
     plant = vessel.plant(trial.plant_scale * vessel.nominal() + wind)
@@ -205,7 +210,7 @@ def adapter_of(
     trial: Trial, controller: Controller, model: Vessel, weather: Weather, seeds: Streams,
     ahead: Outlook,
 ) -> Adapter:  # fmt: skip
-    """What identifies while sailing."""
+    """Build the online identification, which adapts the controller."""
     vessel, period = trial.vessel, trial.sample_time_s
     assert trial.update is not None
 
@@ -219,27 +224,27 @@ def adapter_of(
 
 
 def wind_force(table: Vessel, voyage: Voyage) -> Array | None:
-    """The force of the wind on the vessel [N, Nm], shape (N, n_dof); None where there is none."""
+    """Compute the wind force on the vessel [N, Nm], shape (N, n_dof); None without wind."""
     wind = wind_in_body(voyage)
     if wind is None or not table.terms:
         return None
-    still = np.zeros_like(voyage.log.nu)
+    zero_acceleration = np.zeros_like(voyage.log.nu)
     attitude = attitude_of(voyage.dofs, voyage.log.eta)
-    return -table.inverse(still, voyage.log.nu, attitude, wind)
+    return -table.inverse(zero_acceleration, voyage.log.nu, attitude, wind)
 
 
 def wind_in_body(voyage: Voyage) -> Array | None:
-    """The air's velocity seen from the vessel [m/s], shape (N, 2); None where there is none."""
+    """Compute the wind velocity in the body frame [m/s], shape (N, 2); None without wind."""
     ned = voyage.weather.wind_ned
     return in_body(ned, attitude_of(voyage.dofs, voyage.log.eta)[:, 2]) if len(ned) else None
 
 
 @dataclass(frozen=True, eq=False)
 class Excited:
-    """A recording with its training part, and the truth behind it where it is known."""
+    """The recording of an excitation, its split, and the true model if it is known."""
 
     recording: Recording
     training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
     testing: NDArray[np.bool_]
-    truth: Vessel | None  # the plant's table with the disturbance's share
-    sailed: Sailed | None = None  # the voyage that was recorded, where it was a simulation
+    truth: Vessel | None  # coefficients of the plant, with those of the disturbance
+    sailed: Sailed | None = None  # the simulation that was recorded; None for a measured file

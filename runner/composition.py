@@ -1,9 +1,9 @@
-"""The configurations of a sweep's jobs, from Hydra, without composing each from its files.
+"""Composition of the configurations of a sweep's jobs, with shared configurations.
 
-Composing takes a tenth of a second a job. Jobs that choose the same options from the groups and
-differ in values only (replicates over seeds, grids of parameters) share one composed
-configuration, in which their values are set as Hydra itself sets them: when the sweep is planned,
-and when a launcher runs its jobs, here or in workers.
+Hydra takes a tenth of a second to compose a job from its files. Jobs that choose the same options
+from the groups and differ in values only (replicates over seeds, grids of parameters) share one
+composed configuration. Their values are set in it as Hydra sets them, when the sweep is planned and
+when a launcher runs its jobs, here or in workers.
 """
 
 import re
@@ -24,19 +24,20 @@ from seatrial.runner.vocabulary import GROUPS
 
 
 def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -> Order:
-    """The order in a composed configuration; `hydra` is Hydra's own part of it."""
+    """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
     config: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
     choices = hydra.runtime.choices
-    given = list(hydra.overrides.task) if overrides is None else overrides
+    if overrides is None:
+        overrides = list(hydra.overrides.task)
     return Order(
         config=config,
-        names={group: _name(group, choices, given) for group in GROUPS},
-        overrides=given,
+        names={group: _name(group, choices, overrides) for group in GROUPS},
+        overrides=overrides,
     )
 
 
 def _name(group: str, choices: Any, overrides: list[str]) -> str:
-    """The option that is chosen of a group; `a+b` for a list, which Hydra does not tell."""
+    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
     if choices.get(group):
         return str(choices[group])
     lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
@@ -44,13 +45,13 @@ def _name(group: str, choices: Any, overrides: list[str]) -> str:
 
 
 class SharingLoader:
-    """Composes the jobs of one sweep; those that choose the same options share what is composed.
+    """Composes the jobs of one sweep; jobs that choose the same options share a configuration.
 
-    Launchers take it for Hydra's own loader, of which they call `load_sweep_config` alone. A copy
-    of it in a worker shares with the copies that came with the worker's other jobs.
+    It replaces Hydra's loader in launchers, which call only `load_sweep_config`. Its copies in one
+    worker share their configurations.
     """
 
-    KEPT = 64  # composed configurations; a sweep that chooses more goes through them in order
+    KEPT = 64  # largest number of composed configurations; the oldest is dropped
     _shared: dict[str, dict[tuple[str, ...], DictConfig]] = {}  # noqa: RUF012 - of the last sweep
 
     def __init__(self, loader: ConfigLoader) -> None:
@@ -61,7 +62,7 @@ class SharingLoader:
     def load_sweep_config(
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:
-        """The whole configuration of a job, as Hydra composes it."""
+        """Return the configuration of a job, as Hydra composes it."""
         parsed = OverridesParser.create(config_loader=self.hydra).parse_overrides(sweep_overrides)
         split = self.split(parsed)
         if split is None:
@@ -70,21 +71,21 @@ class SharingLoader:
         config = deepcopy(self.base(master_config, choices))
         try:
             set_values(config, values)
-        except OmegaConfBaseException:  # Hydra says it in its own words
+        except OmegaConfBaseException:  # Hydra raises its own error
             return self.hydra.load_sweep_config(master_config, sweep_overrides)
-        hydra, own = config.hydra, [one for one in parsed if not one.is_hydra_override()]
+        hydra, task = config.hydra, [item for item in parsed if not item.is_hydra_override()]
         with open_dict(hydra), read_write(hydra):
-            hydra.overrides.task = [one.input_line for one in own]
-            hydra.job.override_dirname = _dirname(own, hydra.job.config.override_dirname)
+            hydra.overrides.task = [override.input_line for override in task]
+            hydra.job.override_dirname = _dirname(task, hydra.job.config.override_dirname)
         OmegaConf.copy_cache(from_config=master_config, to_config=config)
         return config
 
     def split(self, job: Sequence[Override]) -> tuple[list[str], list[Override]] | None:
-        """What a job chooses, and the values it sets; None where these cannot be told apart."""
+        """Split a job into the options it chooses and the values it sets; None if not possible."""
         choices: list[str] = []
         values: list[Override] = []
         for override in job:
-            if not _plain(override):  # + and ~ may depend on what stands before them
+            if not _plain(override):  # + and ~ may depend on the overrides before them
                 return None
             if override.is_hydra_override() or self._chooses(override.key_or_group):
                 choices.append(str(override.input_line))
@@ -93,7 +94,7 @@ class SharingLoader:
         return choices, values
 
     def base(self, master: DictConfig, choices: list[str]) -> DictConfig:
-        """What the choices alone compose to; not to be changed."""
+        """Return the configuration of the choices alone; the caller must not change it."""
         if self._sweep not in self._shared:
             self._shared.clear()
         composed = self._shared.setdefault(self._sweep, {})
@@ -111,15 +112,15 @@ class SharingLoader:
 
 
 def set_values(config: DictConfig, values: Sequence[Override]) -> None:
-    """Set values in a composed configuration; OmegaConfBaseException where that is not possible."""
+    """Set values in a composed configuration; raises OmegaConfBaseException."""
     for override in values:
         OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
 
 
 def _dirname(overrides: Sequence[Override], form: Any) -> str:
-    """`hydra.job.override_dirname`."""
-    given = [one for one in overrides if one.key_or_group not in form.exclude_keys]
-    texts = sorted(str(one.input_line) for one in given)
+    """Return the value of `hydra.job.override_dirname`."""
+    items = [item for item in overrides if item.key_or_group not in form.exclude_keys]
+    texts = sorted(str(item.input_line) for item in items)
     return str(form.item_sep).join(texts).replace("=", form.kv_sep)
 
 
@@ -139,10 +140,10 @@ class Composer:
         self._config = self._task = master
 
     def order(self, job: list[str]) -> Order:
-        """The order of one job; errors of Hydra and OmegaConf where it cannot be composed."""
+        """Return the order of one job; raises errors of Hydra and OmegaConf."""
         split = self._loader.split(self._parser.parse_overrides(job))
         if split is None:
-            return self._whole(job)
+            return self._composed_by_hydra(job)
         choices, values = split
         if choices != self._choices:  # the next jobs often choose the same
             self._choices, self._config = choices, self._loader.base(self._master, choices)
@@ -152,10 +153,10 @@ class Composer:
         try:
             set_values(task, values)
         except OmegaConfBaseException:
-            return self._whole(job)  # Hydra says it in its own words
+            return self._composed_by_hydra(job)  # Hydra raises its own error
         return order_of(task, self._config.hydra, job)
 
-    def _whole(self, job: list[str]) -> Order:
+    def _composed_by_hydra(self, job: list[str]) -> Order:
         self._choices = None
         config = self._loader.load_sweep_config(self._master, job)
         HydraConfig.instance().set_config(config)
@@ -163,5 +164,5 @@ class Composer:
 
 
 def _task_of(config: DictConfig) -> DictConfig:
-    """A copy of the task's part of a configuration."""
+    """Copy a configuration without Hydra's part."""
     return OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])

@@ -30,10 +30,10 @@ Node = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial, checked: what is sailed, and where its results go.
+    """One checked trial: its parts, and where its results are stored.
 
-    `names` are the options chosen for `GROUPS`; `config` is the resolved configuration that all
-    else was built from. Controller and evaluation are None where their group's node is empty.
+    `names` are the options chosen for `GROUPS`; `config` is the resolved configuration of the
+    trial. Controller and evaluation are None if the node of their group is empty.
     """
 
     vessel: "VesselParameters"
@@ -52,9 +52,9 @@ class Trial:
     database_url: str
     rerun: bool = False
     dry_run: bool = False
-    metrics: "tuple[OwnMetric, ...]" = ()  # from elsewhere, stored beside ours
+    metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
-    update: "Update | None" = None  # where the model is identified again while sailing
+    update: "Update | None" = None  # of the model during the deployment
 
     def __post_init__(self) -> None:
         for group, part in (
@@ -69,7 +69,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class PlantChange:
-    """In the deployment the true plant is another from `at_s` [s] on: `scale` x the nominal."""
+    """A change of the plant in the deployment, from `at_s` [s] on, to `scale` x the nominal."""
 
     at_s: Positive
     scale: Positive
@@ -98,7 +98,7 @@ class Database:
 
 @dataclass(frozen=True)
 class Settings:
-    """The options of a trial, as the configuration arranges them; an empty group is None."""
+    """The options of a trial in the structure of the configuration; an empty group is None."""
 
     vessel: object
     disturbance: object
@@ -127,11 +127,11 @@ class Settings:
 
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
-    """The trial that a resolved configuration describes; ConfigurationError where it is wrong."""
-    update, whole = config.get("update"), dict(config)
+    """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
+    update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
-        whole["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
-    settings = build_as(Settings, whole, "")
+        nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
+    settings = build_as(Settings, nodes, "")
     from seatrial.runner.database.engine import file_url  # slow to import
 
     return Trial(
@@ -153,12 +153,12 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
 
 
 def build(node: Any, key: str) -> Any:
-    """The object that a node with a `_target_` describes; None for an empty node."""
+    """Build the object of a node with a `_target_`; None for an empty node."""
     return build_as(object, node, key)
 
 
 def build_as(cls: type, node: Any, key: str) -> Any:
-    """A `cls` from a node, whose options and errors are those of the option `key`."""
+    """Build a `cls` from a node; errors are reported for the option `key`."""
     from seatrial.runner.options import Refused, part
 
     try:

@@ -1,7 +1,8 @@
-"""What a sweep or a trial shows on the console: progress while it runs, its summary at the end.
+"""Console output of trials and sweeps: progress while they run, and a summary at the end.
 
-Progress comes from the logbook, because the runs may be in other processes: a live line on a
-terminal, plain lines elsewhere."""
+Progress is read from the logbook, because the runs may be in other processes. It is shown as a live
+line on a terminal and as plain lines elsewhere.
+"""
 
 import logging
 import shlex
@@ -33,7 +34,7 @@ LISTED = 20  # failed runs that a summary names; the command it prints shows all
 def sweep_summary(
     status: "SweepStatus", outcomes: Sequence["Outcome"], url: str, factors: Sequence[str]
 ) -> list[str]:
-    """The lines that end a sweep: how many, which failed and why, and where to look.
+    """Return the summary of a sweep: counts, failed runs with reasons, and what to do next.
 
     `factors` are the options that the sweep varied.
     """
@@ -59,7 +60,7 @@ def sweep_summary(
 
 
 def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
-    """The command that shows a sweep: a table over what it varied, or a list."""
+    """Return the command that shows a sweep: a table over its factors, or a list."""
     if not factors:
         return compare("runs", url, "--where", f"sweep_id={status.sweep_id}")
     columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
@@ -67,13 +68,13 @@ def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
 
 
 def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:
-    """0 when every trial is finished or in other hands, else 1."""
+    """Return 0 if every trial is finished or running in another process, else 1."""
     busy = sum(outcome.state == "busy" for outcome in outcomes)
     return 0 if status.counts.get("finished", 0) + busy >= status.planned else 1
 
 
 def failure(run: "RunSummary") -> str:
-    """One line about a run that did not finish."""
+    """Return one line about a run that did not finish."""
     choices = (
         f"vessel={run.vessel} disturbance={run.disturbance} excitation={run.excitation} "
         f"identifier={run.identifier} controller={run.controller} "
@@ -84,30 +85,30 @@ def failure(run: "RunSummary") -> str:
 
 
 def outcome_line(outcome: "Outcome", url: str) -> str:
-    """One line about a single trial, with the command that shows more."""
+    """Return one line about a single trial, with the command that shows more."""
     if outcome.state in ("failed", "diverged"):
-        said = f"run {outcome.run_id} {outcome.state}: {outcome.error_type}: {outcome.error}"
-        return f"{said}; see {compare('show', url, str(outcome.run_id), '--traceback')}"
-    said = {
+        message = f"run {outcome.run_id} {outcome.state}: {outcome.error_type}: {outcome.error}"
+        return f"{message}; see {compare('show', url, str(outcome.run_id), '--traceback')}"
+    message = {
         "finished": f"run {outcome.run_id} finished",
         "skipped": f"already in the logbook as run {outcome.run_id} (rerun=true runs it again)",
         "busy": f"another process is running it, as run {outcome.run_id}",
     }[outcome.state]
-    return f"{said}; see {compare('show', url, str(outcome.run_id))}"
+    return f"{message}; see {compare('show', url, str(outcome.run_id))}"
 
 
 def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
-    """A table of (state, trial, remark), and how many there are of each state."""
+    """Return a table of (state, trial, remark), and the count of each state."""
     rows = list(trials)
     width = max((len(name) for _, name, _ in rows), default=0)
     lines = [f"{state:<11}  {name:<{width}}  {remark}".rstrip() for state, name, remark in rows]
     counts = Counter(state for state, _, _ in rows)
-    many = ", ".join(f"{count} {state}" for state, count in counts.items())
-    return [*lines, f"{_number(len(rows), 'trial')}: {many}; nothing was run"]
+    totals = ", ".join(f"{count} {state}" for state, count in counts.items())
+    return [*lines, f"{_number(len(rows), 'trial')}: {totals}; nothing was run"]
 
 
 def compare(command: str, url: str, *arguments: str) -> str:
-    """A command line of the comparison program, for the database at `url`."""
+    """Return a command line of the comparison program, for the database at `url`."""
     words = [command, *arguments]
     if url != DEFAULT_DATABASE:
         words += ["--database", _shown(url)]
@@ -125,13 +126,13 @@ def _number(count: int, noun: str) -> str:
 
 
 log = logging.getLogger(__name__)
-POLL_S = 0.25  # at least; asking takes at most a twentieth of the time
+POLL_S = 0.25  # at least; queries take at most a twentieth of the time
 QUIET_S = 5.0  # between two plain lines
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How far a sweep is; `left_s` [s] is None while there is nothing to guess it from."""
+    """The progress of a sweep; `left_s` [s] is None while it cannot be estimated."""
 
     done: int
     planned: int
@@ -148,13 +149,13 @@ class Standing:
 
 
 class View(Protocol):
-    """Where the progress is shown."""
+    """A display of the progress."""
 
     def show(self, standing: Standing) -> None:
-        """Show how far it is; called a few times a second."""
+        """Show the progress; called a few times a second."""
 
     def failure(self, line: str) -> None:
-        """Show that a run failed; called once a run."""
+        """Show that a run failed; called once per run."""
 
 
 @contextmanager
@@ -172,7 +173,7 @@ def shown(url: str, sweep_id: int) -> Iterator[None]:
 
 
 def duration(seconds: float) -> str:
-    """A time to wait, in the unit a person would use."""
+    """Format a duration in seconds, minutes or hours."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
@@ -182,22 +183,22 @@ def duration(seconds: float) -> str:
 def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
     from seatrial.runner.database import Logbook
 
-    told: set[int] = set()
+    reported: set[int] = set()
     pace = Pace()
     try:
         with Logbook.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
-                asked = time.monotonic()
+                start_s = time.monotonic()
                 status = logbook.sweep_status(sweep_id)
                 view.show(_standing(status, pace))
                 for run in status.failed:
-                    if run.run_id not in told and run.status != "interrupted":
-                        told.add(run.run_id)
+                    if run.run_id not in reported and run.status != "interrupted":
+                        reported.add(run.run_id)
                         view.failure(failure(run))
-                wait = max(POLL_S, 20.0 * (time.monotonic() - asked))
+                wait = max(POLL_S, 20.0 * (time.monotonic() - start_s))
     except LogbookError as error:
-        log.warning("the progress is not shown any more: %s", error)
+        log.warning("the progress is no longer shown: %s", error)
 
 
 def _done(status: "SweepStatus") -> int:
@@ -216,19 +217,19 @@ def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
 
 
 def _clock_s() -> float:
-    """A clock [s] that stands while this process compiles, which it does once on a machine."""
+    """Return a monotonic time [s] without the time that this process spent compiling."""
     return time.monotonic() - seconds_compiled()
 
 
 class Pace:
-    """Trials a second, counted from the first that ends: what comes before is preparation."""
+    """Estimates the time left from the rate of trials after the first one that ends."""
 
     def __init__(self) -> None:
-        self._before: int | None = None  # done when the watch began
-        self._first: tuple[int, float] | None = None  # done, and time [s], at the first end
+        self._before: int | None = None  # trials done at the start
+        self._first: tuple[int, float] | None = None  # trials done and time [s] at the first end
 
     def left_s(self, done: int, planned: int, now_s: float) -> float | None:
-        """Time [s] until all are done, or None while it cannot be known."""
+        """Return the time [s] until all trials are done; None while it cannot be estimated."""
         if self._before is None:
             self._before = done
         if self._first is None and done > self._before:
@@ -252,7 +253,7 @@ def _view() -> Iterator[View]:
 
 
 class LiveLine:
-    """One line at the bottom of the terminal."""
+    """A line at the bottom of the terminal that is redrawn."""
 
     def __init__(self, progress: "Progress") -> None:
         self._progress = progress
@@ -274,18 +275,18 @@ class LiveLine:
 
 @dataclass
 class PlainLines:
-    """A line in the log when there is news, but not all the time."""
+    """A line in the log when the progress has changed, at most every QUIET_S."""
 
     _last: float = field(default=-QUIET_S)
-    _told: tuple[int, int] = (0, 0)
+    _reported: tuple[int, int] = (0, 0)
 
     def show(self, standing: Standing) -> None:
-        """Log how far it is, if that has changed and the last line is some time ago."""
+        """Log the progress if it has changed and the last line is QUIET_S old."""
         now = time.monotonic()
-        news = (standing.done, standing.failed)
-        if news != self._told and now - self._last >= QUIET_S:
+        counts = (standing.done, standing.failed)
+        if counts != self._reported and now - self._last >= QUIET_S:
             log.info("%s", standing)
-            self._last, self._told = now, news
+            self._last, self._reported = now, counts
 
     def failure(self, line: str) -> None:
         """Log it."""

@@ -1,8 +1,7 @@
-"""What makes two trials the same: their configuration, and the code that computes their results.
+"""Fingerprints of trials: equal for equal configurations and equal code that computes the results.
 
-That code is all of `models/`, the modules of this package that `trial.py` imports, but for the
-storage, and the file of every part that comes from elsewhere. Comments and docstrings are no part
-of it.
+That code is all of `models/`, the modules of this package that `trial.py` imports, except the
+storage, and the files of user-defined parts. Comments and docstrings do not count.
 """
 
 import hashlib
@@ -19,16 +18,15 @@ RUNNER = Path(__file__).parent
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
-# Where results go and how a trial is started do not change what it computes.
+# Where results are stored and how a trial is started do not change the results.
 NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run"})
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
 def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: str) -> str:
-    """SHA-256 of a resolved configuration, its chosen options' names and a digest of sources.
+    """Return the SHA-256 of a resolved configuration, its option names and a digest of sources.
 
-    The order of keys does not matter, nor whether a whole number is written 1 or 1.0. A part
-    from outside of the project counts by its file, too.
+    The order of keys does not matter, and 1 equals 1.0. User-defined parts count with their files.
     """
     compared = {key: value for key, value in config.items() if key not in NOT_COMPARED}
     compared["excitation"] = _by_content(compared.get("excitation"), "path")
@@ -42,7 +40,7 @@ def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: st
 
 
 def _by_content(node: Any, key: str) -> Any:
-    """A measured file stands for what is in it, not for where it lies."""
+    """Replace the path of a measured file by the digest of its content."""
     path = node.get(key) if isinstance(node, Mapping) else None
     if not isinstance(path, str) or not Path(path).is_file():
         return node
@@ -56,26 +54,26 @@ def _file_digest(path: str, _changed_ns: int, _size: int) -> str:
 
 
 def canonical(value: Any) -> str:
-    """One text for equal values, as JSON; ValueError for NaN and infinity."""
+    """Return JSON text that is equal for equal values; raises ValueError for NaN and infinity."""
     return json.dumps(
         _plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
     )
 
 
 def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) -> str:
-    """SHA-256 of the project's own code that computes results, by its syntax trees."""
+    """Return the SHA-256 of the syntax trees of the project's code that computes results."""
     runner_files = computing_files(runner_folder)
     digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
     return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def computing_files(folder: Path = RUNNER) -> set[Path]:
-    """The files of the runner that compute what a trial stores: `trial.py` and its imports."""
+    """Return the files of the runner that compute results: `trial.py` and its imports."""
     return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
 
 
 def _targets(node: Any) -> Iterator[str]:
-    """The classes that a configuration names."""
+    """Yield the classes that a configuration names."""
     if isinstance(node, Mapping):
         if isinstance(node.get("_target_"), str):
             yield node["_target_"]
@@ -86,9 +84,9 @@ def _targets(node: Any) -> Iterator[str]:
 
 
 def part_digest(target: str) -> str:
-    """SHA-256 of the file that defines the class `module.Class`, and of what it runs with.
+    """Return the SHA-256 of the file that defines `module.Class`, and of its imports.
 
-    That is what the file imports of its own package; a module outside of a package counts alone.
+    Only imports from the package of the file count; a module without a package counts alone.
     """
     module_name, _, class_name = target.rpartition(".")
     module = import_module(getattr(import_module(module_name), class_name).__module__)

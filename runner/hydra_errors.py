@@ -1,4 +1,4 @@
-"""Errors of Hydra and OmegaConf as one line: what, where, what was got, what was expected."""
+"""Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.invocation import trial_program
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-# Launchers that are no part of a plain installation, and the extra that brings them.
+# Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
 _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/']*)'")
@@ -30,9 +30,9 @@ _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=
 
 
 def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
-    """The message of an error, without line breaks and without what only a programmer reads.
+    """Return the message of an error in one line, without technical details.
 
-    `overrides` are the command line's, to guess which option was meant.
+    `overrides` are those of the command line, for suggestions of option names.
     """
     if isinstance(error, OverrideParseException):
         return f"{error.override!r} cannot be read, expected option=value"
@@ -42,16 +42,16 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
     if isinstance(error, MissingMandatoryValue):
         return f"{key} is missing, give it as {key}=..."
     text = str(error)
-    if found := _NO_KEY.search(text):
-        return _unknown_option(found["key"], overrides)
-    if found := _AMBIGUOUS.search(text):
-        return f"{found['override']}: several values, expected one (a sweep needs -m)"
-    if found := _ALREADY.search(text):
-        return f"+{found['key']}: there is such an option already, write {found['key']}=..."
+    if match := _NO_KEY.search(text):
+        return _unknown_option(match["key"], overrides)
+    if match := _AMBIGUOUS.search(text):
+        return f"{match['override']}: several values, expected one (a sweep needs -m)"
+    if match := _ALREADY.search(text):
+        return f"+{match['key']}: the option exists already, write {match['key']}=..."
     if _NOT_A_CHOICE.match(text):
         return _not_a_choice(overrides) or text
-    if found := _NO_VARIABLE.search(text):
-        return f"{key}: the environment variable {found['name']} is not set"
+    if match := _NO_VARIABLE.search(text):
+        return f"{key}: the environment variable {match['name']} is not set"
     line = _joined(text)
     if isinstance(error, OmegaConfBaseException) and key:
         return f"{key}: {line}"
@@ -69,22 +69,22 @@ def _joined(text: str) -> str:
 
 
 def _missing_config(error: MissingConfigException) -> str:
-    found = _NOT_FOUND.search(str(error))
-    if found is None:
+    match = _NOT_FOUND.search(str(error))
+    if match is None:
         return _joined(str(error))
-    if (extra := LAUNCHERS.get(found["option"])) and found["group"] == "hydra/launcher":
-        return f"hydra/launcher={found['option']} is not installed: pip install 'seatrial[{extra}]'"
-    options = sorted(error.options or ()) or _options(found["group"])
-    close = get_close_matches(found["option"], options, n=1)
+    if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
+        return f"hydra/launcher={match['option']} is not installed: pip install 'seatrial[{extra}]'"
+    options = sorted(error.options or ()) or _options(match["group"])
+    close = get_close_matches(match["option"], options, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return (
-        f"{found['group']}: no option {found['option']!r}, "
+        f"{match['group']}: no option {match['option']!r}, "
         f"{hint}expected {'one of ' + ', '.join(options) if options else 'none: there are none'}"
     )
 
 
 def _not_a_choice(overrides: Sequence[str]) -> str | None:
-    """A group that was given something else than a name, e.g. null."""
+    """Return a message if the value of a group is not a name, e.g. null."""
     for override in overrides:
         group, _, value = override.partition("=")
         options = _options(group)
@@ -98,11 +98,11 @@ def _options(group: str) -> list[str]:
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
-    """Name the option, and those that look like it."""
+    """Return a message with the unknown option and similar options."""
     known = _known_keys(overrides)
-    as_deep = [name for name in known if name.count(".") == key.count(".")]
-    close = get_close_matches(key, as_deep, n=2, cutoff=0.7)
-    if not close:  # right name in the wrong place, or the other way round
+    same_depth = [name for name in known if name.count(".") == key.count(".")]
+    close = get_close_matches(key, same_depth, n=2, cutoff=0.7)
+    if not close:  # right name in the wrong place
         leaf = key.rpartition(".")[2]
         close = [name for name in known if name.rpartition(".")[2] == leaf][:3]
     hint = f"did you mean {' or '.join(close)}?" if close else f"see {trial_program()} --cfg job"
@@ -110,7 +110,7 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
 
 
 def _known_keys(overrides: Sequence[str]) -> list[str]:
-    """All keys of the configuration that the valid choices of groups among `overrides` give."""
+    """Return all keys of the configuration, with the valid choices of groups in `overrides`."""
     choices = [item for item in overrides if (CONF / item.partition("=")[0]).is_dir()]
     for attempt in (choices, []):
         GlobalHydra.instance().clear()

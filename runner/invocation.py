@@ -1,6 +1,6 @@
-"""How the two programs are started: from a checkout, or by the names of the installed ones.
+"""Names of the two programs: modules in a checkout, or installed scripts.
 
-Every command that a message or a page prints for the user begins with one of these.
+Every command that is printed for the user begins with one of these names.
 """
 
 import shlex
@@ -13,27 +13,27 @@ SCRIPTS = ("seatrial", "seatrial-results")
 
 
 def in_checkout(root: Path = ROOT) -> bool:
-    """Whether the sources are those of a checkout, and not installed ones."""
+    """Return whether the sources are in a checkout, and not installed."""
     return (root / "pyproject.toml").is_file()
 
 
 def by_script(typed: Sequence[str]) -> bool:
-    """Whether a command line (as in `sys.orig_argv`) starts an installed script."""
+    """Return whether a command line (as in `sys.orig_argv`) starts an installed script."""
     return len(typed) > 1 and Path(typed[1]).stem in SCRIPTS
 
 
 def trial_program() -> str:
-    """What starts trials: `python -m runner` or `seatrial`."""
+    """Return the command that runs trials: `python -m runner` or `seatrial`."""
     return "python -m runner" if _modules() else "seatrial"
 
 
 def results_program() -> str:
-    """What compares their results: `python -m runner.compare` or `seatrial-results`."""
+    """Return the command for results: `python -m runner.compare` or `seatrial-results`."""
     return "python -m runner.compare" if _modules() else "seatrial-results"
 
 
 def typed_command(typed: Sequence[str]) -> str:
-    """A command line, as in `sys.orig_argv`, as a shell takes it again."""
+    """Quote a command line, as in `sys.orig_argv`, for a shell."""
     return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
 
 

@@ -1,4 +1,4 @@
-"""One trial as a run of the logbook: claimed, run, and stored with whatever came of it."""
+"""One trial as a run of the logbook: claimed, run, and stored with its results or its error."""
 
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,16 +32,16 @@ class Order:
         return shown(self.overrides)
 
     def fingerprint(self, sources: str) -> str:
-        """What makes this trial the same as another; `sources` is the digest of the code."""
+        """Return the fingerprint of the trial; `sources` is the digest of the code."""
         return fingerprint(self.config, self.names, sources)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an order.
+    """The outcome of an order.
 
-    skipped: the logbook had it already; busy: another process is running it; lost: the logbook
-    could not take what came of it, so that no row says so (then `run_id` is None).
+    skipped: the trial was in the logbook already; busy: another process is running it; lost: the
+    logbook could not store the results, so there is no row (then `run_id` is None).
     """
 
     state: State
@@ -51,13 +51,13 @@ class Outcome:
 
 
 def shown(overrides: Sequence[str]) -> str:
-    """How a trial is named to people: by what was asked for, without passwords."""
-    asked = [one for one in without_address(overrides) if not one.startswith("dry_run=")]
-    return without_passwords(" ".join(asked)) or "the default trial"
+    """Name a trial by its overrides, without passwords."""
+    texts = [text for text in without_address(overrides) if not text.startswith("dry_run=")]
+    return without_passwords(" ".join(texts)) or "the default trial"
 
 
 def prepare(order: Order) -> Trial:
-    """The trial of an order, checked in full; SeatrialError where it cannot be run."""
+    """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
     from seatrial.runner import trial as trials
 
     trial = build_trial(order.config, order.names)
@@ -68,9 +68,9 @@ def prepare(order: Order) -> Trial:
 def perform(
     trial: Trial, order: Order, provenance: Provenance, sweep_id: int | None = None
 ) -> Outcome:
-    """Run a trial and store what comes of it, unless the logbook has it already.
+    """Run a trial and store its results, unless it is in the logbook already.
 
-    Errors of the trial are kept in its row; those of the logbook itself are raised.
+    Errors of the trial are stored in its row; errors of the logbook are raised.
     """
     from seatrial.runner.database import Logbook
 
@@ -87,19 +87,19 @@ def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
     from seatrial.runner import trial as trials
 
     try:
-        # One thread a trial: workers share the cores, and sums come out the same on every machine.
+        # One thread per trial: workers share the cores, and sums are equal on every machine.
         with threadpool_limits(1):
             results = trials.run(trial)
     except Diverged as error:
-        held = error.results if isinstance(error, trials.TrialDiverged) else None
-        return _keep(logbook, run_id, "diverged", error, held)
+        partial = error.results if isinstance(error, trials.TrialDiverged) else None
+        return _store_failure(logbook, run_id, "diverged", error, partial)
     except Exception as error:
-        return _keep(logbook, run_id, "failed", error)
+        return _store_failure(logbook, run_id, "failed", error)
     logbook.finish_run(run_id, results)
     return Outcome("finished", run_id)
 
 
-def _keep(
+def _store_failure(
     logbook: "Logbook",
     run_id: int,
     status: Literal["diverged", "failed"],
@@ -119,7 +119,7 @@ def _keep(
 def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
     from seatrial.runner.database.records import RunStart
 
-    # The address of the database may hold a password, and is no part of the trial.
+    # The address of the database may contain a password, and is not part of the trial.
     stored = {key: value for key, value in order.config.items() if key != "database"}
     return RunStart(
         fingerprint=order.fingerprint(provenance.sources),
@@ -134,12 +134,12 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
     )
 
 
-# Trials that are ready to run, those that cannot be, and what the logbook knows of them.
+# Checked trials, rejected trials, and their state in the logbook.
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A trial that passed every check, the order it came from, and its fingerprint."""
+    """A checked trial, its order and its fingerprint."""
 
     trial: Trial
     order: Order
@@ -148,7 +148,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A trial that cannot be run: what was asked for, and why not."""
+    """A trial that cannot be run, and the reason."""
 
     asked: str
     reason: str
@@ -161,21 +161,21 @@ Known = dict[str, "RunSummary"]
 
 
 def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
-    """By fingerprint, the status of the last attempt that this sweep made at each of these trials.
+    """Return the status of the last attempt of a sweep at each trial, by fingerprint.
 
-    A trial that the sweep has not tried yet is left out.
+    Trials without an attempt are left out.
     """
     from seatrial.runner.database import Logbook
     from seatrial.runner.database.tables import Run
 
-    asked = {plan.fingerprint for plan in plans}
+    fingerprints = {plan.fingerprint for plan in plans}
     with Logbook.read(url) as logbook:
         runs = logbook.runs(Run.sweep_id == sweep_id)  # in the order of their attempts
-    return {run.fingerprint: run.status for run in runs if run.fingerprint in asked}
+    return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
 
 
 def known(plans: Iterable[Plan]) -> Known:
-    """What the logbook has of these trials, by fingerprint; nothing where there is no logbook."""
+    """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
     from seatrial.runner.database import Logbook
     from seatrial.runner.database.engine import parse
     from seatrial.runner.database.schema import Condition, inspect
@@ -189,12 +189,12 @@ def known(plans: Iterable[Plan]) -> Known:
     if absent or inspect(address) is Condition.EMPTY:
         return {}
     with Logbook.read(url) as logbook:
-        found = {plan.fingerprint: logbook.trial(plan.fingerprint) for plan in plans}
-    return {key: run for key, run in found.items() if run is not None}
+        runs = {plan.fingerprint: logbook.trial(plan.fingerprint) for plan in plans}
+    return {key: run for key, run in runs.items() if run is not None}
 
 
 def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
-    """(state, trial, remark) of each, for a dry run."""
+    """Return (state, trial, remark) of each trial, for a dry run."""
     runs = known(plan for plan in plans if isinstance(plan, Plan))
     return [_listed(plan, runs) for plan in plans]
 
@@ -205,8 +205,8 @@ def _listed(plan: Plan | Refusal, runs: Known) -> tuple[str, str, str]:
     run = runs.get(plan.fingerprint)
     if run is None:
         return "new", str(plan.order), ""
-    again = run.status == "finished" and plan.trial.rerun
+    rerun = run.status == "finished" and plan.trial.rerun
     remark = f"run {run.run_id}"
     if run.error:
         remark += f": {run.error}"
-    return run.status, str(plan.order), f"{remark}, to be run again" if again else remark
+    return run.status, str(plan.order), f"{remark}, to be run again" if rerun else remark

@@ -1,11 +1,11 @@
-"""The trials of a sweep, handed to Hydra's launcher, and what happens when a worker is lost.
+"""Launch of the trials of a sweep with Hydra's launchers, and recovery from lost workers.
 
-basic    runs them here, one after the other; what ends it ends the sweep
-joblib   a killed worker breaks the whole pool (loky's rule), and with it the sweep
-others   (submitit, ray) the other trials go on, and those that were lost are launched once more
+basic    runs the trials in this process, one after the other; a lost process ends the sweep
+joblib   a killed worker breaks the pool of workers, and ends the sweep
+others   (submitit, ray) the other trials go on, and the lost trials are launched once more
 
-The logbook knows what came of a trial whose launcher does not, and sees to it that nothing is run
-twice: a trial that is launched again while it is under way is left to the process that has it.
+The logbook holds the state of trials whose launcher has lost them, and prevents that a trial is run
+twice: a trial that is launched again while it is running remains with its process.
 """
 
 import os
@@ -23,30 +23,32 @@ from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.vocabulary import ENDINGS
 
 POOL_LOST = (
-    "a worker process was killed, or ran out of memory, and that ends the sweep: "
+    "a worker process was killed or ran out of memory, which ends the sweep: "
     "finished runs are kept, the same command runs the rest"
 )
-# Read by the libraries when a worker starts; a trial uses one thread.
+# Libraries read these variables when a worker starts; a trial uses one thread.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 WAIT_S = 0.5
-# submitit starts a process a job at once; basic keeps the configurations of all jobs it was given.
+# submitit starts one process per job at once; basic holds the configurations of all its jobs.
 AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
 
 
 @dataclass
 class Launched:
-    """What came of a sweep's trials, as far as the launcher knows; the logbook knows the rest."""
+    """The outcomes of a sweep's trials that the launcher reported; the logbook holds the rest."""
 
     outcomes: list[Outcome] = field(default_factory=list)
-    bugs: list[Exception] = field(default_factory=list)  # exceptions that no row holds
+    bugs: list[Exception] = field(default_factory=list)  # exceptions that are not stored in a row
     error: str | None = None  # why the rest was not launched
 
 
 def check(choice: str, arguments: Sequence[str]) -> None:
-    """ConfigurationError where the launcher would write a password into its files."""
+    """Raise ConfigurationError if the launcher would write a password to its files."""
     from seatrial.runner.database import without_passwords
 
-    if choice.startswith("submitit") and any(without_passwords(one) != one for one in arguments):
+    if choice.startswith("submitit") and any(
+        without_passwords(argument) != argument for argument in arguments
+    ):
         raise ConfigurationError(
             f"hydra/launcher={choice} writes its jobs to files, and the password of database.url"
             " with them: expected the address in SEATRIAL_DATABASE, and database=postgresql"
@@ -60,9 +62,9 @@ def launch(
     sweep_id: int,
     size: int | None,
 ) -> Launched:
-    """Run the plans with the launcher that `make` makes, at most `size` of them at a time.
+    """Run the plans with the launcher that `make` creates, at most `size` of them at a time.
 
-    Raises ConfigurationError where the launcher `choice` cannot be used here.
+    Raises ConfigurationError if the launcher `choice` cannot be used here.
     """
     launched = Launched()
     if not plans:
@@ -77,19 +79,21 @@ def launch(
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
             try:
-                if not _launched(launcher, batch, start, launched):
-                    _again(launcher, batch, start, sweep_id, launched)
+                if not _launch_batch(launcher, batch, start, launched):
+                    _relaunch_lost(launcher, batch, start, sweep_id, launched)
             except BrokenProcessPool:
                 launched.error = POOL_LOST
                 break
             except Exception as error:
-                said = " ".join(str(error).split()) or type(error).__name__
-                raise ConfigurationError(f"hydra/launcher={choice}: {said}") from error
+                message = " ".join(str(error).split()) or type(error).__name__
+                raise ConfigurationError(f"hydra/launcher={choice}: {message}") from error
     return launched
 
 
-def _launched(launcher: Launcher, batch: Sequence[Plan], start: int, launched: Launched) -> bool:
-    """Launch a batch; False where the launcher lost one of its workers."""
+def _launch_batch(
+    launcher: Launcher, batch: Sequence[Plan], start: int, launched: Launched
+) -> bool:
+    """Launch a batch; returns False if the launcher lost one of its workers."""
     overrides = [list(plan.order.overrides) for plan in batch]
     try:
         returns = launcher.launch(overrides, initial_job_idx=start)
@@ -97,30 +101,30 @@ def _launched(launcher: Launcher, batch: Sequence[Plan], start: int, launched: L
         if _is_loss(error):
             return False
         raise
-    for one in returns:
-        done = one.status is JobStatus.COMPLETED
-        (launched.outcomes if done else launched.bugs).append(one._return_value)
+    for job in returns:
+        completed = job.status is JobStatus.COMPLETED
+        (launched.outcomes if completed else launched.bugs).append(job._return_value)
     return True
 
 
 def _is_loss(error: Exception) -> bool:
-    """Whether a launcher says that a worker died, and not that it cannot work at all."""
+    """Return whether an error of a launcher means that a worker was lost."""
     kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
     return ("submitit", "UncompletedJobError") in kinds or ("ray", "RayError") in kinds
 
 
-def _again(
+def _relaunch_lost(
     launcher: Launcher, batch: Sequence[Plan], start: int, sweep_id: int, launched: Launched
 ) -> None:
-    """Launch once more what was lost of a batch, once the rest of it has ended."""
-    undone = _settled(batch, sweep_id)
-    if undone:
-        _launched(launcher, undone, start, launched)  # lost again: then it is left at that
-        _settled(undone, sweep_id)
+    """Launch the lost trials of a batch once more, after the other trials have ended."""
+    lost = _wait_for_end(batch, sweep_id)
+    if lost:
+        _launch_batch(launcher, lost, start, launched)  # there is no third attempt
+        _wait_for_end(lost, sweep_id)
 
 
-def _settled(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
-    """Wait until nothing of a batch is under way any more; the answer is what did not end."""
+def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
+    """Wait until no trial of a batch is running; returns the trials that did not end."""
     url = batch[0].trial.database_url
     while "running" in (known := states(url, sweep_id, batch)).values():
         time.sleep(WAIT_S)

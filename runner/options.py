@@ -1,12 +1,12 @@
-"""Options of a configuration against the dataclasses that declare them, checked by pydantic.
+"""Checks of options against the dataclasses that declare them, by pydantic.
 
     bool, int, float (takes integers), str, Path, None, Literal, X | Y, Any
     list[T], tuple[T, ...], tuple[A, B, C], dict[str, T]
     other classes, from nested nodes: of the class that `_target_` names, else of the field's own
 
-Numbers must be finite and in the ranges that are declared (seatrial.models.ranges). A bool is not a
-number, and text is not turned into one. This module is imported when the first trial is built,
-because pydantic takes as long to import as Hydra.
+Numbers must be finite and in their declared ranges (seatrial.models.ranges). Booleans and text are
+not converted to numbers. This module is imported when the first trial is built, because pydantic
+takes as long to import as Hydra.
 """
 
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import in_words
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
-CLASS = "class"  # in a JSON schema: whose node is wanted here
+CLASS = "class"  # in a JSON schema: the class that the node must describe
 EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a group of options",
@@ -52,14 +52,14 @@ EXPECTED = {
 
 
 class Refused(ValueError):  # noqa: N818
-    """What is wrong with an object, and where in it; pydantic passes ValueErrors on."""
+    """An invalid object, with the place of the error; pydantic passes ValueErrors on."""
 
     def __init__(self, place: Place, message: str) -> None:
         super().__init__(message)
         self.place = place
 
     def at(self, key: str) -> str:
-        """The message about the object that is the option `key`."""
+        """Return the message for the object at the option `key`."""
         for part in self.place:
             key += f"[{part}]" if isinstance(part, int) else f".{part}"
         key, message = key.removeprefix("."), str(self)
@@ -69,44 +69,44 @@ class Refused(ValueError):  # noqa: N818
 
 
 def part(cls: type, node: Any) -> Any:
-    """The object, a `cls`, that a node describes; raises Refused."""
+    """Build the object, a `cls`, that a node describes; raises Refused."""
     if cls is object and node in (None, {}):
         return None
     if not isinstance(node, Mapping):
         raise Refused((), f": got {_shown(node)}, expected a group of options")
     if "_target_" not in node and not is_dataclass(cls):
         raise Refused(("_target_",), " is missing, expected the name of a class")
-    chosen = target(node["_target_"]) if "_target_" in node else cls
-    if not (getattr(cls, "_is_protocol", False) or issubclass(chosen, cls)):
-        raise Refused((), f": got a {chosen.__name__}, expected a {cls.__name__}")
-    given = {name: value for name, value in node.items() if name != "_target_"}
+    node_class = target(node["_target_"]) if "_target_" in node else cls
+    if not (getattr(cls, "_is_protocol", False) or issubclass(node_class, cls)):
+        raise Refused((), f": got a {node_class.__name__}, expected a {cls.__name__}")
+    values = {name: value for name, value in node.items() if name != "_target_"}
     try:
-        return chosen(**options(chosen).validate_python(given))
+        return node_class(**options(node_class).validate_python(values))
     except ValidationError as error:
-        raise _refused(error, given, chosen) from None
+        raise _refused(error, values, node_class) from None
     except ConfigurationError as error:
         raise Refused((), f": {error}") from error
 
 
 def target(name: Any) -> type:
-    """The dataclass that a `_target_` names; raises Refused."""
+    """Import the dataclass that a `_target_` names; raises Refused."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
         raise Refused(("_target_",), f": got {name!r}, expected the name of a class")
     try:
-        found = getattr(import_module(module_name), class_name, None)
+        result = getattr(import_module(module_name), class_name, None)
     except ModuleNotFoundError as error:
         if error.name is None or not module_name.startswith(error.name):
-            raise  # the module is there, something it imports is not: a bug, not an option
-        found = None
-    if not (isinstance(found, type) and is_dataclass(found)):
+            raise  # the module exists, but one of its imports does not: a bug
+        result = None
+    if not (isinstance(result, type) and is_dataclass(result)):
         raise Refused(("_target_",), f": got {name!r}, which is not a dataclass to build")
-    return found
+    return result
 
 
 @cache
 def options(cls: type) -> TypeAdapter[dict[str, Any]]:
-    """The options of a dataclass, as pydantic checks them; what has a default may be left out."""
+    """Return pydantic's checks of a dataclass's options; those with a default are optional."""
     hints = get_type_hints(cls, include_extras=True)
     declared = {}
     for field in fields(cls):
@@ -114,19 +114,19 @@ def options(cls: type) -> TypeAdapter[dict[str, Any]]:
         hint = _strict(hints[field.name])
         if field.init:
             declared[field.name] = hint if required else NotRequired[hint]
-    make: Any = TypedDict  # whose name and keys are known while running only
+    make: Any = TypedDict  # its name and keys are known at run time only
     table = make(cls.__name__, declared)
     table.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
     return TypeAdapter(table)
 
 
 def _strict(hint: Any) -> Any:
-    """A type, such that its numbers are taken from numbers only, and its objects from nodes."""
+    """Return a type that accepts numbers for numbers only, and builds objects from nodes."""
     kind, arguments = get_origin(hint), get_args(hint)
     if hint in (bool, int, float):
         return Annotated[hint, Strict()]
     if hint in (None, NoneType):
-        return Annotated[None, "null"]  # an alternative like others, and named among them
+        return Annotated[None, "null"]  # listed in messages like other alternatives
     if hint is Path:
         return Annotated[Path, BeforeValidator(_not_empty)]
     if hint is Any:
@@ -134,9 +134,9 @@ def _strict(hint: Any) -> Any:
     if kind is Annotated:
         return Annotated[(_strict(arguments[0]), *arguments[1:])]
     if kind in (Union, UnionType):
-        return Union[tuple(map(_strict, arguments))]  # noqa: UP007 - known while running only
+        return Union[tuple(map(_strict, arguments))]  # noqa: UP007 - known at run time only
     if arguments and kind is not Literal:
-        return kind[tuple(one if one is Ellipsis else _strict(one) for one in arguments)]
+        return kind[tuple(item if item is Ellipsis else _strict(item) for item in arguments)]
     if isinstance(hint, type) and hint not in (str, list, tuple, dict):
         known = WithJsonSchema({CLASS: f"{hint.__module__}.{hint.__qualname__}"})
         return Annotated[Any, PlainValidator(partial(part, hint)), known]
@@ -155,20 +155,22 @@ def _anything(value: Any) -> Any:
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 
-def _refused(error: ValidationError, given: Mapping[str, Any], cls: type) -> Refused:
-    """The first of pydantic's complaints about an object, in our words."""
+def _refused(error: ValidationError, values: Mapping[str, Any], cls: type) -> Refused:
+    """Convert the first of pydantic's errors about an object to a message."""
     problems = error.errors(include_url=False)
     order = ("extra_forbidden", "missing")
-    problems.sort(key=lambda one: order.index(one["type"]) if one["type"] in order else len(order))
-    # The alternatives of a union each have their complaint: that which got farthest is meant.
-    same = [one for one in problems if one["loc"][0] == problems[0]["loc"][0]]
-    place = max((_place(given, one["loc"]) for one in same), key=len)
-    same = [one for one in same if _place(given, one["loc"]) == place]
-    for one in same:
-        inner = one.get("ctx", {}).get("error")
+    problems.sort(
+        key=lambda item: order.index(item["type"]) if item["type"] in order else len(order)
+    )
+    # Each alternative of a union has its error; the one deepest in the object is reported.
+    errors = [item for item in problems if item["loc"][0] == problems[0]["loc"][0]]
+    place = max((_place(values, item["loc"]) for item in errors), key=len)
+    errors = [item for item in errors if _place(values, item["loc"]) == place]
+    for item in errors:
+        inner = item.get("ctx", {}).get("error")
         if isinstance(inner, Refused):
             return Refused((*place, *inner.place), str(inner))
-    first = same[0]
+    first = errors[0]
     if first["type"] == "extra_forbidden":
         return Refused(place, f": unknown option, {_hint(str(place[-1]), cls)}")
     if first["type"] == "missing" and not place:
@@ -176,22 +178,22 @@ def _refused(error: ValidationError, given: Mapping[str, Any], cls: type) -> Ref
     if first["type"] in ("greater_than", "greater_than_equal"):
         context = first["ctx"]
         bound = Gt(context["gt"]) if "gt" in context else Ge(context["ge"])
-        null = " or null" if "none_required" in [one["type"] for one in same] else ""
+        null = " or null" if "none_required" in [item["type"] for item in errors] else ""
         return Refused(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
-    wanted = " or ".join(dict.fromkeys(map(_expected, same)))
-    if first["type"] == "missing":  # one error for each number that a list of given length lacks
-        wanted = f"a list of {int(same[-1]['loc'][-1]) + 1}"
-    return Refused(place, f": got {_shown(first['input'])}, expected {wanted}")
+    expected = " or ".join(dict.fromkeys(map(_expected, errors)))
+    if first["type"] == "missing":  # one error per missing number of a list of fixed length
+        expected = f"a list of {int(errors[-1]['loc'][-1]) + 1}"
+    return Refused(place, f": got {_shown(first['input'])}, expected {expected}")
 
 
 def _place(value: Any, location: Place) -> Place:
-    """A location of pydantic's, without the names of the alternatives of unions."""
+    """Return a location of pydantic without the names of the alternatives of unions."""
     place = []
-    for step in location:
-        inside = step in value if isinstance(value, Mapping) else isinstance(step, int)
-        if inside and (isinstance(value, Mapping) or int(step) < len(value)):
-            place.append(step)
-            value = value[step]
+    for key in location:
+        is_key = key in value if isinstance(value, Mapping) else isinstance(key, int)
+        if is_key and (isinstance(value, Mapping) or int(key) < len(value)):
+            place.append(key)
+            value = value[key]
     return tuple(place)
 
 
@@ -213,7 +215,7 @@ def _hint(name: str, cls: type) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A value as YAML writes it, not all of a long one."""
+    """Format a value as in YAML, shortened to 80 characters."""
     words = {None: "null", True: "true", False: "false"}
     text = words[value] if value is None or isinstance(value, bool) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

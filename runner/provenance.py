@@ -1,4 +1,4 @@
-"""Where a result comes from: sources, package versions, machine and command line."""
+"""Provenance of results: sources, package versions, machine and command line."""
 
 import os
 import platform
@@ -12,7 +12,7 @@ from seatrial.runner.database.mask import without_address
 from seatrial.runner.fingerprint import source_digest
 from seatrial.runner.invocation import ROOT, in_checkout, typed_command
 
-# Those that a number in the database can depend on.
+# The packages that results can depend on.
 PACKAGES = (
     "seatrial",
     "numpy",
@@ -31,7 +31,7 @@ PACKAGES = (
 
 @dataclass(frozen=True)
 class Provenance:
-    """Collected once per command and handed to the workers."""
+    """The provenance of results, collected once per command and passed to the workers."""
 
     git_commit: str | None
     git_dirty: bool | None
@@ -42,7 +42,7 @@ class Provenance:
 
 @cache
 def collect() -> Provenance:
-    """The provenance of this process."""
+    """Collect the provenance of this process."""
     commit = _git("rev-parse", "HEAD")
     changes = _git("status", "--porcelain", "--untracked-files=no")
     return Provenance(
@@ -55,23 +55,23 @@ def collect() -> Provenance:
 
 
 def _versions() -> dict[str, str]:
-    found = {
+    versions = {
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cpus": str(os.cpu_count()),
     }
     for name in PACKAGES:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
+    return versions
 
 
 def _git(*arguments: str) -> str | None:
-    """What git says about the checkout; None where there is no git, or no checkout.
+    """Run git in the checkout and return its output; None without git or without a checkout.
 
-    An installed package may lie inside another project's repository, whose commit is not ours.
+    An installed package may be inside the repository of another project, so git is not run for it.
     """
     if not in_checkout(ROOT):
         return None

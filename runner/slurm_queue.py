@@ -1,15 +1,15 @@
-"""The state of Slurm's jobs, from the controller's queue; needs the extra `slurm`.
+"""The state of Slurm jobs from the queue (`squeue`); needs the extra `slurm`.
 
-submitit asks the accounting (`sacct`). A Slurm without accounting never says that a job has ended,
-so a sweep that lost one would wait for ever; one with accounting is asked every ten minutes only.
-`squeue` answers everywhere.
+submitit reads the accounting (`sacct`), every ten minutes only. Without accounting it never learns
+that a job has ended, so a sweep with a lost job would wait for ever. `squeue` works on every
+cluster.
 """
 
 from submitit.slurm.slurm import SlurmInfoWatcher, SlurmJob
 
-EVERY_S = 60  # at most between two questions; after a submission the first come sooner
-# squeue(1), JOB STATE CODES: what a job does not leave by itself. A preempted one may be queued
-# again; where it is not, it drops out of the queue.
+EVERY_S = 60  # longest time [s] between two queries; shorter after a submission
+# squeue(1), JOB STATE CODES: the final states. A preempted job is either queued again, or
+# disappears from the queue.
 ENDED = {
     "BOOT_FAIL",
     "CANCELLED",
@@ -24,7 +24,7 @@ FORGOTTEN = "FORGOTTEN"  # ended longer ago than Slurm remembers (MinJobAge, fiv
 
 
 class QueueWatcher(SlurmInfoWatcher):
-    """Asks squeue for all of the user's jobs at once, those that ended of late among them."""
+    """Queries squeue for all jobs of the user at once, including those that ended recently."""
 
     def _make_command(self) -> list[str] | None:
         if not self._registered - self._finished:
@@ -32,7 +32,7 @@ class QueueWatcher(SlurmInfoWatcher):
         return ["squeue", "--me", "--array", "--noheader", "--states=all", "--format=%i|%T|%N"]
 
     def read_info(self, string: bytes | str) -> dict[str, dict[str, str]]:
-        """State and nodes of each job that was submitted, from the answer of squeue."""
+        """Return the state and nodes of each submitted job, from the output of squeue."""
         answer = string if isinstance(string, str) else string.decode()
         listed = dict.fromkeys(self._registered, (FORGOTTEN, ""))
         for line in answer.splitlines():
@@ -41,10 +41,10 @@ class QueueWatcher(SlurmInfoWatcher):
         return {job: {"State": state, "NodeList": nodes} for job, (state, nodes) in listed.items()}
 
     def is_done(self, job_id: str, mode: str = "standard") -> bool:
-        """Whether a job has ended, however it did."""
+        """Return whether a job has ended, successfully or not."""
         return self.get_state(job_id, mode) in {*ENDED, FORGOTTEN}
 
 
 def watch_the_queue() -> None:
-    """Let submitit learn from the queue what becomes of its jobs."""
+    """Make submitit read the state of its jobs from the queue."""
     SlurmJob.watcher = QueueWatcher(delay_s=EVERY_S)

@@ -1,7 +1,7 @@
-"""Between Hydra and the runner: what runs a single trial, and the sweeper that runs many.
+"""The interface between Hydra and the runner: the task of a single trial, and the sweeper.
 
-A sweep checks every trial before it starts any, runs those that the logbook does not have, through
-whatever launcher is configured, and ends with a summary from the logbook.
+A sweep checks every trial before it starts any, runs those that are not in the logbook with the
+configured launcher, and ends with a summary from the logbook.
 """
 
 import logging
@@ -52,24 +52,24 @@ def jobs_of(
     variants: Sequence[Options],
     arguments: Sequence[str],
 ) -> list[list[str]]:
-    """The overrides of every job: the grid of params and arguments, once for each variant.
+    """Return the overrides of every job: the grid of params and arguments, for each variant.
 
-    A variant replaces the params of the same name; what stands on the command line replaces both.
+    A variant replaces the params of the same name; the command line replaces both.
     """
-    given = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
+    keys = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
         options = {str(key): value for key, value in {**params, **variant}.items()}
-        texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in given]
+        texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in keys]
         overrides = parser.parse_overrides([*texts, *arguments])
-        # The last of several for one option is meant, in the place of the first.
+        # Of several overrides of one option the last counts, at the position of the first.
         values = {override.get_key_element(): _values(override) for override in overrides}
         jobs += map(list, product(*values.values()))
     return jobs
 
 
 def _values(override: Override) -> list[str]:
-    """An override of one job for each of its values."""
+    """Return one override for each value of a sweep override."""
     key = override.get_key_element()
     if not override.is_sweep_override():
         return [f"{key}={override.get_value_element_as_str()}"]
@@ -79,7 +79,7 @@ def _values(override: Override) -> list[str]:
 
 
 def _text(value: Any) -> str:
-    """A value of YAML in the grammar of the command line; text is taken as it is."""
+    """Format a YAML value in the grammar of the command line; text is not changed."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -87,7 +87,7 @@ def _text(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ",".join(map(_text, value)) + "]"
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_text(one)}" for key, one in value.items()) + "}"
+        return "{" + ",".join(f"{key}:{_text(item)}" for key, item in value.items()) + "}"
     return str(value)
 
 
@@ -95,16 +95,16 @@ log = logging.getLogger(__name__)
 
 
 class Session:
-    """What Hydra calls for a single trial; carries the outcome out of Hydra.
+    """The task that Hydra calls for a single trial; it holds the outcome.
 
-    Hydra reports an exception of a task in its own words, and returns nothing from a sweep, so the
-    exit code and the error to show are left here for `runner.__main__`.
+    Hydra reports exceptions of a task itself, and returns nothing from a sweep. So the exit code
+    and the error are stored here for `runner.__main__`.
     """
 
     def __init__(self) -> None:
         self.exit_code = 0
         self.error: Exception | str | None = None
-        self.started = False  # before, an exception is Hydra's, about the command line
+        self.started = False  # before that, an exception is about the command line
 
     def __call__(self, config: DictConfig) -> None:
         """Run the one trial of a command without -m."""
@@ -129,26 +129,26 @@ class Session:
 
 @dataclass(frozen=True)
 class SweepJob:
-    """What a launcher calls for each trial of a sweep, here or in another process."""
+    """The task that a launcher calls for each trial of a sweep, here or in another process."""
 
     sweep_id: int
     provenance: Provenance
 
     def __call__(self, config: DictConfig) -> Outcome:
-        """Run one trial; what the logbook cannot take is lost, and said so."""
+        """Run one trial; the outcome is `lost` if the logbook cannot store it."""
         from seatrial.runner.database.engine import parse
         from seatrial.runner.database.outage import expect
 
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
-            expect(parse(trial.database_url).url)  # the sweep is in it
+            expect(parse(trial.database_url).url)  # reached before: it holds the sweep
             return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
 
     def carry_out(self, trial: Trial, order: Order) -> Outcome:
-        """Run a trial, unless it is in the logbook: then say where."""
+        """Run a trial, unless it is in the logbook; then log its run."""
         outcome = perform(trial, order, self.provenance, self.sweep_id)
         if outcome.state == "skipped":
             log.info("%s: already in the logbook as run %d", order, outcome.run_id)
@@ -173,7 +173,7 @@ class SeatrialSweeper(Sweeper):
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
     ) -> None:
-        """Take what Hydra hands over; the launcher is made when there is something to launch."""
+        """Store the objects of Hydra; the launcher is created when there are trials to launch."""
         self._loader = SharingLoader(hydra_context.config_loader)
         self._context = HydraContext(cast(ConfigLoader, self._loader), hydra_context.callbacks)
         self._config = config
@@ -202,10 +202,10 @@ class SeatrialSweeper(Sweeper):
                 _sweep_name(arguments), provenance.command, arguments, len(plans)
             )
             job = SweepJob(sweep_id, provenance)
-            outcomes, todo = _finished_before(plans, job)
+            outcomes, remaining = _finished_before(plans, job)
             with console.shown(url, sweep_id):
                 try:
-                    launched = self._launch(todo, job)
+                    launched = self._launch(remaining, job)
                 except KeyboardInterrupt:
                     logbook.give_up_sweep(sweep_id)
                     raise
@@ -245,44 +245,45 @@ def _planned(composer: Composer, job: list[str]) -> Plan | Refusal:
 
 
 def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
-    """The plans without duplicates, if all of them can be run in one logbook."""
+    """Return the plans without duplicates; raises ConfigurationError if one cannot be run."""
     plans = list(plans)
     refused = [plan for plan in plans if isinstance(plan, Refusal)]
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
     ready = [plan for plan in plans if isinstance(plan, Plan)]
-    places = {(plan.trial.database_url, plan.trial.results_dir) for plan in ready}
-    if len(places) > 1:
+    logbooks = {(plan.trial.database_url, plan.trial.results_dir) for plan in ready}
+    if len(logbooks) > 1:
         raise ConfigurationError(
-            f"database.url, results_dir: got {len(places)} logbooks in one sweep, expected one"
+            f"database.url, results_dir: got {len(logbooks)} logbooks in one sweep, expected one"
         )
     return list({plan.fingerprint: plan for plan in ready}.values())
 
 
 def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome], list[Plan]]:
-    """Note in the logbook what needs no run, without a worker for it; and what does need one."""
-    runs, outcomes, todo = known(plans), [], []
+    """Return the outcomes of trials that had finished before, and the plans to be launched."""
+    runs, outcomes, remaining = known(plans), [], []
     for plan in plans:
         run = runs.get(plan.fingerprint)
         if run is not None and run.status == "finished" and not plan.trial.rerun:
             outcomes.append(job.carry_out(plan.trial, plan.order))
         else:
-            todo.append(plan)
-    return outcomes, todo
+            remaining.append(plan)
+    return outcomes, remaining
 
 
 def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
-    """The options that differ between the jobs, in their order; replicates are no factor."""
+    """Return the options that differ between the jobs, in their order, without the seed."""
     values: dict[str, set[str]] = {}
     for job in jobs:
         for override in job:
             key, _, value = override.partition("=")
             values.setdefault(key.lstrip("+"), set()).add(value)
-    return [key for key, taken in values.items() if len(taken) > 1 and key != "seed"]
+    return [key for key, levels in values.items() if len(levels) > 1 and key != "seed"]
 
 
 def _sweep_name(arguments: Sequence[str]) -> str:
-    """The experiment's name, where the sweep is one."""
-    experiments = [one.removeprefix("experiment=") for one in arguments if "experiment=" in one]
+    """Return the name of the experiment, or `sweep` if there is none."""
+    prefix = "experiment="
+    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
     return experiments[-1] if experiments else "sweep"

@@ -1,8 +1,8 @@
-"""A trial: excite -> identify -> validate -> deploy, and the rows that are stored of it.
+"""A trial: excite -> identify -> validate -> deploy, and the results that it stores.
 
-One seed makes a trial. Its streams are spawned: excitation, measurement noise, disturbance,
-identifier. The weather's streams do not depend on the identifier or the controller, so every
-competitor meets the same weather, and the nominal and the identified model are compared in pairs.
+The seed of the trial spawns independent random streams for the excitation, the measurement noise,
+the disturbance and the identifier. The weather does not depend on the identifier or the controller.
+So all methods are compared in the same weather, and the nominal and the identified model in pairs.
 """
 
 import logging
@@ -14,10 +14,7 @@ import numpy as np
 from seatrial.models.control.controller import Controller
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.information import persistence
-from seatrial.models.excitation.missions import (
-    Evaluation,
-    Mission,
-)
+from seatrial.models.excitation.missions import Evaluation, Mission
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Identifier, Problem, check_needs
 from seatrial.models.recording.readers import Reader
@@ -28,7 +25,6 @@ from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
-from seatrial.runner.closed_loop import sail_mission as sail_mission
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
@@ -47,7 +43,7 @@ NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
 
 
 class TrialDiverged(Diverged):
-    """A voyage left the limits of the vessel; `results` are what still holds."""
+    """A simulation diverged; `results` are those that are valid all the same."""
 
     def __init__(self, error: Diverged, results: Results) -> None:
         super().__init__(str(error), error.time_s, error.quantity)
@@ -55,14 +51,14 @@ class TrialDiverged(Diverged):
 
 
 def check(trial: Trial) -> None:
-    """Raise ConfigurationError for a combination that cannot work, before any work."""
+    """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
     _check_roles(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
-    recorded, period = None, trial.sample_time_s
-    if isinstance(excitation, Reader):  # a damaged file is a wrong option, not a failed trial
-        recorded = excitation.read(dofs)
-        period = recorded.period_s
+    recording, period = None, trial.sample_time_s
+    if isinstance(excitation, Reader):  # a damaged file is a configuration error
+        recording = excitation.read(dofs)
+        period = recording.period_s
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
@@ -72,12 +68,12 @@ def check(trial: Trial) -> None:
         controller.build(trial.vessel.nominal(), trial.sample_time_s)
         check_periods(trial, controller)
     thruster = trial.vessel.thruster
-    trial.identifier.check(trial.vessel.nominal(), thruster, recorded is not None)
-    check_needs(needs, trial.vessel.name, thruster, recorded)
+    trial.identifier.check(trial.vessel.nominal(), thruster, recording is not None)
+    check_needs(needs, trial.vessel.name, thruster, recording)
 
 
 def _check_roles(trial: Trial) -> None:
-    """Refuse an object that is not what its group holds: an option names a class by itself."""
+    """Check the class of every part, because `_target_` may name any class."""
     for group, (role, part) in {
         "vessel": (VesselParameters, trial.vessel),
         "disturbance": (Disturbance, trial.disturbance),
@@ -93,11 +89,11 @@ def _check_roles(trial: Trial) -> None:
 
 
 def _check_mission(trial: Trial, excitation: Mission) -> None:
-    """Refuse what cannot be sailed with this vessel in this weather."""
+    """Check that the vessel and the controller can carry out the mission in this weather."""
     dofs = trial.vessel.dofs
     if trial.controller is None and not excitation.open_loop:
         raise ConfigurationError(
-            f"controller=none: excitation={trial.names['excitation']} is sailed by a controller"
+            f"controller=none: excitation={trial.names['excitation']} needs a controller"
         )
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
     excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
@@ -107,7 +103,7 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
 
 
 def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
-    """Run a check; what it refuses is said with the option that was chosen of the group."""
+    """Run a check, and put the option chosen from the group before its error message."""
     try:
         check()
     except ConfigurationError as error:
@@ -118,29 +114,29 @@ def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
 
 
 def longest_s(trial: Trial) -> float:
-    """Time [s] of the last instant that is sailed, in the excitation or the evaluation."""
+    """Return the time [s] of the last simulated instant, of the excitation or the evaluation."""
     missions = (trial.excitation, trial.evaluation)
-    lengths = [one.duration_s for one in missions if isinstance(one, Mission)]
-    return max(lengths) - trial.sample_time_s if lengths else 0.0
+    durations = [mission.duration_s for mission in missions if isinstance(mission, Mission)]
+    return max(durations) - trial.sample_time_s if durations else 0.0
 
 
 def check_periods(trial: Trial, controller: Controller) -> None:
-    """Refuse a controller whose period is not a multiple of the model's it is to be built on."""
+    """Check that the controller's period is a multiple of the identified model's period."""
     sample_time = trial.sample_time_s
-    model = trial.identifier.model_period_s(sample_time)
-    if model is None or not controller.takes_state_space:
+    model_period = trial.identifier.model_period_s(sample_time)
+    if model_period is None or not controller.takes_state_space:
         return
-    own = controller.command_rows(sample_time) * sample_time
-    times = round(own / model)
-    if times < 1 or abs(times * model - own) > 1e-9 * own:
+    period = controller.command_rows(sample_time) * sample_time
+    multiple = round(period / model_period)
+    if multiple < 1 or abs(multiple * model_period - period) > 1e-9 * period:
         raise ConfigurationError(
-            f"controller.period_s: got {own:g} s, expected a multiple of identifier.period_s, "
-            f"{model:g} s: a state-space model holds at its own sample time"
+            f"controller.period_s: got {period:g} s, expected a multiple of identifier.period_s, "
+            f"{model_period:g} s: a state-space model is valid at its own sample time only"
         )
 
 
 def run(trial: Trial) -> Results:
-    """Run a trial that `check` accepts; raises TrialDiverged with the results that still hold."""
+    """Run a checked trial; raises TrialDiverged with the results that are valid all the same."""
     seeds = streams(trial.seed)
     excited = excite(trial, seeds)
     problem = Problem(
@@ -159,10 +155,10 @@ def run(trial: Trial) -> Results:
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
         models["plant"] = excited.truth
-    own = own_metrics.validation_rows(trial.metrics, problem.validation, models)
-    mixed = excitation_results.mix_results(trial.excitation, excited)
+    user_defined = own_metrics.validation_rows(trial.metrics, problem.validation, models)
+    mix = excitation_results.mix_results(trial.excitation, excited)
     results = Results(
-        metrics=[*validation, *predicted, *unreached(excited), *mixed.metrics, *own],
+        metrics=[*validation, *predicted, *unreached(excited), *mix.metrics, *user_defined],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
             *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
@@ -172,12 +168,12 @@ def run(trial: Trial) -> Results:
             *identified.findings,
             *reasons,
             *excitation_report(problem, excited.recording),
-            *mixed.diagnostics,
+            *mix.diagnostics,
         ],
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
             time_series.residual_series(excited, problem.nominal, identified),
-            *mixed.series,
+            *mix.series,
         ],
         note=skipped(trial),
     )
@@ -187,40 +183,40 @@ def run(trial: Trial) -> Results:
 
 
 def with_quality(results: Results, file: Reader, recording: Recording) -> Results:
-    """The results of a measured recording, with its statistics and quality checks."""
+    """Add the statistics and quality checks of a measured recording to the results."""
     metrics, series = excitation_results.recording_quality(recording)
-    found = [
+    findings = [
         *excitation_results.column_statistics(file),
         *excitation_results.outlier_counts(file, recording.dofs),
     ]
     return replace(
         results,
         metrics=[*results.metrics, *metrics],
-        diagnostics=[*results.diagnostics, *found],
+        diagnostics=[*results.diagnostics, *findings],
         series=[*results.series, series],
     )
 
 
-def excitation_report(problem: Problem, whole: Recording) -> list[Finding]:
-    """Whether the training data tell the nominal model's terms apart; a warning where not."""
-    reports = persistence(problem.training, problem.nominal, whole)
-    for warning in filter(None, (one.warning() for one in reports)):
+def excitation_report(problem: Problem, recording: Recording) -> list[Finding]:
+    """Report how well the training data distinguish the nominal terms; warn where they do not."""
+    reports = persistence(problem.training, problem.nominal, recording)
+    for warning in filter(None, (report.warning() for report in reports)):
         log.warning("excitation: %s", warning)
     return excitation_results.excitation_report(reports)
 
 
 def unreached(excited: Excited) -> list[Metric]:
-    """How often the thrusters could not give what the excitation asked for; a warning where so."""
+    """Compute the share of commands that the thrusters could not produce; warn if it is not 0."""
     if excited.sailed is None:
         return []
-    found = deployment_metrics.unreached(excited.sailed.voyage, "identification", "plant")
-    for share in (one.value for one in found if one.value):
+    rows = deployment_metrics.unreached(excited.sailed.voyage, "identification", "plant")
+    for share in (row.value for row in rows if row.value):
         log.warning("excitation: %s", deployment_metrics.UNREACHED.format(share))
-    return found
+    return rows
 
 
 def skipped(trial: Trial) -> str | None:
-    """Why a trial has no deployment, or None when it has one."""
+    """Return why a trial has no deployment, or None if it has one."""
     if isinstance(trial.excitation, Reader):
         return MEASURED
     if trial.controller is None:
@@ -231,37 +227,40 @@ def skipped(trial: Trial) -> str | None:
 
 
 def excite(trial: Trial, seeds: Streams) -> Excited:
-    """Sail the excitation with the nominal model, or read the recorded file."""
+    """Simulate the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
     if isinstance(trial.excitation, Reader):
-        recording, truth, voyage = trial.excitation.read(vessel.dofs), None, None
+        recording, truth, sailed = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
-        voyage = sailed_excitation(prepare(trial, seeds, model, trial.excitation))
-        recording = recording_of(voyage.voyage, voyage.voyage.weather)
+        sailed = sailed_excitation(prepare(trial, seeds, model, trial.excitation))
+        recording = recording_of(sailed.voyage, sailed.voyage.weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
     recording = recording.with_thruster(vessel.thruster)
-    return Excited(recording, split.train, split.test, truth, voyage)
+    return Excited(recording, split.train, split.test, truth, sailed)
 
 
 def sailed_excitation(prepared: Prepared) -> Sailed:
-    """The excitation sailed; what the controller's design shows to be wrong is said first."""
+    """Simulate the excitation, after the warnings of the controller's design are logged.
+
+    Raises TrialDiverged with the results of the design.
+    """
     design = prepared.design
     for warning in deployment_metrics.design_warnings(design, "nominal"):
         log.warning("excitation: %s", warning)
     try:
         return prepared.sail()
     except Diverged as error:
-        rest = Results(
+        results = Results(
             deployment_metrics.design_metrics(design, "nominal"),
             diagnostics=deployment_metrics.design_findings(design, "nominal"),
         )
-        raise TrialDiverged(error, rest) from error
+        raise TrialDiverged(error, results) from error
 
 
 def controlled(controller: Controller, identified: Identified) -> Vessel | StateSpace:
-    """The identified model in the form that the controller takes."""
+    """Return the identified model in the form that the controller takes."""
     linear = identified.control_model if controller.takes_state_space else None
     return identified.model if linear is None else linear
 
@@ -269,7 +268,11 @@ def controlled(controller: Controller, identified: Identified) -> Vessel | State
 def deploy(
     trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
 ) -> Results:
-    """Sail the evaluation with the nominal and with the identified model, in the same weather."""
+    """Simulate the evaluation with a controller built on the nominal and on the identified model.
+
+    Both are simulated in the same weather. With `update`, a third simulation adapts the nominal
+    model. Returns `results` with those of the deployment added; raises TrialDiverged.
+    """
     controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
     assert controller is not None
     assert evaluation is not None
@@ -292,21 +295,21 @@ def deploy(
         metrics += deployment_metrics.design_metrics(prepared.design, name)
         diagnostics += deployment_metrics.design_findings(prepared.design, name)
         try:
-            one = prepared.sail(adaptive=name == "adaptive")
+            sailed = prepared.sail(adaptive=name == "adaptive")
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
-        metrics += deployment_metrics.tracking_metrics(one.voyage, name, trial.sample_time_s)
-        metrics += deployment_metrics.response_metrics(one, name)
-        metrics += own_metrics.deployment_rows(trial.metrics, one.voyage, name)
-        series.append(time_series.voyage_series(one, name))
-        if one.adapter is not None:
-            versions = numbered("adaptive", (model for _, model, _ in one.adapter.versions))
+        metrics += deployment_metrics.tracking_metrics(sailed.voyage, name, trial.sample_time_s)
+        metrics += deployment_metrics.response_metrics(sailed, name)
+        metrics += own_metrics.deployment_rows(trial.metrics, sailed.voyage, name)
+        series.append(time_series.voyage_series(sailed, name))
+        if sailed.adapter is not None:
+            versions = numbered("adaptive", (model for _, model, _ in sailed.adapter.versions))
             coefficients += coefficient_rows.table_coefficients(versions)
-            diagnostics += one.adapter.findings()
-        lost = deployment_metrics.losses(one, name)
-        diagnostics += deployment_metrics.warning_rows(lost)
-        for warning in lost:
+            diagnostics += sailed.adapter.findings()
+        warnings = deployment_metrics.losses(sailed, name)
+        diagnostics += deployment_metrics.warning_rows(warnings)
+        for warning in warnings:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
     if failure is not None:

@@ -1,6 +1,6 @@
-"""The logbook: a results database that loses nothing.
+"""The logbook: the database of results.
 
-The names below are imported when they are first used: SQLAlchemy takes a third of a second.
+The names below are imported at first use, because importing SQLAlchemy takes a third of a second.
 """
 
 from importlib import import_module

@@ -1,9 +1,9 @@
-"""Who gets to do a trial: of two processes that start it at once, exactly one.
+"""Claims of trials: if two processes start the same trial at once, exactly one runs it.
 
-On SQLite the writers queue, so what a claim sees is so. On PostgreSQL two claims may both see
-nothing; then the unique indexes (fingerprint where the status is running; fingerprint and
-attempt) let one insert through, and the other looks again. So does one that takes a run for lost
-whose process has just finished it, and ended.
+On SQLite writers wait for each other, so a claim reads the current state. On PostgreSQL two claims
+may both find no run. Then the unique indexes (fingerprint where the status is running; fingerprint
+and attempt) accept one insert, and the other claim is repeated. A claim is also repeated if a run
+that seems lost has finished in the meantime.
 """
 
 import os
@@ -33,19 +33,20 @@ from seatrial.runner.database.records import Begun, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
 from seatrial.runner.vocabulary import GROUPS
 
-_TRIES = 10  # each further one needs another process to have come between
+_TRIES = 10  # a try fails only if another process changed the rows at the same time
 
 
 def claim(
     connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
 ) -> Begun:
-    """Begin a run of the trial, unless it is under way, or finished and no `rerun` is asked for.
+    """Begin a run of the trial, unless it is running, or finished and `rerun` is False.
 
-    A run that this process began at that `moment` is this one: the answer to it was lost.
+    A run that this process began at the same `moment` is returned as new: the server committed it,
+    but the connection was lost before the reply. Raises LogbookError if no try succeeds.
     """
     for _ in range(_TRIES):
         attempts = _attempts(connection, start.fingerprint)
-        begun = _own(attempts, moment) or _done_already(attempts, rerun)
+        begun = _own(attempts, moment) or _existing(attempts, rerun)
         if begun is None and _lost_are_given_up(connection, attempts):
             attempt = 1 + max((run.attempt for run in attempts), default=0)
             begun = _insert(connection, _row(start, sweep_id, attempt, moment))
@@ -59,21 +60,21 @@ def claim(
 
 
 def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> bool:
-    """Mark a run as interrupted, if it still is under way and `where` holds; whether it was."""
-    marked = connection.execute(
+    """Mark a run as interrupted if it is running and `where` holds; returns whether it was."""
+    result = connection.execute(
         update(Run)
         .where(Run.id == run_id, Run.status == "running", *where)
         .values(status="interrupted", error=reason)
         .returning(Run.id)
     )
-    return marked.scalar() is not None
+    return result.scalar() is not None
 
 
 def give_up_gone(connection: Connection, sweep_id: int) -> None:
-    """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone."""
+    """Mark the runs of a sweep as interrupted whose processes on this machine have ended."""
     columns: list[Any] = [Run.id, Run.process, Run.host, Run.pid]
-    under_way = select(*columns).where(Run.sweep_id == sweep_id, Run.status == "running")
-    for run in connection.execute(under_way).all():
+    running = select(*columns).where(Run.sweep_id == sweep_id, Run.status == "running")
+    for run in connection.execute(running).all():
         if is_gone(run.process):
             _is_given_up(connection, run)
 
@@ -98,8 +99,8 @@ def _own(attempts: Sequence[Row[Any]], moment: datetime) -> Begun | None:
     return None
 
 
-def _done_already(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
-    """The answer where nothing is to be done."""
+def _existing(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
+    """Return the finished or running run of the trial, if there is one."""
     finished = [run.id for run in attempts if run.status == "finished"]
     if finished and not rerun:
         return Begun(finished[-1], "finished")
@@ -110,30 +111,30 @@ def _done_already(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
 
 
 def _lost_are_given_up(connection: Connection, attempts: Sequence[Row[Any]]) -> bool:
-    """Give up the runs under way; False where one has ended, or stirred, since it was looked at."""
+    """Mark the running attempts as interrupted; False if one has ended or is alive after all."""
     return all(_is_given_up(connection, run) for run in attempts if run.status == "running")
 
 
 def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
     process = f"process {run.pid} on {run.host}"
     if is_gone(run.process):
-        return give_up(connection, run.id, f"{process} is gone")
-    silent = f"{process} gave no sign of life for {STALE_AFTER_S:.0f} s"
-    return give_up(connection, run.id, silent, is_stale(Run.heartbeat_at))
+        return give_up(connection, run.id, f"{process} has ended")
+    reason = f"{process} had no heartbeat for {STALE_AFTER_S:.0f} s"
+    return give_up(connection, run.id, reason, is_stale(Run.heartbeat_at))
 
 
 def _insert(connection: Connection, row: dict[str, Any]) -> Begun | None:
-    """The new run, or None where another process came first."""
+    """Insert the new run; None if another process was first."""
     statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
     run_id = connection.execute(statement.returning(Run.id), row).scalar()
     return Begun(run_id, "new") if run_id is not None else None
 
 
 def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
-    """A statement to be executed with a row, which is not in it: then it is compiled once."""
+    """Return an INSERT without values, so that SQLAlchemy compiles it only once."""
     if connection.dialect.name == "sqlite":
         return sqlite.insert(table).on_conflict_do_nothing()
-    from sqlalchemy.dialects import postgresql  # seldom needed
+    from sqlalchemy.dialects import postgresql  # slow to import
 
     return postgresql.insert(table).on_conflict_do_nothing()
 
@@ -161,7 +162,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) 
 
 
 def clean(value: Any) -> Any:
-    """What goes into the database of a configuration: plain JSON, and no password."""
+    """Convert a value to plain JSON without passwords, as the database stores it."""
     value = plain(value)
     if isinstance(value, str):
         return without_passwords(value)

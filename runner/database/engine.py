@@ -1,9 +1,8 @@
-"""Connections: one writer at a time on SQLite, and readers that cannot write.
+"""Connections to the database: one writer at a time on SQLite, and read-only readers.
 
-Every writer's transaction on SQLite starts with BEGIN IMMEDIATE: a deferred one that reads before
-it writes fails with "database is locked" as soon as another process has written in between, and
-no timeout helps. Readers have an engine of their own with plain BEGIN, on a connection that is
-opened read-only.
+Every write transaction on SQLite starts with BEGIN IMMEDIATE: a deferred transaction that reads
+before it writes fails with "database is locked" if another process has written in between, and no
+timeout prevents this. Readers have their own engine with plain BEGIN, on a read-only connection.
 """
 
 import json
@@ -34,7 +33,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database.mask import learn, without_passwords
 from seatrial.runner.database.outage import wait_for_server
 
-# Database URLs: what may be asked for, and how they are shown without their password.
+# Database URLs: parsing, and display without passwords.
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,12 @@ class Address:
         return self.path is not None
 
     def __str__(self) -> str:
-        """How it is named to people: the file, or the URL without its password."""
+        """The file, or the URL without its password, for messages."""
         return str(self.path or display_url(self.url.set(drivername="postgresql")))
 
 
 def parse(url: str | URL) -> Address:
-    """The address that `url` names; LogbookError where it names none."""
+    """Parse a database URL; raises LogbookError if it is invalid."""
     try:
         parsed = _parsed(url)
     except (ArgumentError, ValueError, TypeError):
@@ -86,7 +85,7 @@ def _parsed(url: str | URL) -> URL:
 
 
 def file_url(path: Path) -> str:
-    """The URL of a SQLite file, whatever its name holds; no more is escaped than must be."""
+    """Return the URL of a SQLite file; only % and ? in its path are escaped."""
     escaped = str(path).replace("%", "%25").replace("?", "%3F")
     return f"sqlite:///{escaped}"
 
@@ -94,7 +93,7 @@ def file_url(path: Path) -> str:
 def _refuse_sqlite(url: str | URL) -> NoReturn:
     raise LogbookError(
         f"database.url: got {display_url(url)}; expected sqlite:///FILE"
-        " (a file of its own, without options; % and ? in its name are %25 and %3F)"
+        " (a file without options; write % and ? in its name as %25 and %3F)"
     )
 
 
@@ -105,7 +104,7 @@ def _sqlite_file(url: URL) -> Path:
 
 
 def display_url(url: str | URL) -> str:
-    """`url` with every password replaced by three stars."""
+    """Return `url` with every password replaced by three stars."""
     if isinstance(url, URL):
         return without_passwords(url.render_as_string(hide_password=True))
     learn(str(url))
@@ -118,12 +117,12 @@ _to_json = partial(json.dumps, allow_nan=False, ensure_ascii=False)
 
 
 def writer(address: Address) -> Engine:
-    """An engine whose every transaction may write; a file that has gone is not made anew."""
+    """Create an engine for writing; it does not create a missing file."""
     return _writer(address, "mode=rw", foreign_keys=True)
 
 
 def maker(address: Address) -> Engine:
-    """A writer that makes a missing file, and rebuilds tables: foreign keys are not enforced."""
+    """Create an engine that creates a missing file and may rebuild tables: no foreign keys."""
     return _writer(address, "mode=rwc", foreign_keys=False)
 
 
@@ -135,7 +134,7 @@ def _writer(address: Address, option: str, *, foreign_keys: bool) -> Engine:
 
 
 def reader(address: Address) -> Engine:
-    """An engine that the database itself keeps from writing."""
+    """Create an engine whose connections the database itself makes read-only."""
     if address.path is None:
         return _postgresql(address, read_only=True)
     return _sqlite(partial(open_to_read, address.path), "BEGIN")
@@ -143,10 +142,10 @@ def reader(address: Address) -> Engine:
 
 @contextmanager
 def explained(address: Address) -> Iterator[None]:
-    """Turn what the database complains about into one LogbookError line.
+    """Convert errors of the database to a LogbookError of one line.
 
-    What can only be a mistake of the caller (a row that breaks a constraint, SQL that does not
-    parse) stays as it is.
+    Errors that only a mistake of the caller can cause (a violated constraint, invalid SQL) are not
+    converted.
     """
     try:
         yield
@@ -161,9 +160,9 @@ def explained(address: Address) -> Iterator[None]:
 
 
 def one_line(error: Exception) -> str:
-    """The first line of what the database said, without passwords."""
-    said = str(error.orig if isinstance(error, DBAPIError) else error).strip()
-    first = without_passwords(said.splitlines()[0]) if said else type(error).__name__
+    """Return the first line of a database error, without passwords."""
+    message = str(error.orig if isinstance(error, DBAPIError) else error).strip()
+    first = without_passwords(message.splitlines()[0]) if message else type(error).__name__
     return first.replace("unable to open database file", "cannot open the database file")
 
 
@@ -192,7 +191,7 @@ def _open_to_write(path: Path, option: str, *, foreign_keys: bool) -> sqlite3.Co
 
 
 def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
-    """Write-ahead log; the change itself does not heed the busy timeout, so it is repeated."""
+    """Enable the write-ahead log; repeated, because this ignores the busy timeout."""
     deadline = time.monotonic() + BUSY_TIMEOUT_S
     while True:
         try:
@@ -210,22 +209,22 @@ def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def checkpoint(path: Path) -> None:
-    """Move what is in the write-ahead log into the file, so that a copy of the file is whole.
+    """Move the write-ahead log into the file, so that a copy of the file is complete.
 
-    Closing the last connection does so by itself, but a reader may still be open; where one is in
-    the middle of a query, or another process writes, the log is left to them.
+    Closing the last connection does the same, but a reader may still be open. If a query is running
+    or another process writes, the log remains.
     """
     with closing(sqlite3.connect(path, timeout=1.0, isolation_level=None)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
 
 def open_to_read(path: Path) -> sqlite3.Connection:
-    """A connection that cannot write, also where the folder cannot be written."""
+    """Open a read-only connection, also if the folder cannot be written."""
     try:
         return _open_read_only(path, "mode=ro")
     except sqlite3.OperationalError:
-        # A reader of a WAL file makes a file beside it. Where it may not, and no log is waiting
-        # to be read, nobody can be writing either, and the file can be taken as it stands.
+        # A reader of a WAL file creates a file beside it. If the folder is read-only and there is
+        # no log, no process can be writing, and the file may be opened as immutable.
         log = path.with_name(path.name + "-wal")
         if os.access(path.parent, os.W_OK) or (log.exists() and log.stat().st_size > 0):
             raise
@@ -237,7 +236,7 @@ def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
     try:
         connection.execute("PRAGMA query_only = ON")
         with closing(connection.execute("SELECT count(*) FROM sqlite_master")) as rows:
-            rows.fetchone()  # the file is opened only now
+            rows.fetchone()  # SQLite opens the file at the first query
     except BaseException:
         connection.close()
         raise
@@ -245,7 +244,7 @@ def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
 
 
 def _open_uri(path: Path, option: str) -> sqlite3.Connection:
-    # isolation_level None: Python's own BEGIN would come too late, and deferred.
+    # isolation_level None: the BEGIN of the sqlite3 module is too late, and deferred.
     return sqlite3.connect(
         f"file:{quote(str(path))}?{option}",
         uri=True,
@@ -262,7 +261,7 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         raise LogbookError(
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
-    # Compiling a query takes longer than answering any of ours.
+    # JIT compilation takes longer than any query of this package.
     options = {} if "options" in address.url.query else {"options": "-c jit=off"}
     engine = create_engine(
         address.url,

@@ -1,4 +1,4 @@
-"""Every table as Parquet and CSV, from one snapshot of the database."""
+"""Export of every table as Parquet and CSV, from one snapshot of the database."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -18,10 +18,10 @@ _BATCH = 10_000  # rows held at once
 
 
 def export(connection: Connection, folder: Path) -> list[Path]:
-    """Write every table to `folder`, as TABLE.parquet and TABLE.csv; the answer names the files.
+    """Write every table to `folder`, as TABLE.parquet and TABLE.csv; returns the paths.
 
-    Times are UTC; JSON columns are text. A file is renamed into place once it is whole. Raises
-    LogbookError where the folder cannot be written.
+    Times are UTC; JSON columns are text. A file is renamed into place when it is complete. Raises
+    LogbookError if the folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -73,18 +73,19 @@ def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]
 
 
 def _texts(column: TypeEngine[Any], values: Sequence[Any]) -> Sequence[Any]:
-    """The values of a column; JSON as text, and text without the passwords of older versions."""
+    """Convert JSON values to text, and mask passwords that older versions stored in text."""
     if isinstance(column, JSON):
         return [
-            None if one is None else json.dumps(clean(one), ensure_ascii=False) for one in values
+            None if value is None else json.dumps(clean(value), ensure_ascii=False)
+            for value in values
         ]
     if isinstance(column, Text):
-        return [one and without_passwords(one) for one in values]
+        return [value and without_passwords(value) for value in values]
     return values
 
 
 def _arrow(pa: Any, column: TypeEngine[Any]) -> Any:
-    """The Arrow type of a column."""
+    """Return the Arrow type of a column."""
     if isinstance(column, Utc):
         return pa.timestamp("us", tz="UTC")
     if isinstance(column, JSON):

@@ -1,8 +1,8 @@
-"""Who is doing a run, and whether it still is.
+"""The process of a run, and whether it is still alive.
 
-A run that is under way has a heartbeat in its row, every 5 s by the database's clock. One without
-a heartbeat for a minute is given up: it is shown as interrupted, and may be done again. On the
-machine that was doing it there is no need to wait: a process that is gone is gone.
+A running run has a heartbeat in its row every 5 s, by the database's clock. A run without a
+heartbeat for a minute is shown as interrupted and may be run again. On the machine of the run the
+process itself is checked, without waiting.
 """
 
 import logging
@@ -25,7 +25,7 @@ HEARTBEAT_S = 5.0
 STALE_AFTER_S = 60.0
 
 
-class database_now(FunctionElement[Any]):  # noqa: N801 - it reads as an SQL function
+class database_now(FunctionElement[Any]):  # noqa: N801 - named as an SQL function
     """The time of the database's clock, UTC without a zone."""
 
     type = DateTime()
@@ -43,7 +43,7 @@ def _postgresql_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str
 
 
 class is_stale(FunctionElement[Any]):  # noqa: N801
-    """Whether a heartbeat column is empty, or STALE_AFTER_S off the database's clock."""
+    """Whether a heartbeat column is NULL, or differs by STALE_AFTER_S from the database's clock."""
 
     type = Boolean()
     inherit_cache = True
@@ -55,25 +55,26 @@ def _is_stale(element: Any, compiler: Any, **options: Any) -> str:
 
 
 def stale(column: str, dialect: str) -> str:
-    """SQL of whether a heartbeat is stale, on `sqlite` or `postgresql`.
+    """Return SQL that tests whether a heartbeat is stale, for `sqlite` or `postgresql`.
 
-    So is one from the future: the clock was put back, and no beat has come since. A PostgreSQL
-    server that has just come back gives the runs that were alive when it left time for a beat.
+    A heartbeat in the future is stale, too: the clock was set back, and no heartbeat came since.
+    After a restart of a PostgreSQL server, the runs that were alive before it have time for a
+    heartbeat.
     """
     patience = f"{STALE_AFTER_S:.0f} seconds"
     if dialect == "sqlite":
         past, future = (f"strftime('%Y-%m-%d %H:%M:%f000', 'now', '{s}{patience}')" for s in "-+")
         return f"({column} IS NULL OR {column} < {past} OR {column} > {future})"
     now, interval = "timezone('utc', clock_timestamp())", f"interval '{patience}'"
-    came = "timezone('utc', pg_postmaster_start_time())"
-    back = f"{came} > {now} - {interval} AND {column} > {came} - 2 * {interval}"
-    silent = f"{column} < {now} - {interval} AND NOT ({back})"
-    return f"({column} IS NULL OR {column} > {now} + {interval} OR {silent})"
+    restart = "timezone('utc', pg_postmaster_start_time())"
+    restarted = f"{restart} > {now} - {interval} AND {column} > {restart} - 2 * {interval}"
+    expired = f"{column} < {now} - {interval} AND NOT ({restarted})"
+    return f"({column} IS NULL OR {column} > {now} + {interval} OR {expired})"
 
 
 @cache
 def _machine() -> str | None:
-    """This boot of this machine, and within it this container; None where that is unknown."""
+    """Identify this boot of this machine and this container; None if that is not possible."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         namespace = Path("/proc/self/ns/pid").readlink()
@@ -83,7 +84,7 @@ def _machine() -> str | None:
 
 
 def _state(pid: str) -> tuple[str, str] | None:
-    """State letter and start [clock ticks since boot] of a process; None where there is none."""
+    """Read the state letter and start [clock ticks since boot] of a process; None if it is gone."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -92,13 +93,13 @@ def _state(pid: str) -> tuple[str, str] | None:
 
 
 def identity(pid: int) -> str | None:
-    """A name of process `pid` that no other process, on this or another machine, ever has."""
+    """Return a name of process `pid` that is unique over all processes and machines."""
     machine, state = _machine(), _state(str(pid))
     return f"{machine}/{pid}/{state[1]}" if machine and state else None
 
 
 def is_gone(process: str | None) -> bool:
-    """Whether `process` (an identity) ran here and runs no more; False where that is unknown."""
+    """Return whether `process` (an identity) ran here and has ended; False if unknown."""
     machine, _, rest = (process or "").rpartition("]/")
     if not machine or f"{machine}]" != _machine():
         return False
@@ -107,14 +108,11 @@ def is_gone(process: str | None) -> bool:
     return state is None or state[0] in "ZX" or state[1] != start
 
 
-# The sign of life of the runs of this process: a thread that touches their rows every 5 s.
-
-
 _log = logging.getLogger(__name__)
 
 
 class Heartbeat:
-    """Touches the rows of the watched runs; starts with the first of them."""
+    """A thread that updates the heartbeat of the watched runs; starts with the first of them."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -124,7 +122,7 @@ class Heartbeat:
         self._thread: Thread | None = None
 
     def watch(self, run_id: int) -> None:
-        """Keep the row of a run fresh from now on."""
+        """Start the heartbeat of a run."""
         with self._lock:
             self._runs.add(run_id)
             if self._thread is None:
@@ -132,12 +130,12 @@ class Heartbeat:
                 self._thread.start()
 
     def forget(self, run_id: int) -> None:
-        """Leave the row of a run alone from now on."""
+        """Stop the heartbeat of a run."""
         with self._lock:
             self._runs.discard(run_id)
 
     def stop(self) -> None:
-        """End the thread, once a beat that is under way is done."""
+        """End the thread after the current heartbeat."""
         self._stopped.set()
         if self._thread is not None:
             self._thread.join()
@@ -159,5 +157,5 @@ class Heartbeat:
                     .values(heartbeat_at=database_now())
                 )
         except (SQLAlchemyError, LogbookError) as error:
-            # The next beat may pass; if none does, the run counts as interrupted.
+            # The next heartbeat may succeed; if none does, the run counts as interrupted.
             _log.warning("no heartbeat for runs %s: %s", runs, one_line(error))

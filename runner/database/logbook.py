@@ -1,4 +1,4 @@
-"""The logbook, open to be written: sweeps and runs begin, end, and leave their results.
+"""The logbook, opened for writing: the start and end of sweeps and runs, and their results.
 
 with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) as logbook:
     begun = logbook.begin_run(start)
@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 
 class Logbook(Reader):
-    """A logbook, open to be written by this process."""
+    """A logbook, opened for writing."""
 
     def __init__(self, address: Address, results_dir: Path) -> None:
         super().__init__(address, engines.reader(address), results_dir)
@@ -55,17 +55,17 @@ class Logbook(Reader):
 
     @classmethod
     def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "Logbook":
-        """Open the logbook at `url`; it is made (unless not `create`) or upgraded as needed.
+        """Open the logbook at `url`; create it (if `create`) or upgrade it if necessary.
 
-        Raises LogbookError, and changes nothing, where the database is not ours, of a newer
-        version, damaged or out of reach.
+        Raises LogbookError, and changes nothing, if the database belongs to another program, has a
+        newer version, is damaged or cannot be reached.
         """
         address = parse(url)
         schema.prepare(address, create=create, results_dir=results_dir)
         return cls(address, results_dir.absolute())
 
     def close(self) -> None:
-        """Give up the runs that have not ended, and close every connection."""
+        """Mark the runs that have not ended as interrupted, and close every connection."""
         try:
             if self._began:
                 hurry(self.address.url)
@@ -73,12 +73,12 @@ class Logbook(Reader):
                     for run_id in self._began:
                         give_up(connection, run_id, "the program ended before the run did")
         except LogbookError:
-            pass  # a run without a heartbeat is found to be interrupted all the same
+            pass  # without a heartbeat the runs count as interrupted anyway
         finally:
             self._heartbeat.stop()
             self._began.clear()
             super().close()
-            self._writer.dispose()  # last: the last writer of a SQLite file tidies up its log
+            self._writer.dispose()  # last: the last writer of a SQLite file removes its log
 
     @contextmanager
     def _writing(self) -> Iterator[Connection]:
@@ -86,17 +86,17 @@ class Logbook(Reader):
             yield connection
 
     def _write(self, task: Callable[[Connection], T]) -> T:
-        """What `task` gives in one transaction; repeated where the server goes away meanwhile."""
+        """Run `task` in one transaction; repeat it if the connection to the server is lost."""
 
-        def once() -> T:
+        def transaction() -> T:
             with self._writer.begin() as connection:
                 return task(connection)
 
         with engines.explained(self.address):
-            return repeated(once)
+            return repeated(transaction)
 
     def begin_sweep(self, name: str, command: str, overrides: Sequence[str], planned: int) -> int:
-        """Note the start of a sweep of `planned` trials; the answer is its id."""
+        """Store the start of a sweep of `planned` trials; returns its id."""
         row = {
             "name": name,
             "command": command_without_address(command),
@@ -111,7 +111,7 @@ class Logbook(Reader):
         return sweep_id
 
     def end_sweep(self, sweep_id: int) -> None:
-        """Note the end of a sweep; the file of a SQLite logbook is whole then, without its log."""
+        """Store the end of a sweep; a SQLite file is then complete without its write-ahead log."""
         ended = update(tables.Sweep).where(tables.Sweep.id == sweep_id)
         now = datetime.now(UTC)
         self._write(lambda connection: connection.execute(ended.values(finished_at=now)))
@@ -120,12 +120,12 @@ class Logbook(Reader):
                 engines.checkpoint(self.address.path)
 
     def give_up_sweep(self, sweep_id: int) -> None:
-        """Mark the runs of a sweep as interrupted whose processes, on this machine, are gone.
+        """Mark the runs of a sweep as interrupted whose processes on this machine have ended.
 
-        The program is about to end: a server that is away is not waited for.
+        The program is about to end, so it does not wait for an unreachable server.
         """
         hurry(self.address.url)
-        with suppress(LogbookError):  # without a heartbeat they are found all the same
+        with suppress(LogbookError):  # without a heartbeat the runs count as interrupted anyway
             with self._writing() as connection:
                 give_up_gone(connection, sweep_id)
             self._remove_leftovers()
@@ -133,9 +133,9 @@ class Logbook(Reader):
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
     ) -> Begun:
-        """Claim a trial: `new` where it is the caller's to run, else the run that has or does it.
+        """Claim a trial: `new` if the caller is to run it, else the run that finished or runs it.
 
-        From then on the run has a heartbeat, until it is finished or failed.
+        A new run has a heartbeat until it ends.
         """
         now = datetime.now(UTC)
         begun = self._write(partial(claim, start=start, sweep_id=sweep_id, rerun=rerun, moment=now))
@@ -156,9 +156,9 @@ class Logbook(Reader):
         error: str | None = None,
         traceback: str | None = None,
     ) -> None:
-        """End a run: its series files, then all of its rows and its status in one transaction.
+        """End a run: write its series files, then its rows and its status in one transaction.
 
-        Raises LogbookError, and leaves the run as it was, where the results cannot be stored.
+        Raises LogbookError, and does not change the run, if the results cannot be stored.
         """
         written = self._write_series(run_id, results.series)
         ending = {
@@ -189,7 +189,7 @@ class Logbook(Reader):
         traceback: str | None,
         results: Results | None = None,
     ) -> None:
-        """End a run that failed or diverged, with what it still has to show."""
+        """End a run that failed or diverged, with the results that are valid."""
         self.finish_run(
             run_id,
             results or Results(),
@@ -200,14 +200,14 @@ class Logbook(Reader):
         )
 
     def prune(self, run_ids: Sequence[int]) -> Pruned:
-        """Delete runs with their rows and then their files; one that is under way is left alone."""
+        """Delete runs with their rows, then their files; running runs are not deleted."""
         with self._writing() as connection:
-            gone, paths = maintenance.delete_runs(connection, run_ids)
-        left = maintenance.remove(self.results_dir, paths)
-        return Pruned(gone, len(paths) - len(left), left)
+            deleted, paths = maintenance.delete_runs(connection, run_ids)
+        failures = maintenance.remove(self.results_dir, paths)
+        return Pruned(deleted, len(paths) - len(failures), failures)
 
     def scrub(self) -> int:
-        """Remove passwords that older versions stored; the answer is how many rows held one."""
+        """Remove passwords that older versions stored; returns the number of changed rows."""
         with self._writing() as connection:
             rows = scrub.scrub(connection)
         if rows:
@@ -216,24 +216,24 @@ class Logbook(Reader):
         return rows
 
     def remove_orphans(self) -> list[Path]:
-        """Delete the series files that no row points to; the answer names them.
+        """Delete the series files that no row refers to, and return their paths.
 
-        Raises LogbookError where one cannot be deleted.
+        Raises LogbookError if one cannot be deleted.
         """
-        found = self.orphans()
-        for path in found:
+        paths = self.orphans()
+        for path in paths:
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
                 raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
-        return found
+        return paths
 
     def _remove_leftovers(self) -> None:
-        """Delete what runs that were given up have left, as far as that can be done."""
+        """Delete the files of interrupted runs, as far as possible."""
         with self._reading() as connection:
-            found = maintenance.leftovers(connection, self.results_dir)
-        for path in found:
-            with suppress(OSError):  # then `verify` names it
+            paths = maintenance.leftovers(connection, self.results_dir)
+        for path in paths:
+            with suppress(OSError):  # `verify` lists a file that remains
                 path.unlink(missing_ok=True)
 
     def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
@@ -249,8 +249,8 @@ class Logbook(Reader):
         return files.write(self.results_dir, run_id, run_mark, series)
 
     def _duration(self, run_id: int) -> float | None:
-        began = self._began.get(run_id)
-        return time.monotonic() - began if began is not None else None
+        start_s = self._began.get(run_id)
+        return time.monotonic() - start_s if start_s is not None else None
 
     def _end(
         self,
@@ -261,29 +261,29 @@ class Logbook(Reader):
         written: Sequence[SeriesFile],
     ) -> None:
         run = tables.Run
-        under_way = (run.id == run_id, run.status == "running")
-        if connection.execute(update(run).where(*under_way), ending).rowcount == 1:
+        running = (run.id == run_id, run.status == "running")
+        if connection.execute(update(run).where(*running), ending).rowcount == 1:
             _insert_results(connection, run_id, results, written)
             return
-        now = connection.execute(
+        stored = connection.execute(
             select(run.status, run.finished_at).where(run.id == run_id)
         ).one_or_none()
-        if now is None or (now.status, now.finished_at) != (
+        if stored is None or (stored.status, stored.finished_at) != (
             ending["status"],
             ending["finished_at"],
         ):
             raise LogbookError(
                 f"{self.address}: run {run_id} cannot be ended: it is"
-                f" {now.status if now else 'not there'}, expected running"
+                f" {stored.status if stored else 'missing'}, expected running"
             )
 
 
 def _insert_sweep(connection: Connection, row: dict[str, Any]) -> int:
-    """The id of a new sweep, or of this one, where the answer to its first insert was lost."""
-    own = [getattr(tables.Sweep, name) == row[name] for name in ("host", "pid", "started_at")]
-    there = connection.scalar(select(tables.Sweep.id).where(*own))
-    if there is not None:
-        return there
+    """Insert a sweep and return its id, also if the reply to an earlier insert was lost."""
+    same = [getattr(tables.Sweep, name) == row[name] for name in ("host", "pid", "started_at")]
+    sweep_id = connection.scalar(select(tables.Sweep.id).where(*same))
+    if sweep_id is not None:
+        return sweep_id
     key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
     assert key is not None
     return int(key[0])
@@ -295,12 +295,14 @@ def _insert_results(
     rows: dict[type[tables.Base], list[dict[str, Any]]] = {
         tables.Metric: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
         tables.Coefficient: [
-            vars(one) | _numbers(one, "value", "std_error", "true_value")
-            for one in results.coefficients
+            vars(coefficient) | _numbers(coefficient, "value", "std_error", "true_value")
+            for coefficient in results.coefficients
         ],
         tables.Diagnostic: [
-            vars(one) | _numbers(one, "value") | {"i": integer(one.i), "j": integer(one.j)}
-            for one in results.diagnostics
+            vars(finding)
+            | _numbers(finding, "value")
+            | {"i": integer(finding.i), "j": integer(finding.j)}
+            for finding in results.diagnostics
         ],
         tables.Series: [vars(file) for file in written],
     }

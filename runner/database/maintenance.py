@@ -1,8 +1,8 @@
-"""Keeping a logbook in order: is everything there and right, and what may go.
+"""Maintenance of a logbook: verification, and deletion of runs and series files.
 
-Series files are removed after their rows, never before, so that no row points to nothing; what a
-program that died in between leaves over is an orphan, which `verify` names. Those of runs that
-were given up are removed when that is done, and when a sweep starts.
+Series files are removed after their rows, so that no row refers to a missing file. A program that
+is killed in between leaves orphaned files, which `verify` lists. The files of interrupted runs are
+removed when the run is marked as interrupted, and when a sweep starts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,6 +16,7 @@ from sqlalchemy import (
     Connection,
     ForeignKeyConstraint,
     Row,
+    Select,
     Table,
     and_,
     delete,
@@ -37,9 +38,9 @@ _CHUNK = 500  # ids in one statement
 
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
-    """Look at every page, foreign key and series file; `connection` may be read-only."""
+    """Check every page, foreign key and series file; `connection` may be read-only."""
     problems: list[Problem] = []
-    left: list[Path] = []
+    leftover_files: list[Path] = []
     runs = stored = 0
     try:
         problems += _damage(connection)
@@ -48,15 +49,15 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
         runs = connection.scalar(select(func.count()).select_from(Run)) or 0
         rows = connection.execute(select(Series.__table__).order_by(Series.id)).all()
         stored = len(rows)
-        problems += [found for row in rows if (found := _wrong_file(row, results_dir))]
-        left = orphans(connection, results_dir)
+        problems += [problem for row in rows if (problem := _wrong_file(row, results_dir))]
+        leftover_files = orphans(connection, results_dir)
     except DatabaseError as error:
         problems.append(Problem("database", one_line(error)))
-    return Verification(runs, stored, problems, left)
+    return Verification(runs, stored, problems, leftover_files)
 
 
 def _damage(connection: Connection) -> Iterator[Problem]:
-    """What SQLite finds wrong with its file; PostgreSQL has its own tools (pg_amcheck)."""
+    """Run SQLite's integrity check; PostgreSQL has its own tool (pg_amcheck)."""
     if connection.dialect.name == "sqlite":
         for line in connection.exec_driver_sql("PRAGMA integrity_check").scalars():
             if line != "ok":
@@ -64,19 +65,19 @@ def _damage(connection: Connection) -> Iterator[Problem]:
 
 
 def _lost_parents(connection: Connection) -> Iterator[Problem]:
-    """Rows that point to a run or a sweep that is not there."""
+    """Find rows that refer to a missing run or sweep."""
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_key_constraints:
-            lost = connection.scalar(_without_parent(table, key))
-            if lost:
+            count = connection.scalar(_without_parent(table, key))
+            if count:
                 parent = key.referred_table.name
-                yield Problem(f"table {table.name}", f"{lost} rows point to no {parent}")
+                yield Problem(f"table {table.name}", f"{count} rows refer to no {parent}")
 
 
-def _without_parent(table: Table, key: ForeignKeyConstraint) -> Any:
+def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[Any]:
     (column,), parent = key.columns, key.referred_table
-    there = select(parent.c.id).where(parent.c.id == column).exists()
-    return select(func.count()).select_from(table).where(column.is_not(None), ~there)
+    parent_row = select(parent.c.id).where(parent.c.id == column).exists()
+    return select(func.count()).select_from(table).where(column.is_not(None), ~parent_row)
 
 
 def _wrong_file(row: Row[Any], results_dir: Path) -> Problem | None:
@@ -97,9 +98,9 @@ def _wrong_file(row: Row[Any], results_dir: Path) -> Problem | None:
 
 
 def orphans(connection: Connection, results_dir: Path) -> list[Path]:
-    """Series files that no row points to, but for those of runs that are under way."""
-    found = files.listed(results_dir)  # before the rows are read
-    if not found:
+    """List the series files that no row refers to, without those of running runs."""
+    paths = files.listed(results_dir)  # before the rows are read
+    if not paths:
         return []
     known = {Path(path).name for path in connection.scalars(select(Series.path))}
     alive = and_(Run.status == "running", ~is_stale(Run.heartbeat_at))
@@ -107,18 +108,18 @@ def orphans(connection: Connection, results_dir: Path) -> list[Path]:
     busy = {run_id for run_id, process in claimed if not is_gone(process)}
     return [
         path
-        for path in found
+        for path in paths
         if path.name not in known and (files.owner(path) or (None,))[0] not in busy
     ]
 
 
 def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
-    """Files of runs that were given up, or whose process is gone: nobody will name them.
+    """List the files of interrupted runs, and of runs whose process has ended.
 
-    Only files with the mark of such a run, so that none of another logbook is among them.
+    Only files with the mark of such a run are listed, so files of other logbooks are safe.
     """
-    found = files.listed(results_dir)
-    if not found:
+    paths = files.listed(results_dir)
+    if not paths:
         return []
     lost = Run.status.in_(("interrupted", "running"))
     columns = (Run.id, Run.status, Run.process, Run.fingerprint, Run.attempt, Run.started_at)
@@ -127,11 +128,11 @@ def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
         for row in connection.execute(select(*columns).where(lost))
         if row.status == "interrupted" or is_gone(row.process)
     }
-    return [path for path in found if files.owner(path) in owners]
+    return [path for path in paths if files.owner(path) in owners]
 
 
 def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[ColumnElement[bool]]:
-    """Conditions on `run`: ended or given up, begun more than `older_than` ago, of a status."""
+    """Return conditions on `run`: not running, older than `older_than`, of one of the statuses."""
     stale = and_(Run.status == "running", is_stale(Run.heartbeat_at))
     conditions: list[ColumnElement[bool]] = [or_(Run.status != "running", stale)]
     if older_than is not None:
@@ -143,27 +144,27 @@ def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[Colu
 
 
 def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, list[str]]:
-    """Delete runs that are not under way; the answer is their number and their files' paths."""
+    """Delete runs that are not running; returns their number and the paths of their files."""
     paths: list[str] = []
     deleted = 0
     for first in range(0, len(run_ids), _CHUNK):
         ids = run_ids[first : first + _CHUNK]
         ended = select(Run.id).where(Run.id.in_(ids), *prunable(None, ())).with_for_update()
-        gone = connection.scalars(ended).all()
-        paths += connection.scalars(select(Series.path).where(Series.run_id.in_(gone)))
-        connection.execute(delete(Run).where(Run.id.in_(gone)))
-        deleted += len(gone)
+        deleted_ids = connection.scalars(ended).all()
+        paths += connection.scalars(select(Series.path).where(Series.run_id.in_(deleted_ids)))
+        connection.execute(delete(Run).where(Run.id.in_(deleted_ids)))
+        deleted += len(deleted_ids)
     return deleted, paths
 
 
 def remove(results_dir: Path, paths: Sequence[str]) -> list[str]:
-    """Remove series files; the answer names those that could not be removed."""
-    left: list[str] = []
+    """Remove series files; returns the paths that could not be removed."""
+    failures: list[str] = []
     for relative in paths:
         try:
             files.locate(results_dir, relative).unlink(missing_ok=True)
         except (OSError, LogbookError):
-            left.append(relative)
-    with suppress(OSError):  # when it is empty
+            failures.append(relative)
+    with suppress(OSError):  # the folder is removed only if it is empty
         (results_dir / files.FOLDER).rmdir()
-    return left
+    return failures

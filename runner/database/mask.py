@@ -1,8 +1,8 @@
-"""Hides passwords of database addresses in every text that leaves: rows, messages, logs, output.
+"""Masking of the passwords of database addresses in rows, messages, logs and output.
 
-An address is typed in many forms: as it is, with Hydra's escapes (`postgresql\\://me\\:secret@host`),
+An address may be written in many forms: plain, with Hydra's escapes (`postgresql\\://me\\:secret@host`),
 quoted by a shell or by Python, percent-encoded. `Mask` finds a password by its place in an address,
-and knows those that this process has met, in all of these forms.
+and finds every password that this process has read before in all of these forms.
 """
 
 import re
@@ -11,32 +11,33 @@ import sys
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from types import TracebackType
 from typing import Any
 from urllib.parse import quote, unquote
 
 _STARS = "***"
-# Bounded, so that text made to be slow is not: a longer password is hidden once it is known.
+# Bounded against quadratic matching time; a longer password is masked once it is known.
 _IN_URL = re.compile(r"(?P<before>:\\*/\\*/[^\s:/@?#]{0,200}:)[^\s]{0,1000}@")
 _OPTION = re.compile(
     r"(?P<before>\b(?:ssl|pg)?password(?:\\*=|\\*['\"]\s*:\s*)[\\'\"]*)[^\s&'\"]+", re.IGNORECASE
 )
-# The same places in an address as it is meant, without escapes: there a password may hold spaces.
+# The same places in an address without escapes, where a password may contain spaces.
 _TYPED = (re.compile(r"://[^\s:/@?#]*:([^@]*)@"), re.compile(r"(?i)[?&](?:ssl)?password=([^&]*)"))
 _ADDRESS = re.compile(r"[+~]*(?:[\w.]*\.)?database(?:\.url\b|=\s*\{|=.*://).*", re.DOTALL)
 
 
 class Mask:
-    """Replaces passwords by three stars; calling it twice changes nothing more."""
+    """Replaces passwords by three stars; masking a text twice gives the same text."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[re.Pattern[str], str]] = {}
 
     def learn(self, text: str) -> None:
-        """Remember the password of the address in `text`, with its escapes or without."""
+        """Remember the passwords of the addresses in `text`, with and without escapes."""
         for form in (text, re.sub(r"\\(.)", r"\1", text)):
-            for place in _TYPED:
-                for typed in place.findall(form):
-                    self._remember(typed)
+            for pattern in _TYPED:
+                for password in pattern.findall(form):
+                    self._remember(password)
 
     def _remember(self, typed: str) -> None:
         plain = unquote(typed)
@@ -45,18 +46,18 @@ class Mask:
                 self._known[password] = _finder(password)
 
     def __call__(self, text: str) -> str:
-        """`text` with the passwords in it replaced."""
-        for finder, shown in tuple(self._known.values()):
-            text = finder.sub(shown, text)
+        """Return `text` with its passwords replaced."""
+        for pattern, replacement in tuple(self._known.values()):
+            text = pattern.sub(replacement, text)
         text = _IN_URL.sub(rf"\g<before>{_STARS}@", text)
         return _OPTION.sub(rf"\g<before>{_STARS}", text)
 
 
 def _finder(password: str) -> tuple[re.Pattern[str], str]:
-    """What finds a password, whatever quotes and escapes it, and what to write in its place.
+    """Return a pattern for a password with any quotes and escapes, and its replacement.
 
-    One that is a plain word or a number is hidden within addresses only: to hide the word wherever
-    it stands would spoil results and point to it.
+    A short password, a plain word or a number is masked within addresses only: masking the word
+    everywhere would change results and reveal the password.
     """
     form = "".join(r"(?:'\"'\"'|\\*')" if c == "'" else rf"\\*{re.escape(c)}" for c in password)
     if len(password) < 5 or password.isalpha() or password.isdigit():
@@ -69,27 +70,27 @@ learn = _mask.learn
 
 
 def without_passwords(text: str) -> str:
-    """`text` with the passwords of addresses in it replaced by three stars."""
+    """Return `text` with the passwords of addresses replaced by three stars."""
     return _mask(text)
 
 
 def without_address(overrides: Iterable[str]) -> list[str]:
-    """The overrides without those that say where the logbook is; `database=CHOICE` stays."""
-    return [one for one in overrides if not _ADDRESS.match(one)]
+    """Return the overrides without the address of the logbook; `database=CHOICE` stays."""
+    return [override for override in overrides if not _ADDRESS.match(override)]
 
 
 def command_without_address(command: str) -> str:
-    """A command line, as a shell reads it, without the words that say where the logbook is."""
+    """Return a shell command line without the address of the logbook."""
     try:
         words = shlex.split(command)
     except ValueError:
         return without_passwords(command)
-    kept = without_address(words)
-    return without_passwords(shlex.join(kept) if kept != words else command)
+    remaining = without_address(words)
+    return without_passwords(shlex.join(remaining) if remaining != words else command)
 
 
 class _Masked:
-    """A stream that masks what is written to it, and is the stream in everything else."""
+    """A stream that masks the text written to it; other attributes are those of the stream."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -108,7 +109,7 @@ class _Masked:
 
 @contextmanager
 def masked_output() -> Iterator[None]:
-    """Mask standard output and standard error while the block runs, and tracebacks ever after."""
+    """Mask standard output and standard error in the block; tracebacks also after the block."""
     before: Any = sys.stdout, sys.stderr
     masked: Any = _Masked(sys.stdout), _Masked(sys.stderr)
     sys.excepthook = _show_masked
@@ -119,6 +120,8 @@ def masked_output() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-def _show_masked(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+def _show_masked(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
     lines = traceback.format_exception(kind, error, trace)
     sys.stderr.write(without_passwords("".join(lines)))

@@ -1,7 +1,7 @@
-"""A PostgreSQL server that goes away for a while: waited for, and what it broke off is repeated.
+"""Outages of a PostgreSQL server: wait for it, and repeat interrupted transactions.
 
-Only a server that has been reached is waited for: a wrong address is told at once. One that does
-not come back in time is not waited for again, until it has been reached.
+The program waits only for a server that it has reached before, so a wrong address is reported at
+once. After a timeout it does not wait again until the server has been reached.
 """
 
 import time
@@ -17,12 +17,12 @@ from seatrial.runner.database.mask import without_passwords
 PATIENCE_S = 60.0
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
-_worth_waiting: dict[URL, bool] = {}  # with the password: a wrong one never reaches anything
+_worth_waiting: dict[URL, bool] = {}  # by URL with password: a wrong password is a different URL
 T = TypeVar("T")
 
 
 def expect(url: URL) -> None:
-    """Wait for the server at `url` from the first: another process has reached it."""
+    """Wait for the server at `url` from now on: another process has reached it."""
     _worth_waiting.setdefault(url, True)
 
 
@@ -32,9 +32,9 @@ def hurry(url: URL) -> None:
 
 
 def repeated(task: Callable[[], T]) -> T:
-    """What `task` gives, which is repeated where the server goes away in the middle of it.
+    """Run `task`, and repeat it if the connection to the server is lost meanwhile.
 
-    The task must find out whether it has been done already: a commit may be lost on its way back.
+    The task must check whether it is already done: the reply to a commit may be lost.
     """
     for wait_s in _waits():
         try:
@@ -47,9 +47,9 @@ def repeated(task: Callable[[], T]) -> T:
 
 
 def wait_for_server(engine: Engine) -> None:
-    """Let `engine` wait where the server cannot be connected to, if it has been before.
+    """Make `engine` wait for its server if it was reached before.
 
-    A connection is made when it is needed, so that whoever needs one waits.
+    Connections are made on demand, so only the thread that needs one waits.
     """
 
     @event.listens_for(engine, "do_connect")
@@ -68,17 +68,17 @@ def _connected(connect: Callable[[], T], url: URL) -> T:
         except psycopg.OperationalError as error:
             if not _worth_waiting.get(url):
                 raise
-            said = without_passwords(str(error).strip().partition("\n")[0])
+            message = without_passwords(str(error).strip().partition("\n")[0])
         time.sleep(wait_s)
     _worth_waiting[url] = False
     shown = url.set(drivername="postgresql").render_as_string(hide_password=True)
     raise LogbookError(
-        f"{without_passwords(shown)}: {said}; the server did not come back in {PATIENCE_S:.0f} s"
+        f"{without_passwords(shown)}: {message}; the server did not come back in {PATIENCE_S:.0f} s"
     )
 
 
 def _waits() -> Iterator[float]:
-    """Longer and longer waits [s], until patience has run out."""
+    """Yield increasing waits [s], PATIENCE_S in total."""
     until = time.monotonic() + PATIENCE_S
     wait_s = FIRST_WAIT_S
     while (left_s := until - time.monotonic()) > 0.0:

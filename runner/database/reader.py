@@ -1,4 +1,4 @@
-"""Everything that can be asked of a logbook, on a connection that cannot write."""
+"""Queries of a logbook over a read-only connection."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -49,7 +49,7 @@ from seatrial.runner.vocabulary import LOST
 
 
 class Reader:
-    """A logbook, opened to be read; `results_dir` holds its series files."""
+    """A logbook, opened for reading; `results_dir` holds its series files."""
 
     def __init__(self, address: Address, engine: Engine, results_dir: Path) -> None:
         self.address = address
@@ -60,12 +60,12 @@ class Reader:
     def read(cls, url: str | URL, *, results_dir: Path | None = None) -> "Reader":
         """Open the logbook at `url`; `results_dir` is the folder of a SQLite file by default.
 
-        Raises LogbookError where there is none, or none that this version can read.
+        Raises LogbookError if there is none, or if this version cannot read it.
         """
         address = parse(url)
         schema.require_current(address)
-        beside = address.path.parent if address.path else Path("results")
-        return Reader(address, engines.reader(address), (results_dir or beside).absolute())
+        folder = results_dir or (address.path.parent if address.path else Path("results"))
+        return Reader(address, engines.reader(address), folder.absolute())
 
     def __enter__(self) -> Self:
         return self
@@ -88,13 +88,13 @@ class Reader:
             yield connection
 
     def sql(self, query: str) -> Answer:
-        """The answer to one query in SQL; LogbookError where it fails, or would write."""
+        """Run one SQL query; raises LogbookError if it fails or would write."""
         with engines.explained(self.address), self._engine.connect() as connection:
             answer = sql_query.ask(connection, query)
-        return Answer(answer.columns, [tuple(map(_shown, row)) for row in answer.rows])
+        return Answer(answer.columns, [tuple(map(_masked, row)) for row in answer.rows])
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
-        """The rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
+        """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
         with engines.explained(self.address):
             return repeated(partial(self._rows, statement))
 
@@ -105,47 +105,47 @@ class Reader:
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
     ) -> list[RunSummary]:
-        """The runs for which every condition holds, over `run_overview` and the table `run`."""
+        """Return the runs that meet all conditions on `run_overview` and the table `run`."""
         return [_summary(row) for row in self.select(_runs(where, newest_first, limit))]
 
     def sweeps(self) -> list[SweepSummary]:
-        """The sweeps, oldest first."""
+        """Return the sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
         return [
-            SweepSummary(**{name: _shown(value) for name, value in row._asdict().items()})
+            SweepSummary(**{name: _masked(value) for name, value in row._asdict().items()})
             for row in rows
         ]
 
     def run(self, run_id: int) -> RunDetail:
-        """One run with its configuration; LogbookError where there is no such run."""
-        found = self.runs(tables.Run.id == run_id)
-        if not found:
+        """Return a run with its configuration; raises LogbookError if there is no such run."""
+        summaries = self.runs(tables.Run.id == run_id)
+        if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
         return RunDetail(
-            summary=found[0],
+            summary=summaries[0],
             **{
-                name: _shown(getattr(row, name))
+                name: _masked(getattr(row, name))
                 for name in RunDetail.__dataclass_fields__
                 if name != "summary"
             },
         )
 
     def trial(self, fingerprint: str) -> RunSummary | None:
-        """The attempt that counts at the trial of this fingerprint, or None where it is new."""
-        found = self.runs(tables.Run.fingerprint == fingerprint)
-        return next((run for run in found if not run.superseded), None)
+        """Return the valid attempt at the trial of this fingerprint; None if there is none."""
+        attempts = self.runs(tables.Run.fingerprint == fingerprint)
+        return next((run for run in attempts if not run.superseded), None)
 
     def metrics(self, run_id: int) -> list[Metric]:
-        """The metrics of a run, in the order they were stored in."""
+        """Return the metrics of a run, in the order of storage."""
         return self._facts(Metric, tables.Metric, run_id)
 
     def coefficients(self, run_id: int) -> list[Coefficient]:
-        """The coefficients of a run's models, in the order they were stored in."""
+        """Return the coefficients of a run's models, in the order of storage."""
         return self._facts(Coefficient, tables.Coefficient, run_id)
 
     def diagnostics(self, run_id: int) -> list[Finding]:
-        """The diagnostics of a run's identification, in the order they were stored in."""
+        """Return the diagnostics of a run, in the order of storage."""
         return self._facts(Finding, tables.Diagnostic, run_id)
 
     def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
@@ -155,56 +155,56 @@ class Reader:
         return [record(*row) for row in self.select(statement.order_by(columns.id))]
 
     def series_files(self, run_id: int) -> list[SeriesFile]:
-        """The series files of a run."""
+        """Return the series files of a run."""
         return self._facts(SeriesFile, tables.Series, run_id)
 
     def series(self, run_id: int, kind: str) -> Series:
-        """One series of a run, once its checksum is found right."""
+        """Read a series of a run; raises LogbookError if it is missing or its checksum differs."""
         for file in self.series_files(run_id):
             if file.kind == kind:
                 return files.read(self.results_dir, file)
         raise LogbookError(f"{self.address}: run {run_id} has no series {kind!r}")
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
-        """How far a sweep is; LogbookError where there is no such sweep."""
+        """Return the progress of a sweep; raises LogbookError if there is no such sweep."""
         sweeps = self.select(select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id))
         trials = self.select(_trials(sweep_id))
         if not sweeps:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
         (sweep,) = sweeps
         last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
-        status = {trial.run_id: _status(trial) for trial in last.values()}
-        lost = [run_id for run_id, ending in status.items() if ending in LOST]
+        statuses = {trial.run_id: _status(trial) for trial in last.values()}
+        lost = [run_id for run_id, status in statuses.items() if status in LOST]
         return SweepStatus(
             sweep_id=sweep_id,
             name=sweep.name,
             planned=sweep.planned,
-            counts=dict(Counter(status.values())),
+            counts=dict(Counter(statuses.values())),
             reused=sum(1 for trial in last.values() if trial.reused),
             failed=self.runs(tables.Run.id.in_(lost)) if lost else [],
             finished_at=sweep.finished_at,
         )
 
     def orphans(self) -> list[Path]:
-        """The series files that no row points to, and that nobody is about to name in one."""
+        """Return the series files that no row refers to, without those of running runs."""
         with self._reading() as connection:
-            found = maintenance.orphans(connection, self.results_dir)
-        return [path for path in found if files.owner(path)]
+            paths = maintenance.orphans(connection, self.results_dir)
+        return [path for path in paths if files.owner(path)]
 
     def stored_passwords(self) -> list[Problem]:
-        """The cells in which an older version stored a password."""
+        """Return the cells in which an older version stored a password."""
         with self._reading() as connection:
             return scrub.stored_passwords(connection)
 
     def verify(self) -> Verification:
-        """Look at the database, every foreign key and every series file."""
+        """Check the database, every foreign key and every series file."""
         with self._reading() as connection:
             return maintenance.verify(connection, self.results_dir)
 
     def export(self, folder: Path) -> list[Path]:
-        """Write every table to `folder` as Parquet and CSV; the answer names the files."""
+        """Write every table to `folder` as Parquet and CSV; returns the paths."""
         with self._reading() as connection:
-            if not self.address.sqlite:  # one snapshot, as SQLite gives anyway
+            if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             return export(connection, folder)
 
@@ -214,7 +214,7 @@ class Reader:
         older_than: timedelta | None = None,
         statuses: Sequence[str] = (),
     ) -> list[RunSummary]:
-        """The runs that `prune` may delete: not under way, and all the conditions hold."""
+        """Return the runs that `prune` may delete: not running, and all conditions hold."""
         return self.runs(*maintenance.prunable(older_than, statuses), *where)
 
 
@@ -233,11 +233,11 @@ def _runs(
 
 
 def _trials(sweep_id: int) -> Select[Any]:
-    """Every attempt of a sweep and every run it found done or under way, by attempt."""
+    """Select the runs of a sweep and those that it reuses, ordered by attempt."""
     run, reuse = tables.Run, tables.Reuse
-    own = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
-    found = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
-    members = union_all(own, found).subquery("member")
+    started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
+    reused = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
+    members = union_all(started, reused).subquery("member")
     return (
         select(
             run_overview.c.run_id,
@@ -259,7 +259,7 @@ def _summary(row: Row[Any]) -> RunSummary:
         **values
         | {
             "status": _status(row),
-            "error": _shown(values["error"]),
+            "error": _masked(values["error"]),
             "superseded": bool(values["superseded"]),
             "started_at": _utc(values["started_at"]),
             "finished_at": _utc(values["finished_at"]),
@@ -268,13 +268,13 @@ def _summary(row: Row[Any]) -> RunSummary:
 
 
 def _status(row: Row[Any]) -> str:
-    """The status that the view shows; a run whose process died here is known to be interrupted."""
+    """Return the status of the view; `interrupted` if the process of a running run has ended."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
 
 
-def _shown(value: Any) -> Any:
-    """A cell of an answer, without the passwords that older versions stored."""
+def _masked(value: Any) -> Any:
+    """Mask the passwords that older versions stored in a cell."""
     return clean(value) if isinstance(value, str | dict | list) else value
 
 

@@ -1,7 +1,6 @@
-"""What goes into the logbook and what comes out of it, as plain frozen objects.
+"""Records that are written to the logbook and read from it, as frozen dataclasses without SQL.
 
-Nothing here knows SQL. Numbers are SI, angles radians unless `unit` says otherwise; a value that
-is not a number (NaN) is stored as NULL.
+Numbers are in SI units and angles in radians unless `unit` says otherwise. NaN is stored as NULL.
 """
 
 import math
@@ -34,7 +33,7 @@ class Metric:
 class Coefficient:
     """One entry of a model: a hydrodynamic derivative, or an element of a matrix.
 
-    `true_value` is the plant's, where the plant is known.
+    `true_value` is the coefficient of the plant, if the plant is known.
     """
 
     model: str  # nominal, residual, identified (= nominal + residual) or plant
@@ -67,7 +66,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Results:
-    """All that a run stores beside its own row."""
+    """The results of a run, which are stored beside its row."""
 
     metrics: Sequence[Metric] = ()
     coefficients: Sequence[Coefficient] = ()
@@ -78,7 +77,7 @@ class Results:
 
 @dataclass(frozen=True)
 class RunStart:
-    """What is known of a run before it does any work."""
+    """The properties of a run that are known before it starts."""
 
     fingerprint: str  # SHA-256 in hexadecimal, 64 characters
     vessel: str
@@ -100,13 +99,13 @@ class RunStart:
 class Begun:
     """The answer to `begin_run`.
 
-    new: the run is the caller's, under `run_id`; finished: run `run_id` has done it already;
-    busy: run `run_id`, of another process, is doing it now.
+    new: the caller is to run the trial as `run_id`; finished: the trial finished before as run
+    `run_id`; busy: another process is running the trial as `run_id`.
     """
 
     run_id: int
     state: Literal["new", "finished", "busy"]
-    lost: int = 0  # earlier attempts that were given up for it
+    lost: int = 0  # earlier attempts that were marked as interrupted
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class RunSummary:
     sweep: str | None
     attempt: int
     status: str  # running, finished, diverged, failed or interrupted
-    superseded: bool  # another attempt at the same trial counts instead
+    superseded: bool  # another attempt at the same trial replaces it
     vessel: str
     disturbance: str
     excitation: str
@@ -140,7 +139,7 @@ class RunSummary:
 
 @dataclass(frozen=True)
 class RunDetail:
-    """Everything in one row of `run`, beside its summary."""
+    """A run with its summary and all other columns of the table `run`."""
 
     summary: RunSummary
     traceback: str | None
@@ -158,7 +157,7 @@ class RunDetail:
 
 @dataclass(frozen=True)
 class SeriesFile:
-    """Where a series is, and what must be true of the file."""
+    """The path of a series file, and the properties that the file must have."""
 
     kind: str
     path: str  # relative to the results folder
@@ -170,13 +169,13 @@ class SeriesFile:
 
 @dataclass(frozen=True)
 class SweepStatus:
-    """How far a sweep is. Each trial counts once, by its last attempt in this sweep."""
+    """The progress of a sweep. Each trial counts once, by its last attempt in this sweep."""
 
     sweep_id: int
     name: str
     planned: int
-    counts: dict[str, int]  # status: number of trials, those found finished before included
-    reused: int  # trials that another sweep had done already, or is doing
+    counts: dict[str, int]  # number of trials by status, including trials that had finished before
+    reused: int  # trials that another sweep has finished or is running
     failed: list[RunSummary]  # failed, diverged and interrupted ones
     finished_at: datetime | None
 
@@ -206,7 +205,7 @@ class SweepSummary:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something in a logbook that is not as it should be."""
+    """A defect of a logbook: its place and its description."""
 
     where: str
     what: str
@@ -214,46 +213,46 @@ class Problem:
 
 @dataclass(frozen=True)
 class Verification:
-    """How many runs and series files were looked at, and what was found wrong."""
+    """The number of checked runs and series files, and the defects."""
 
     runs: int
     series: int
     problems: list[Problem]
-    leftovers: list[Path]  # files that no row points to, of programs that were killed: no harm
+    leftovers: list[Path]  # files of killed programs, without a row; they do no harm
 
 
 @dataclass(frozen=True)
 class Pruned:
-    """How many runs and files were deleted, and the files that could not be."""
+    """The number of deleted runs and files, and the files that could not be deleted."""
 
     runs: int
     files: int
     left: list[str]
 
 
-# What a database can hold: numbers without NaN, text without NUL, JSON without either.
+# Conversion to what a database can store: numbers without NaN, text without NUL.
 
 
 def number(value: Any) -> float | None:
-    """`value` as a float; NaN and None as None (NULL)."""
+    """Convert `value` to a float; NaN and None become None (NULL)."""
     if value is None:
         return None
-    as_float = float(value)
-    return None if math.isnan(as_float) else as_float
+    result = float(value)
+    return None if math.isnan(result) else result
 
 
 def integer(value: Any) -> int | None:
-    """`value` as an int of Python's own; None as None."""
+    """Convert `value` to a Python int; None stays None."""
     return None if value is None else int(value)
 
 
 def text(value: str) -> str:
-    """`value` without what PostgreSQL refuses in text: NUL and halves of surrogate pairs."""
+    """Escape what PostgreSQL rejects in text: NUL and lone surrogates."""
     return value.replace("\x00", "\\x00").encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def plain(value: Any) -> Any:
-    """`value` as what JSON knows; NaN becomes null, an infinite number the text "inf" or "-inf"."""
+    """Convert `value` to JSON types; NaN becomes null, infinity the text "inf" or "-inf"."""
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, str):

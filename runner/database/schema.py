@@ -1,7 +1,8 @@
-"""The schema's life: made on the first start, upgraded with a backup, refused where it is not ours.
+"""Creation and upgrade of the database schema.
 
-The revision stands in the table `seatrial_version` (Alembic's, under a name that no other program
-uses). Whether an existing logbook is up to date is one query; Alembic is imported only to upgrade.
+The table `seatrial_version` holds the revision; it is Alembic's version table under a name that no
+other program uses. Checking an existing logbook takes one query; Alembic is imported only for an
+upgrade.
 """
 
 import logging
@@ -26,7 +27,7 @@ VERSION_TABLE = "seatrial_version"
 REVISIONS = ("0001", "0002")  # oldest first; a test keeps them equal to the migrations
 HEAD = REVISIONS[-1]
 _log = logging.getLogger(__name__)
-_LOCK = 0x5EA721A1  # any number that all of us, and nobody else, use for PostgreSQL's advisory lock
+_LOCK = 0x5EA721A1  # key of PostgreSQL's advisory lock, the same in every version
 _MAKE_VERSION_TABLE = (
     f"CREATE TABLE {VERSION_TABLE} (version_num VARCHAR(32) NOT NULL,"
     f" CONSTRAINT {VERSION_TABLE}_pkc PRIMARY KEY (version_num))"
@@ -40,7 +41,7 @@ _NAMES = {
 
 
 class Condition(Enum):
-    """What a database was found to be; one that is newer or not ours is an error instead."""
+    """The state of a database; a newer one, or one of another program, is an error."""
 
     EMPTY = "empty"
     OLDER = "older"
@@ -49,18 +50,18 @@ class Condition(Enum):
 
 
 def prepare(address: Address, *, create: bool, results_dir: Path | None = None) -> None:
-    """Make sure that a logbook of this version is at `address`: make it, or upgrade it.
+    """Create or upgrade the logbook at `address`, so that it has the schema of this version.
 
-    Raises LogbookError, and changes nothing, where the database is not ours, of a newer version,
-    damaged or out of reach, where it is missing and not to be made, and where it is missing but
-    its series, or another's, are in `results_dir`.
+    Raises LogbookError, and changes nothing, if the database belongs to another program, has a
+    newer version, is damaged or cannot be reached; if it is missing and `create` is False; and if
+    it is missing but `results_dir` holds series files.
     """
-    found = inspect(address)
-    if found is Condition.CURRENT:
+    state = inspect(address)
+    if state is Condition.CURRENT:
         return
-    if found is Condition.EMPTY and not create:
+    if state is Condition.EMPTY and not create:
         raise _missing(address)
-    if found is Condition.EMPTY and results_dir is not None:
+    if state is Condition.EMPTY and results_dir is not None:
         _require_no_series(address, results_dir)
     if address.path is not None:
         _make_folder(address.path)
@@ -69,25 +70,25 @@ def prepare(address: Address, *, create: bool, results_dir: Path | None = None) 
 
 def require_current(address: Address) -> None:
     """Raise LogbookError unless a logbook of this version can be read at `address`."""
-    found = inspect(address)
-    if found is Condition.EMPTY:
+    state = inspect(address)
+    if state is Condition.EMPTY:
         raise _missing(address)
-    if found is Condition.OLDER:
+    if state is Condition.OLDER:
         raise LogbookError(
             f"{address}: of an older version of seatrial than this one (schema {HEAD});"
-            " the next run upgrades it, and keeps a backup"
+            " the next run upgrades it and keeps a backup"
         )
 
 
 def inspect(address: Address) -> Condition:
-    """What is at `address`, found out without any way to change it."""
+    """Return the state of the database at `address`, over a read-only connection."""
     if address.path is not None:
         if not address.path.exists():
             return Condition.EMPTY
         if not address.path.is_file():
             raise LogbookError(f"{address}: got a folder, expected a SQLite file")
         if not address.path.stat().st_size:
-            return Condition.EMPTY  # zero bytes are no logbook
+            return Condition.EMPTY
     engine = engines.reader(address)
     try:
         with engines.explained(address):
@@ -102,15 +103,15 @@ def _condition(engine: Engine, address: Address) -> Condition:
 
 
 def condition(connection: Connection, address: Address) -> Condition:
-    """What the database behind `connection` is; LogbookError where it is not for us."""
+    """Return the state of a database; raises LogbookError if this version cannot use it."""
     dialect = connection.dialect.name
     names = set(connection.exec_driver_sql(_NAMES[dialect]).scalars())
     if not names:
         return Condition.EMPTY
     if VERSION_TABLE not in names:
-        some = ", ".join(sorted(names)[:5])
+        listing = ", ".join(sorted(names)[:5])
         raise LogbookError(
-            f"{address}: not a seatrial logbook (it holds {some}); expected one, or an empty"
+            f"{address}: not a seatrial logbook (it holds {listing}); expected one, or an empty"
             " database; nothing was changed"
         )
     revision = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalar()
@@ -128,7 +129,7 @@ def condition(connection: Connection, address: Address) -> Condition:
 
 
 def _bring_up_to_date(address: Address) -> None:
-    """Create, upgrade or renew the views in one transaction, after a second look under its lock."""
+    """Create or upgrade the schema and the views in one transaction, under a lock."""
     engine = engines.maker(address)
     try:
         with engines.explained(address), engine.begin() as connection:
@@ -147,7 +148,7 @@ def _bring_up_to_date(address: Address) -> None:
 
 
 def create_all(connection: Connection) -> None:
-    """The whole schema at once; equal to running every migration."""
+    """Create the schema; the result equals that of all migrations."""
     Base.metadata.create_all(connection, checkfirst=False)
     connection.exec_driver_sql(_MAKE_VERSION_TABLE)
     connection.exec_driver_sql(f"INSERT INTO {VERSION_TABLE} VALUES ('{HEAD}')")
@@ -158,11 +159,11 @@ def _upgrade(connection: Connection, address: Address) -> None:
     if address.path is not None:
         copy = _backup_name(connection, address.path)
         backup(address.path, copy)
-        _log.info("%s: upgrading to schema %s; as it was, it is in %s", address, HEAD, copy)
+        _log.info("%s: upgrading to schema %s; the backup is %s", address, HEAD, copy)
     views.drop(connection)
     migrate(connection, HEAD)
     if address.sqlite and (broken := connection.exec_driver_sql("PRAGMA foreign_key_check").all()):
-        raise LogbookError(f"{address}: cannot be upgraded: {len(broken)} rows point to no run")
+        raise LogbookError(f"{address}: cannot be upgraded: {len(broken)} rows refer to no run")
     views.create(connection)
 
 
@@ -185,14 +186,14 @@ def _backup_name(connection: Connection, path: Path) -> Path:
 
 
 def backup(path: Path, to: Path) -> None:
-    """Copy the SQLite database at `path` to a new file `to`, whole, while others may read it."""
+    """Copy the SQLite database at `path` to a new file `to`; others may read it meanwhile."""
     try:
         with (
             closing(engines.open_to_read(path)) as source,
             closing(sqlite3.connect(to, isolation_level=None)) as target,
         ):
             source.backup(target)
-            target.execute("PRAGMA journal_mode = DELETE")  # one file, without a log beside it
+            target.execute("PRAGMA journal_mode = DELETE")  # one file, without a write-ahead log
     except BaseException:
         to.unlink(missing_ok=True)
         raise
@@ -202,19 +203,19 @@ def _make_folder(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise LogbookError(f"{path}: cannot make the folder: {error.strerror}") from error
+        raise LogbookError(f"{path}: cannot create the folder: {error.strerror}") from error
 
 
 def _require_no_series(address: Address, results_dir: Path) -> None:
-    others = [path for path in files.listed(results_dir) if files.owner(path)]
-    # Looked at again, because another process may have made the logbook in between, and a run.
-    if others and inspect(address) is Condition.EMPTY:
+    series = [path for path in files.listed(results_dir) if files.owner(path)]
+    # Checked again: another process may have created the logbook and a run in between.
+    if series and inspect(address) is Condition.EMPTY:
         raise LogbookError(
             f"{address}: there is no logbook here, but {results_dir / files.FOLDER} holds"
-            f" {len(others)} series files of one; expected its database, or another results_dir;"
+            f" {len(series)} series files of one; expected its database, or another results_dir;"
             " nothing was changed"
         )
 
 
 def _missing(address: Address) -> LogbookError:
-    return LogbookError(f"{address}: there is no logbook here; expected one that a run has made")
+    return LogbookError(f"{address}: there is no logbook here; expected one that a run has created")

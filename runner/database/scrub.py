@@ -1,6 +1,6 @@
-"""Addresses and their passwords in rows that older versions wrote: found, and removed.
+"""Removal of addresses and passwords from rows that older versions wrote.
 
-Only cells that hold `@` or `password` are read, so that a large logbook is not read whole.
+Only cells that contain `@` or `password` are read, because a logbook may be large.
 """
 
 import sqlite3
@@ -21,27 +21,27 @@ _TABLES: tuple[type[Base], ...] = (Sweep, Run)
 
 
 def stored_passwords(connection: Connection) -> list[Problem]:
-    """The cells that hold a password."""
+    """List the cells that contain a password."""
     return [
         Problem(f"{table.__tablename__} {key}", f"a password is stored in {', '.join(cells)}")
-        for table, key, cells in _found(connection)
+        for table, key, cells in _rows_with_password(connection)
     ]
 
 
 def scrub(connection: Connection) -> int:
-    """Rewrite the rows that hold a password as they would be stored today; how many there were."""
-    found = list(_found(connection))
-    for table, key, cells in found:
+    """Rewrite the rows that contain a password; returns their number."""
+    rows = list(_rows_with_password(connection))
+    for table, key, cells in rows:
         statement = update(table).where(table.__table__.c.id == key)
         connection.execute(statement.values(cells))
-    return len(found)
+    return len(rows)
 
 
 def reclaim(address: Address) -> None:
-    """Have the database overwrite what it has freed: deleted text stays in its files until then."""
+    """Make the database overwrite freed space: deleted text remains in its files until then."""
     if address.path is not None:
-        with closing(sqlite3.connect(address.path, isolation_level=None)) as plain:
-            plain.execute("VACUUM")
+        with closing(sqlite3.connect(address.path, isolation_level=None)) as connection:
+            connection.execute("VACUUM")
         engines.checkpoint(address.path)
         return
     engine = engines.maker(address).execution_options(isolation_level="AUTOCOMMIT")
@@ -53,18 +53,18 @@ def reclaim(address: Address) -> None:
         engine.dispose()
 
 
-def _found(connection: Connection) -> Iterator[tuple[type[Base], int, dict[str, Any]]]:
-    """Each row with a password: its table, its id, and its cells as they should be."""
+def _rows_with_password(connection: Connection) -> Iterator[tuple[type[Base], int, dict[str, Any]]]:
+    """Yield each row with a password: its table, its id, and its corrected cells."""
     for table in _TABLES:
-        columns = [one for one in table.__table__.c if isinstance(one.type, JSON | Text)]
-        signs = ("%@%", "%password%", "%PASSWORD%")
-        suspect = [cast(one, Text).like(sign) for one in columns for sign in signs]
+        columns = [column for column in table.__table__.c if isinstance(column.type, JSON | Text)]
+        patterns = ("%@%", "%password%", "%PASSWORD%")
+        suspect = [cast(column, Text).like(pattern) for column in columns for pattern in patterns]
         rows = connection.execute(select(table.__table__.c.id, *columns).where(or_(*suspect)))
         for key, *values in map(tuple, rows.all()):
-            named = zip((one.name for one in columns), values, strict=True)
+            pairs = zip((column.name for column in columns), values, strict=True)
             cells = {
                 name: _scrubbed(name, value)
-                for name, value in named
+                for name, value in pairs
                 if value is not None and clean(value) != value
             }
             if cells:

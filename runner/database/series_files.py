@@ -1,9 +1,8 @@
-"""Series files: Parquet beside the database, whole or not there at all.
+"""Series files: time series as Parquet files beside the database.
 
-A file is written under a temporary name, flushed to the disk and renamed, before any row points
-to it. Its name holds the number of its run and a mark that no other run has, in this or another
-logbook, so that no file replaces another's. pyarrow is imported only when a file is written or
-read.
+A file is written under a temporary name, flushed to the disk and renamed before any row refers to
+it, so it is never incomplete. Its name holds the number of its run and a mark that is unique over
+all logbooks, so no file replaces another. pyarrow is imported only when a file is written or read.
 """
 
 import os
@@ -23,26 +22,26 @@ from seatrial.runner.database.records import Series, SeriesFile
 FOLDER = "series"
 FORMAT = "parquet"
 _KIND = re.compile(r"[a-z][a-z0-9_]*")
-# run-NUMBER-KIND-MARK.parquet (older versions gave no mark); with a dot and .PID.tmp while written
+# run-NUMBER-KIND-MARK.parquet (no mark in older versions); temporary: a dot before, .PID.tmp after
 _NAME = re.compile(
     r"\.?run-(?P<run>\d+)-[a-z][a-z0-9_]*(?:-(?P<mark>[0-9a-f]{12}))?\.parquet(?:\.\d+\.tmp)?"
 )
 
 
 def mark(fingerprint: str, attempt: int, started_at: datetime) -> str:
-    """What tells a run's files from those of any other run, of any logbook; from its row."""
+    """Return the mark of a run's files, which is unique over all runs and logbooks."""
     run = f"{fingerprint} {attempt} {started_at.astimezone(UTC).isoformat()}"
     return sha256(run.encode()).hexdigest()[:12]
 
 
 def owner(path: Path) -> tuple[int, str | None] | None:
-    """Run number and mark in the name of a file; None where it is no series file of ours."""
+    """Return the run number and mark in the name of a file; None for any other file."""
     match = _NAME.fullmatch(path.name)
     return (int(match["run"]), match["mark"]) if match else None
 
 
 def listed(results_dir: Path) -> list[Path]:
-    """Every file in the folder of series, those left under temporary names included."""
+    """List every file in the folder of series, including temporary files."""
     folder = results_dir / FOLDER
     return sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
 
@@ -50,21 +49,21 @@ def listed(results_dir: Path) -> list[Path]:
 def write(
     results_dir: Path, run_id: int, run_mark: str, series: Sequence[Series]
 ) -> list[SeriesFile]:
-    """Store each series as a file of run `run_id`; either all of them are there, or none.
+    """Write each series to a file of run `run_id`; on an error none of the files remains.
 
-    Raises LogbookError where the disk is full or the folder cannot be written.
+    Raises LogbookError if the disk is full or the folder cannot be written.
     """
     written: list[SeriesFile] = []
     try:
-        for one in series:
-            written.append(_write_one(results_dir, f"run-{run_id:06d}", run_mark, one))
+        for item in series:
+            written.append(_write_series(results_dir, f"run-{run_id:06d}", run_mark, item))
     except BaseException:
         discard(results_dir, written)
         raise
     return written
 
 
-def _write_one(results_dir: Path, run: str, run_mark: str, series: Series) -> SeriesFile:
+def _write_series(results_dir: Path, run: str, run_mark: str, series: Series) -> SeriesFile:
     if not _KIND.fullmatch(series.kind):
         raise ValueError(f"kind of series: got {series.kind!r}, expected a name like recording")
     content = _parquet(series)
@@ -72,7 +71,7 @@ def _write_one(results_dir: Path, run: str, run_mark: str, series: Series) -> Se
     path = results_dir / relative
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_whole(path, content)
+        _write_atomically(path, content)
     except OSError as error:
         raise LogbookError(f"{path}: cannot be written: {error.strerror}") from error
     return SeriesFile(
@@ -86,9 +85,9 @@ def _write_one(results_dir: Path, run: str, run_mark: str, series: Series) -> Se
 
 
 def _array(column: NDArray[Any]) -> Any:
-    """A column for pyarrow, not copied where it holds floats.
+    """Convert a column to pyarrow, without a copy if it holds floats.
 
-    `pyarrow.array` would import pandas, where that is installed, to see whether it is one of its.
+    `pyarrow.array` is avoided for floats because it imports pandas.
     """
     import pyarrow as pa
 
@@ -114,7 +113,7 @@ def _parquet(series: Series) -> memoryview:
     return memoryview(sink.getvalue())
 
 
-def _write_whole(path: Path, content: memoryview) -> None:
+def _write_atomically(path: Path, content: memoryview) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
@@ -129,7 +128,7 @@ def _write_whole(path: Path, content: memoryview) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Make the new name last a power failure, where the system can (Windows cannot)."""
+    """Make the new name survive a power failure, if the system can (Windows cannot)."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -141,16 +140,19 @@ def _flush_folder(folder: Path) -> None:
 
 
 def discard(results_dir: Path, files: Sequence[SeriesFile]) -> None:
-    """Remove files that no row points to, as far as that can be done."""
+    """Remove files that no row refers to, as far as possible."""
     for file in files:
         try:
             locate(results_dir, file.path).unlink(missing_ok=True)
         except (OSError, LogbookError):
-            continue  # `verify` names what is left over
+            continue  # `verify` lists a file that remains
 
 
 def locate(results_dir: Path, relative: str) -> Path:
-    """The file at `relative`, a path from the database: inside the results folder, or an error."""
+    """Return the file at `relative`, a path from the database.
+
+    Raises LogbookError if the path is outside the folder of series.
+    """
     folder = (results_dir / FOLDER).resolve()
     path = (results_dir / relative).resolve() if "\x00" not in relative else folder
     if not path.is_relative_to(folder) or path == folder:
@@ -159,7 +161,7 @@ def locate(results_dir: Path, relative: str) -> Path:
 
 
 def read(results_dir: Path, file: SeriesFile) -> Series:
-    """The series as it was stored; LogbookError where the file is missing or was changed."""
+    """Read a series; raises LogbookError if the file is missing or was changed."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -170,27 +172,30 @@ def read(results_dir: Path, file: SeriesFile) -> Series:
 
 
 def shape(content: bytes) -> tuple[int, list[str]]:
-    """Number of rows and names of the columns of a file; LogbookError where it is no Parquet."""
+    """Return the number of rows and the column names of a file.
+
+    Raises LogbookError if it is not a Parquet file.
+    """
     import pyarrow as pa  # slow to import
     import pyarrow.parquet as pq
 
     try:
-        found: Any = pq.read_metadata(pa.BufferReader(content))
+        metadata: Any = pq.read_metadata(pa.BufferReader(content))
     except pa.ArrowException as error:
         raise LogbookError(f"not a Parquet file: {error}") from error
-    return found.num_rows, list(found.schema.names)
+    return metadata.num_rows, list(metadata.schema.names)
 
 
 def checked(results_dir: Path, file: SeriesFile) -> bytes:
-    """The content of a file, once its checksum is found right."""
+    """Read a file and check its checksum; raises LogbookError if it differs."""
     path = locate(results_dir, file.path)
     try:
         content = path.read_bytes()
     except OSError as error:
         raise LogbookError(f"{path}: cannot be read: {error.strerror}") from error
-    found = sha256(content).hexdigest()
-    if found != file.sha256:
+    digest = sha256(content).hexdigest()
+    if digest != file.sha256:
         raise LogbookError(
-            f"{path}: not what the run wrote: got SHA-256 {found[:12]}, expected {file.sha256[:12]}"
+            f"{path}: the file was changed: got SHA-256 {digest[:12]}, expected {file.sha256[:12]}"
         )
     return content

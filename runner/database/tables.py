@@ -1,7 +1,7 @@
-"""The schema: one row a fact, with its unit.
+"""The tables of the logbook: one fact per row, with its unit.
 
     sweep --< run --< metric, coefficient, diagnostic, series
-    sweep --< reuse >-- run      (runs that a sweep found already done or under way)
+    sweep --< reuse >-- run      (runs of other sweeps that a sweep uses)
 
 Times are UTC, to the microsecond, without a zone in the column.
 """
@@ -70,7 +70,7 @@ class Sweep(Base):
     """One start of the program with several trials."""
 
     __tablename__ = "sweep"
-    __table_args__ = ({"sqlite_autoincrement": True},)  # an id is never given twice
+    __table_args__ = ({"sqlite_autoincrement": True},)  # an id is never used twice
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str]
@@ -90,7 +90,7 @@ class Run(Base):
     __table_args__ = (
         CheckConstraint(f"status IN {STATUSES}", name="status"),
         UniqueConstraint("fingerprint", "attempt"),
-        # Of two processes that start the same trial at once, one gets it.
+        # If two processes start the same trial at once, only one inserts its row.
         Index(
             "uq_run_running",
             "fingerprint",
@@ -130,7 +130,9 @@ class Run(Base):
     # Since revision 0002.
     error_type: Mapped[str | None]
     command: Mapped[str | None]
-    heartbeat_at: Mapped[datetime | None]  # by the database's clock: hosts may disagree on time
+    heartbeat_at: Mapped[
+        datetime | None
+    ]  # by the database's clock, because the clocks of hosts differ
     process: Mapped[str | None]  # see liveness.py
 
 
@@ -168,7 +170,7 @@ class Coefficient(Base):
 
 
 class Diagnostic(Base):
-    """One number that a part of a trial said of itself: a `Finding`."""
+    """One `Finding` of a part of a trial."""
 
     __tablename__ = "diagnostic"
     __table_args__ = (Index("ix_diagnostic_run_id", "run_id", "name"),)
@@ -201,7 +203,7 @@ class Series(Base):
 
 
 class Reuse(Base):
-    """A trial of a sweep that another run had done already, or is doing. Since revision 0002."""
+    """A trial of a sweep that another run has finished or is running. Since revision 0002."""
 
     __tablename__ = "reuse"
 

@@ -1,8 +1,8 @@
-"""The views: comparisons in one line of SQL, also in the plain `sqlite3` and `psql` shells.
+"""The views of the logbook, for comparisons in one line of SQL.
 
-They use nothing but SQL, so no program of ours need be running. What a view says is derived, so
-it is no part of the migrations: a logbook whose views are not these gets these when it is next
-opened to write (`view_version` says which it has).
+The views are plain SQL, so the `sqlite3` and `psql` shells can read them. They hold no data, so
+they are not part of the migrations: a logbook with other views gets the current ones when it is
+next opened for writing (`view_version` holds the digest of its views).
 """
 
 from functools import cache
@@ -23,21 +23,24 @@ from seatrial.runner.database.liveness import stale
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.vocabulary import COMBINED, GROUPS
 
-# A column each in metric_wide; a name that is not here is still in the table metric.
-METRIC_NAMES = tuple(one.name for one in METRICS if one.wide)
+# The columns of metric_wide; all other metrics are in the table metric only.
+METRIC_NAMES = tuple(metric.name for metric in METRICS if metric.wide)
 
 
-def _headline(one: Definition, model: str) -> tuple[str, str, str, str, str]:
-    """Column, stage, model, dof and name of a metric in run_overview."""
-    about = model if one.headline in COMBINED else f"{one.headline}_{model}"
-    return f"{one.name}_{about}", one.stages[0], model, one.headline, one.name
+def _headline(metric: Definition, model: str) -> tuple[str, str, str, str, str]:
+    """Return column, stage, model, dof and name of a metric in run_overview."""
+    suffix = model if metric.headline in COMBINED else f"{metric.headline}_{model}"
+    return f"{metric.name}_{suffix}", metric.stages[0], model, metric.headline, metric.name
 
 
 HEADLINES = tuple(
-    _headline(one, model) for one in METRICS if one.headline for model in ("nominal", "identified")
+    _headline(metric, model)
+    for metric in METRICS
+    if metric.headline
+    for model in ("nominal", "identified")
 )
 NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
-# A run counts unless another attempt at the same trial finished where this did not, or is later.
+# A finished attempt supersedes one that did not finish; of equal attempts, the later one is valid.
 _SUPERSEDED = """CASE WHEN EXISTS (
       SELECT 1 FROM run AS other
       WHERE other.fingerprint = run.fingerprint
@@ -109,7 +112,7 @@ run_overview = table(
 
 @cache
 def statements(dialect: str) -> tuple[str, ...]:
-    """The CREATE VIEW statements for `sqlite` or `postgresql`."""
+    """Return the CREATE VIEW statements for `sqlite` or `postgresql`."""
     parts = {
         "status": f"CASE WHEN run.status = 'running' AND {stale('run.heartbeat_at', dialect)}"
         " THEN 'interrupted' ELSE run.status END",
@@ -133,7 +136,7 @@ def statements(dialect: str) -> tuple[str, ...]:
 
 @cache
 def digest(dialect: str) -> str:
-    """What the view `view_version` holds when the views are these."""
+    """Return the digest that `view_version` holds for the current views."""
     return _digest(statements(dialect)[:-1])
 
 
@@ -142,12 +145,12 @@ def _digest(views: tuple[str, ...]) -> str:
 
 
 def drop(connection: Connection) -> None:
-    """Remove the views, whatever they say; tables under a view cannot be changed."""
+    """Remove the views; a migration cannot change tables that a view uses."""
     for name in NAMES:
         connection.exec_driver_sql(f"DROP VIEW IF EXISTS {name}")
 
 
 def create(connection: Connection) -> None:
-    """Make the views; none of them may be there."""
+    """Create the views; none of them may exist."""
     for statement in statements(connection.dialect.name):
         connection.exec_driver_sql(statement)

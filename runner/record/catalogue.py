@@ -1,10 +1,10 @@
-"""The metrics that trials store: each is declared here, once.
+"""The catalogue of metrics: every metric that a trial stores is declared here once.
 
-A declaration says what a metric is called, in which unit it is for which degree of freedom, which
-way it is better, and what it is in words. Stored rows, the database's views, tables, figures,
-reports and the command `seatrial-results metrics` read it. A part from elsewhere declares its own
-metrics with `register` where it is defined; a name in a database that nothing here declares is
-shown with the unit that is stored beside it, and is not judged.
+A declaration gives the name of a metric, its unit for each degree of freedom, which values are
+better, and its definition in words. Stored rows, the database's views, tables, figures, reports and
+the command `seatrial-results metrics` read it. A user-defined metric is declared with `register` in
+its own module. An undeclared metric in a database is shown with its stored unit, and no value
+is marked as better.
 """
 
 import re
@@ -27,14 +27,14 @@ Better = Literal["lower", "higher"] | float | None
 
 @dataclass(frozen=True)
 class Definition:
-    """What a metric is.
+    """The definition of a metric.
 
-    `stages` are those of a trial that store it. `unit` is one for all, or by degree of freedom.
-    `better` is `lower`, `higher`, a number that good values are near to, or None where the metric
-    says nothing of good and bad. `label` names it on axes, `formula` says what it is, `caption` is
-    the heading of its table in a report (the label unless given), and `note` stands under every
-    table that shows it. A `wide` metric is a column of the view `metric_wide`; one with a
-    `headline` is, for that degree of freedom, in `run_overview`.
+    `stages` are the stages of a trial that store it. `unit` is one unit, or a unit per degree of
+    freedom. `better` is `lower`, `higher`, a target value, or None if no value is better. `label`
+    names the metric on axes, `formula` defines it in words, `caption` is the heading of its table
+    in a report (by default the label), and `note` is printed under every table that shows it. A
+    `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
+    `run_overview`, for that degree of freedom.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Definition:
     headline: str = ""
 
     def unit_of(self, dof: str) -> str:
-        """The unit for a degree of freedom; KeyError where the metric has none for it."""
+        """Return the unit for a degree of freedom; raises KeyError if there is none."""
         if isinstance(self.unit, str):
             return self.unit
         if dof not in self.unit:
@@ -59,20 +59,20 @@ class Definition:
 
     @property
     def units(self) -> str:
-        """Every unit that it has, as text: `N^2, (Nm)^2`."""
+        """All units of the metric as text: `N^2, (Nm)^2`."""
         units = [self.unit] if isinstance(self.unit, str) else self.unit.values()
         return ", ".join(dict.fromkeys(units))
 
     @property
     def better_text(self) -> str:
-        """Which way is better, as text; empty where neither is."""
+        """Which values are better, as text; empty if none are."""
         if isinstance(self.better, int | float):
             return f"nearer to {self.better:g}"
         return self.better or ""
 
 
 def _each(units: Mapping[str, str], form: str) -> dict[str, str]:
-    """Units made of others: `_each(POSE_UNIT, "{} s")` is m s and rad s."""
+    """Derive units from other units: `_each(POSE_UNIT, "{} s")` is m s and rad s."""
     return {dof: form.format(unit) for dof, unit in units.items()}
 
 
@@ -308,9 +308,10 @@ _declared: dict[str, Definition] = {}
 
 
 def register(definition: Definition) -> Definition:
-    """Declare a metric, of ours or of a part from elsewhere, and return it.
+    """Declare a metric and return it.
 
-    Raises ValueError for a name that is no plain word, or that another definition has.
+    Raises ValueError for a name with other characters than small letters, digits and _, and for a
+    name that has another definition.
     """
     name = definition.name
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
@@ -325,7 +326,7 @@ for _definition in METRICS:
 
 
 def declared(name: str) -> Definition:
-    """The definition of a metric; KeyError where it is not declared."""
+    """Return the definition of a metric; raises KeyError if it is not declared."""
     if name not in _declared:
         raise KeyError(
             f"metric {name}: got no definition, expected it in catalogue.METRICS or registered"
@@ -334,10 +335,10 @@ def declared(name: str) -> Definition:
 
 
 def all_declared() -> tuple[Definition, ...]:
-    """Every metric that is declared, ours first."""
+    """Return every declared metric, those of this module first."""
     return tuple(_declared.values())
 
 
 def definition_of(name: str) -> Definition:
-    """What is known of a name in a database; its name alone where it is not declared here."""
+    """Return the definition of a stored metric; for an undeclared one, its name only."""
     return _declared.get(name) or Definition(name, (), "", None, name, "")

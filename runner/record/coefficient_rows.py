@@ -1,6 +1,6 @@
-"""Coefficients of a trial as rows of the logbook, and a vessel made again from such rows.
+"""Coefficients of a trial as rows of the logbook, and vessels built from stored rows.
 
-The database is the model:
+Example:
 
     with Reader.read("sqlite:///results/results.db") as logbook:
         vessel = stored_vessel(logbook, run_id=17, model="identified")
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 
 def stored_vessel(logbook: "Reader", run_id: int, model: str = "identified") -> Vessel:
-    """The coefficient table of a model (nominal, residual, identified, plant) of a run.
+    """Load the coefficient table of a model (nominal, residual, identified, plant) of a run.
 
-    Raises LogbookError when the run stored no such model.
+    Raises LogbookError if the run stored no such model.
     """
     rows = [row for row in logbook.coefficients(run_id) if row.model == model]
     if not rows:
@@ -38,7 +38,7 @@ def stored_vessel(logbook: "Reader", run_id: int, model: str = "identified") -> 
 
 
 def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:
-    """The table that some coefficient rows of one model make; terms keep their order."""
+    """Build the coefficient table from the rows of one model; the terms keep their order."""
     values = {(row.term, row.dof): row.value for row in rows}
     names = list(dict.fromkeys(term for term, _ in values))
     present = {dof for _, dof in values}
@@ -50,7 +50,7 @@ def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:
 def coefficients(
     nominal: Vessel, identified: Identified, truth: Vessel | None
 ) -> list[Coefficient]:
-    """Every coefficient that is not zero, with its standard error and true value where known."""
+    """Return every non-zero coefficient, with its standard error and true value if known."""
     truths = {
         "nominal": truth,
         "residual": None if truth is None else truth - nominal,
@@ -61,37 +61,37 @@ def coefficients(
     if truth is not None:
         tables["plant"] = truth
     errors = _standard_errors(identified)
-    found = []
+    rows = []
     for model, table in tables.items():
         true = truths[model]
         union = table if true is None or model == "nominal" else (0.0 * true) + table
-        for one, row in zip(union.terms, union.theta, strict=True):
-            for dof, value in zip(union.dofs, row, strict=True):
-                error = errors.get((one, dof)) if model in ("residual", "identified") else None
-                truth_here = None if true is None else true.coefficient(dof, one.name)
-                if value or error is not None or truth_here:
-                    unit = coefficient_unit(one, dof)
-                    found.append(
-                        Coefficient(model, dof, one.name, float(value), error, truth_here, unit)
+        for term, values in zip(union.terms, union.theta, strict=True):
+            for dof, value in zip(union.dofs, values, strict=True):
+                error = errors.get((term, dof)) if model in ("residual", "identified") else None
+                true_value = None if true is None else true.coefficient(dof, term.name)
+                if value or error is not None or true_value:
+                    unit = coefficient_unit(term, dof)
+                    rows.append(
+                        Coefficient(model, dof, term.name, float(value), error, true_value, unit)
                     )
-    return found
+    return rows
 
 
 def _standard_errors(identified: Identified) -> dict[tuple[Term, str], float]:
-    """Standard error of each estimated coefficient, by term and degree of freedom."""
+    """Return the standard error of each estimated coefficient, by term and degree of freedom."""
     if identified.std_error is None:
         return {}
     residual = identified.residual
     return {
-        (one, dof): float(identified.std_error[i, j])
-        for i, one in enumerate(residual.terms)
+        (term, dof): float(identified.std_error[i, j])
+        for i, term in enumerate(residual.terms)
         for j, dof in enumerate(residual.dofs)
         if np.isfinite(identified.std_error[i, j])
     }
 
 
 def state_space_coefficients(identified: Identified) -> list[Coefficient]:
-    """Every matrix entry of a state-space model, as model `state_space`, term `A[1,2]`."""
+    """Return every matrix entry of a state-space model, as model `state_space`, term `A[1,2]`."""
     model = identified.state_space
     if model is None:
         return []
@@ -101,26 +101,26 @@ def state_space_coefficients(identified: Identified) -> list[Coefficient]:
     }  # fmt: skip
     return [
         Coefficient(
-            "state_space", "all", f"{name}[{','.join(str(k + 1) for k in place)}]", float(value),
+            "state_space", "all", f"{name}[{','.join(str(k + 1) for k in index)}]", float(value),
             None, None, "",
         )
         for name, matrix in matrices.items()
         if matrix is not None
-        for place, value in np.ndenumerate(matrix)
+        for index, value in np.ndenumerate(matrix)
     ]  # fmt: skip
 
 
 def table_coefficients(tables: Mapping[str, Vessel]) -> list[Coefficient]:
-    """The coefficients of several tables by the name of their model; zeros are left out."""
+    """Return the non-zero coefficients of several tables, which are keyed by model name."""
     return [
-        Coefficient(model, dof, one.name, float(value), None, None, coefficient_unit(one, dof))
+        Coefficient(model, dof, term.name, float(value), None, None, coefficient_unit(term, dof))
         for model, table in tables.items()
-        for one, row in zip(table.terms, table.theta, strict=True)
+        for term, row in zip(table.terms, table.theta, strict=True)
         for dof, value in zip(table.dofs, row, strict=True)
         if value
     ]
 
 
 def numbered(name: str, tables: Iterable[Vessel]) -> dict[str, Vessel]:
-    """Tables named `stage_1`, `stage_2` and so on."""
+    """Key the tables by `name_1`, `name_2` and so on."""
     return {f"{name}_{i}": table for i, table in enumerate(tables, start=1)}

@@ -1,7 +1,8 @@
-"""What is stored of the excitation of a trial.
+"""Results of the excitation of a trial.
 
-Whether its recording tells the terms apart, the statistics and quality of a measured file, the
-counts and the plan of a mix of manoeuvres."""
+They are the identifiability of the terms from the recording, the statistics and quality of a
+measured file, and the counts and the plan of a mix of manoeuvres.
+"""
 
 from collections.abc import Iterable
 from itertools import count
@@ -27,7 +28,7 @@ STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
 def column_statistics(excitation: Reader) -> list[Finding]:
-    """Descriptive statistics of the file's columns in the window, as recorded; i is the column."""
+    """Compute descriptive statistics of each recorded column in the window; i is the column."""
     return [
         Finding(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
         for i, column in enumerate(excitation.describe())
@@ -36,7 +37,7 @@ def column_statistics(excitation: Reader) -> list[Finding]:
 
 
 def outlier_counts(excitation: Reader, dofs: tuple[str, ...]) -> list[Finding]:
-    """How many samples of each column in use the file's outlier rule names."""
+    """Count the outliers of each column in use, by the outlier rule of the file."""
     counts = excitation.outlier_counts(dofs)
     return [
         Finding("outliers", "all", count, i=i, label=column)
@@ -45,11 +46,14 @@ def outlier_counts(excitation: Reader, dofs: tuple[str, ...]) -> list[Finding]:
 
 
 def recording_quality(recording: Recording) -> tuple[list[Metric], Series]:
-    """Largest error of velocity against position, both ways, and the errors over time."""
+    """Compare velocity and position, by integration and by differentiation.
+
+    Returns the largest errors as metrics, and the errors over time as a series.
+    """
     checks = quality_checks(recording)
     metrics = [
-        metric(f"{one.check}_error_max", "identification", "plant", one.dof, one.maximum)
-        for one in checks
+        metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
+        for check in checks
     ]
     columns, units = quality_series(checks)
     return metrics, Series("quality", {"t": recording.t, **columns}, {"t": "s", **units})
@@ -60,14 +64,14 @@ ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
 def mix_results(mix: object, excited: "Excited") -> Results:
-    """Rows of a mix; none of another excitation."""
+    """Return the results of a mix of manoeuvres; empty for any other excitation."""
     if not isinstance(mix, Mix):
         return Results()
-    found, plan = _mixed(mix), mix.plan
+    findings, plan = _count_findings(mix), mix.plan
     if plan is None:
-        return Results(diagnostics=found)
+        return Results(diagnostics=findings)
     return Results(
-        diagnostics=[*found, *_planned(mix, plan, excited.recording)],
+        diagnostics=[*findings, *_plan_findings(mix, plan, excited.recording)],
         series=[_plan_series(mix, plan), _waters_series(mix)],
     )
 
@@ -77,65 +81,67 @@ def _finding(name: str, value: float, unit: str = "", label: str | None = None, 
     return Finding(name, "all", value, unit, i=i, label=label)
 
 
-def _mixed(mix: Mix) -> list[Finding]:
-    """How many of every candidate, and how close to the optimum they are."""
+def _count_findings(mix: Mix) -> list[Finding]:
+    """Return the count of every candidate, and how close the counts are to the optimum."""
     counts, design = mix.counts, mix.information
-    whole = np.array(list(counts.values()), dtype=np.float64)
-    found = [
+    totals = np.array(list(counts.values()), dtype=np.float64)
+    findings = [
         _finding("mix_count", float(n), label=name, i=i)
         for i, (name, n) in enumerate(counts.items())
     ]
-    if np.isfinite(design.log_det(whole)):
-        found.append(_finding("mix_log_det", design.log_det(whole)))
+    if np.isfinite(design.log_det(totals)):
+        findings.append(_finding("mix_log_det", design.log_det(totals)))
     if mix.design == "optimal":
         weights = design.weights
-        found += [
+        findings += [
             _finding("mix_share", float(share), label=name, i=i)
             for i, name, share in zip(count(), counts, weights.share, strict=False)
         ]
-        found.append(_finding("mix_gap", weights.gap))
-        found.append(_finding("mix_log_det_optimal", design.log_det(weights.share)))
-    return found
+        findings.append(_finding("mix_gap", weights.gap))
+        findings.append(_finding("mix_log_det_optimal", design.log_det(weights.share)))
+    return findings
 
 
-def _planned(mix: Mix, plan: Plan, recording: Recording) -> list[Finding]:
-    """Length of the plan, and how the vessel kept to it."""
+def _plan_findings(mix: Mix, plan: Plan, recording: Recording) -> list[Finding]:
+    """Return the duration of the plan, and how closely the vessel followed it."""
     waters = mix.route.waters
-    sailed, meant = recording.eta[:, :2], plan.poses[: len(recording), :2]
+    positions, planned = recording.eta[:, :2], plan.poses[: len(recording), :2]
     return [
         _finding("plan_duration", (len(plan.poses) - 1) * mix.period_s, "s"),
         _finding("plan_clearance", float(np.min(waters.distance(plan.poses[:, :2]))), "m"),
-        _finding("plan_deviation", float(np.max(np.hypot(*(sailed - meant).T))), "m"),
-        _finding("sailed_clearance", float(np.min(waters.distance(sailed))), "m"),
+        _finding("plan_deviation", float(np.max(np.hypot(*(positions - planned).T))), "m"),
+        _finding("sailed_clearance", float(np.min(waters.distance(positions))), "m"),
     ]
 
 
 def _plan_series(mix: Mix, plan: Plan) -> Series:
-    """The planned poses, with what is sailed from each to the next."""
+    """Return the planned poses, with the manoeuvre between each pose and the next."""
     schedule, names = mix.schedule, list(mix.candidates)
-    what, role = [], []
+    manoeuvres, roles = [], []
     for part in schedule.parts:
         number = PASSAGE if part.kind == "passage" else float(names.index(part.name))
-        what.append(np.full(part.count, number))
-        role.append(np.full(part.count, ROLES[part.role]))
+        manoeuvres.append(np.full(part.count, number))
+        roles.append(np.full(part.count, ROLES[part.role]))
     poses = plan.poses
     columns = {
         "t": mix.period_s * np.arange(len(poses), dtype=np.float64),
         "x": poses[:, 0],
         "y": poses[:, 1],
         "psi": poses[:, 2],
-        "manoeuvre": np.concatenate([*what, [PASSAGE]]),
-        "role": np.concatenate([*role, [0.0]]),
+        "manoeuvre": np.concatenate([*manoeuvres, [PASSAGE]]),
+        "role": np.concatenate([*roles, [0.0]]),
     }
     units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "manoeuvre": "", "role": ""}
     return Series("plan", columns, units)
 
 
 def _waters_series(mix: Mix) -> Series:
-    """Corners of the area (polygon 0) and of the obstacles, and the clearance kept from them."""
+    """Return the corners of the area (polygon 0) and of the obstacles, and the clearance [m]."""
     polygons = list(mix.route.waters.named.values())
-    corners = np.array([corner for one in polygons for corner in one], dtype=np.float64)
-    numbers = np.repeat(np.arange(len(polygons), dtype=np.float64), [len(one) for one in polygons])
+    corners = np.array([corner for polygon in polygons for corner in polygon], dtype=np.float64)
+    numbers = np.repeat(
+        np.arange(len(polygons), dtype=np.float64), [len(polygon) for polygon in polygons]
+    )
     columns = {
         "polygon": numbers,
         "x": corners[:, 0],
@@ -146,23 +152,23 @@ def _waters_series(mix: Mix) -> Series:
 
 
 def excitation_report(reports: Iterable[Persistence]) -> list[Finding]:
-    """What the training data can tell apart of the nominal model's terms."""
-    found = []
-    for one in reports:
+    """Return how well the training data distinguish the terms of the nominal model."""
+    findings = []
+    for report in reports:
         numbers = {
-            "regressor_condition": one.condition,
-            "regressor_rank": float(one.rank),
-            "regressor_unknowns": float(one.unknowns),
-            "spectral_lines": float(one.lines),
+            "regressor_condition": report.condition,
+            "regressor_rank": float(report.rank),
+            "regressor_unknowns": float(report.unknowns),
+            "spectral_lines": float(report.lines),
         }
-        found += [
-            Finding(name, one.dof, number)
+        findings += [
+            Finding(name, report.dof, number)
             for name, number in numbers.items()
             if np.isfinite(number)
         ]
-        groups = [(name,) for name in one.unexcited] + list(one.inseparable)
-        found += [
-            Finding("inseparable_terms", one.dof, 1.0 * len(group), i=i, label=" ".join(group))
+        groups = [(name,) for name in report.unexcited] + list(report.inseparable)
+        findings += [
+            Finding("inseparable_terms", report.dof, 1.0 * len(group), i=i, label=" ".join(group))
             for i, group in enumerate(groups)
         ]
-    return found
+    return findings

@@ -1,4 +1,4 @@
-"""Metrics of a trial as rows of the logbook; what they are is in the catalogue."""
+"""Metrics of a trial as rows of the logbook; the catalogue defines them."""
 
 from collections.abc import Iterable
 
@@ -9,10 +9,10 @@ from seatrial.runner.vocabulary import Stage
 
 
 def metric(name: str, stage: Stage, model: str, dof: str, value: float) -> Metric:
-    """A row with the unit that the catalogue declares.
+    """Return a metric with the unit that the catalogue declares.
 
-    Raises KeyError for a name that is not declared, and for a degree of freedom that it has no
-    unit for; ValueError for a stage that does not store it.
+    Raises KeyError for an undeclared name, and for a degree of freedom without a unit; ValueError
+    for a stage that does not store the metric.
     """
     definition = declared(name)
     if stage not in definition.stages:
@@ -24,5 +24,5 @@ def metric(name: str, stage: Stage, model: str, dof: str, value: float) -> Metri
 def per_dof(
     name: str, stage: Stage, model: str, dofs: Iterable[str], values: Array
 ) -> list[Metric]:
-    """One metric a degree of freedom; `values` has shape (n_dof,)."""
+    """Return one metric per degree of freedom; `values` has shape (n_dof,)."""
     return [metric(name, stage, model, dof, value) for dof, value in zip(dofs, values, strict=True)]

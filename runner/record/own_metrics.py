@@ -1,6 +1,7 @@
-"""Metrics from elsewhere: the parts that the option `metrics` names.
+"""User-defined metrics: the classes that the option `metrics` names.
 
-A part declares its metric and computes it, of a model on the held-out part or of a sailed mission:
+A class declares its metric and computes it for a model on the held-out part of the recording, or
+for a mission in deployment:
 
     @dataclass(frozen=True)
     class LargestSpeed(OwnMetric):
@@ -26,23 +27,23 @@ from seatrial.runner.vocabulary import Stage
 
 
 class OwnMetric(ABC):
-    """A metric that is stored beside ours. Its methods give values by degree of freedom."""
+    """A user-defined metric. Its methods return one value per degree of freedom."""
 
     definition: ClassVar[Definition]
 
     def of_model(self, held_out: Recording, model: Vessel) -> Mapping[str, float]:
-        """Values of a model on the held-out part of a recording; none by default."""
+        """Compute the metric of a model on the held-out part of a recording; empty by default."""
         return {}
 
     def of_voyage(self, voyage: Voyage) -> Mapping[str, float]:
-        """Values of a mission sailed in deployment; none by default."""
+        """Compute the metric of a mission in deployment; empty by default."""
         return {}
 
 
 def validation_rows(
     parts: Sequence[OwnMetric], held_out: Recording, models: Mapping[str, Vessel]
 ) -> list[Metric]:
-    """What the parts measure of every model."""
+    """Compute the user-defined metrics of every model."""
     return [
         row
         for part in parts
@@ -52,7 +53,7 @@ def validation_rows(
 
 
 def deployment_rows(parts: Sequence[OwnMetric], voyage: Voyage, model: str) -> list[Metric]:
-    """What the parts measure of a sailed mission."""
+    """Compute the user-defined metrics of a mission in deployment."""
     return [
         row for part in parts for row in _rows(part, "deployment", model, part.of_voyage(voyage))
     ]

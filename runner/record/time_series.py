@@ -1,4 +1,4 @@
-"""Time series that a trial stores: the recording, the residual force, the sailed missions."""
+"""Time series of a trial: the recording, the residual force and the deployments."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -25,21 +25,21 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import Excited, Sailed
 from seatrial.runner.database.records import Series
-from seatrial.runner.record.deployment_metrics import _allocated
+from seatrial.runner.record.deployment_metrics import is_allocated
 
 
 def voyage_series(sailed: Sailed, model: str) -> Series:
-    """The deployment over time, with set-points and the force of the wind where there are some."""
-    one = deployment_series(sailed.voyage, model)
+    """Return a deployment over time, with the set-points and, if there is wind, its force."""
+    series = deployment_series(sailed.voyage, model)
     dofs, log = sailed.voyage.dofs, sailed.voyage.log
-    columns, units = dict(one.columns), dict(one.units)
+    columns, units = dict(series.columns), dict(series.units)
     for i, (name, dof) in enumerate(zip(poses_of(dofs), dofs, strict=True)):
         columns[f"{name}_setpoint"] = log.setpoint[:, i]
         units[f"{name}_setpoint"] = units[name]
         if sailed.wind is not None:
             columns[f"wind_{dof}"] = sailed.wind[:, i]
             units[f"wind_{dof}"] = FORCE_UNIT[dof]
-    return replace(one, columns=columns, units=units)
+    return replace(series, columns=columns, units=units)
 
 
 Mask = NDArray[np.bool_]
@@ -50,9 +50,11 @@ def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
 
 
 def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
-    """Units of series columns by their names."""
+    """Return the unit of each series column, by its name."""
     units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
-    units |= {f"{what}_{way}": "m/s" for what in ("wind", "current") for way in ("north", "east")}
+    units |= {
+        f"{medium}_{axis}": "m/s" for medium in ("wind", "current") for axis in ("north", "east")
+    }
     units |= {"noise_wind_ahead": "m/s", "noise_wind_abeam": "m/s"}
     for names, unit_of in (
         (poses_of(dofs), POSE_UNIT),
@@ -75,11 +77,11 @@ def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
 
 
 def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
-    """The realised disturbances that vary, as far as they are present."""
-    ways = ("north", "east")
+    """Return the realised disturbances that are present and vary over time."""
+    axes = ("north", "east")
     parts = (
-        ([f"wind_{way}" for way in ways], weather.wind_ned),
-        ([f"current_{way}" for way in ways], weather.current_ned),
+        ([f"wind_{axis}" for axis in axes], weather.wind_ned),
+        ([f"current_{axis}" for axis in axes], weather.current_ned),
         ([f"wave_{name}" for name in poses_of(dofs)], weather.wave_motion),
         ([f"process_{name}" for name in accelerations_of(dofs)], weather.process),
     )
@@ -87,7 +89,7 @@ def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
 
 
 def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
-    """The realised measurement noise and the force in NED, where there is some."""
+    """Return the measurement noise and the force in NED, if they are not zero."""
     waves = weather.wave_motion if len(weather.wave_motion) else 0.0
     parts = (
         ([f"noise_{name}" for name in poses_of(dofs)], weather.pose_noise - waves),
@@ -100,7 +102,7 @@ def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
 
 
 def recording_series(recording: Recording, training: Mask, sailed: Sailed | None) -> Series:
-    """The whole recording, as measured, and of a simulation the weather that was sailed in."""
+    """Return the recording as measured; for a simulation, with the realised weather."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}
     columns |= _columns(poses_of(dofs), recording.eta)
@@ -112,21 +114,21 @@ def recording_series(recording: Recording, training: Mask, sailed: Sailed | None
     if sailed is not None:
         columns |= _weather(sailed.voyage.weather, dofs)
         columns |= _noise(sailed.voyage.weather, dofs)
-        columns |= asked(sailed.voyage)
+        columns |= _requested_forces(sailed.voyage)
         if sailed.wind is not None:
             columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
     return Series("recording", columns, _units(dofs, columns))
 
 
-def asked(voyage: Voyage) -> dict[str, Array]:
-    """The commands before the thrusters' allocation, where it changes them."""
-    if not _allocated(voyage):
+def _requested_forces(voyage: Voyage) -> dict[str, Array]:
+    """Return the commanded forces before the allocation, if the allocation changes them."""
+    if not is_allocated(voyage):
         return {}
     return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
 
 
 def residual_series(excited: Excited, nominal: Vessel, identified: Identified) -> Series:
-    """Commanded force and its residual from every model over the whole recording."""
+    """Return the commanded force, and its residual for every model, over the recording."""
     recording = excited.recording
     dofs = recording.dofs
     columns = {"t": recording.t, "train": excited.training.astype(np.float64)}
@@ -141,7 +143,7 @@ def residual_series(excited: Excited, nominal: Vessel, identified: Identified) -
 
 
 def deployment_series(voyage: Voyage, model: str) -> Series:
-    """A sailed mission: true pose, reference, velocities, forces, errors and weather over time."""
+    """Return a deployment over time: pose, reference, velocity, force, error and weather."""
     log, dofs = voyage.log, voyage.dofs
     columns = {"t": voyage.t}
     columns |= _columns(poses_of(dofs), log.eta)
@@ -150,7 +152,7 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
     columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
     columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
-    if _allocated(voyage):
+    if is_allocated(voyage):
         columns |= _columns([f"tau_applied_{dof}" for dof in dofs], log.applied)
     columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
     if dofs == PLANAR:

@@ -1,4 +1,4 @@
-"""Metrics of a model on the held-out part: force residual, coefficients and predictions."""
+"""Validation metrics on the held-out part: force residuals, coefficients and predictions."""
 
 import numpy as np
 
@@ -16,7 +16,10 @@ from seatrial.runner.record.metric_rows import metric, per_dof
 def validation(
     held_out: Recording, nominal: Vessel, identified: Identified, truth: Vessel | None
 ) -> list[Metric]:
-    """One-step force residuals on the held-out part, of every model, and what they show."""
+    """Compute the force residuals of every model on the held-out part, and the coefficient errors.
+
+    A model whose force error is below the true plant's is flagged as `below_true_model`.
+    """
     models = {"nominal": nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
@@ -24,31 +27,31 @@ def validation(
     if held_out.tau_filtered is not None:
         forces["_filtered"] = "filtered"
     dofs = held_out.dofs
-    found: list[Metric] = []
+    metrics: list[Metric] = []
     flags = np.zeros(len(dofs), dtype=bool)
     for suffix, force in forces.items():
         residuals = {name: lack_of_fit(held_out, model, force) for name, model in models.items()}
         squares = {name: measure.mean_square(e) for name, e in residuals.items()}
         for name, e in residuals.items():
-            found += per_dof(f"force_mse{suffix}", "validation", name, dofs, squares[name])
+            metrics += per_dof(f"force_mse{suffix}", "validation", name, dofs, squares[name])
             mae = measure.mean_absolute(e)
-            found += per_dof(f"force_mae{suffix}", "validation", name, dofs, mae)
+            metrics += per_dof(f"force_mae{suffix}", "validation", name, dofs, mae)
         if truth is not None:
             variance = np.var(held_out.force(force), axis=0)
             flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
     if truth is not None:
-        found += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)
-        found += _coefficient_errors(nominal, "nominal", truth)
-        found += _coefficient_errors(identified.model, "identified", truth)
+        metrics += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)
+        metrics += _coefficient_errors(nominal, "nominal", truth)
+        metrics += _coefficient_errors(identified.model, "identified", truth)
         own = truth.on(nominal.terms)
-        found += _median_error(nominal, "nominal", own) + _median_error(
+        metrics += _median_error(nominal, "nominal", own) + _median_error(
             identified.model, "identified", own
         )
-    return found
+    return metrics
 
 
 def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
-    """Largest relative error per degree of freedom over the coefficients that are not zero."""
+    """Compute the largest relative error of the non-zero coefficients per degree of freedom."""
     errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
     known = ~np.isnan(errors)
     worst = np.where(known, errors, 0.0).max(axis=0, initial=0.0)
@@ -62,41 +65,42 @@ def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]
 
 
 def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
-    """Median relative error over the true coefficients of the vessel's own terms, wind's apart."""
+    """Compute the median relative error of the vessel's coefficients, without the wind's."""
     errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
     known = errors[~np.isnan(errors)]
-    middle = float(np.median(known)) if known.size else float("nan")
-    return [metric("coefficient_error_median", "validation", name, "all", middle)]
+    median = float(np.median(known)) if known.size else float("nan")
+    return [metric("coefficient_error_median", "validation", name, "all", median)]
 
 
-UNKNOWN = Ahead(np.array(np.nan), float("nan"))  # of a model that cannot predict
+UNKNOWN = Ahead(np.array(np.nan), float("nan"))  # for a model that cannot predict
 
 
 def prediction_metrics(
     problem: Problem, identified: Identified, truth: Vessel | None
 ) -> tuple[list[Metric], list[Finding]]:
-    """Root mean square error of pose and velocity on the held-out part, of every model.
+    """Compute the RMSE of pose and velocity of every model on the held-out part.
 
-    One step and ten steps after every measured state, and a free run. A model that cannot predict
-    has empty figures and its reason as a diagnostic.
+    The predictions start at every measured state and last one step and ten steps; a free run
+    starts at the first state only. For a model that cannot predict, the metrics are NaN and the
+    reason is returned as a finding.
     """
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
     held_out, dofs = problem.validation, problem.validation.dofs
-    found: list[Metric] = []
+    metrics: list[Metric] = []
     reasons: list[Finding] = []
     for model, table in models.items():
         try:
-            ready = prediction(table, held_out, problem.thruster)
-            errors = {name: ready.ahead(steps) for name, steps in AHEAD.items()}
+            predictor = prediction(table, held_out, problem.thruster)
+            errors = {name: predictor.ahead(steps) for name, steps in AHEAD.items()}
         except IdentificationError as error:
             reason = f"{model} model: {error}"
             reasons.append(Finding("no_prediction", "all", 1.0, label=reason))
             errors = dict.fromkeys(AHEAD, UNKNOWN)
         for name, (rmse, limited) in errors.items():
             halves = np.split(np.broadcast_to(rmse, 2 * len(dofs)), 2)
-            for what, half in zip(("pose", "velocity"), halves, strict=True):
-                found += per_dof(f"{what}_rmse_{name}", "validation", model, dofs, half)
-            found.append(metric(f"limited_share_{name}", "validation", model, "all", limited))
-    return found, reasons
+            for quantity, half in zip(("pose", "velocity"), halves, strict=True):
+                metrics += per_dof(f"{quantity}_rmse_{name}", "validation", model, dofs, half)
+            metrics.append(metric(f"limited_share_{name}", "validation", model, "all", limited))
+    return metrics, reasons

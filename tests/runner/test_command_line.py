@@ -25,7 +25,7 @@ REFUSED = {
     "seed": "'seed' cannot be read, expected option=value",
     "seed=[1": "'seed=[1' cannot be read, expected option=value",
     "seed=${nowhere}": "seed: Interpolation key 'nowhere' not found",
-    "+seed=2": "+seed: there is such an option already, write seed=...",
+    "+seed=2": "+seed: the option exists already, write seed=...",
     "~seed": "seed is missing",
     "bogus=1": "bogus: unknown option, see python -m runner --cfg job",
     "identifer=ls": "identifer: unknown option, did you mean identifier?",

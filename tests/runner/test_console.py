@@ -129,7 +129,7 @@ def test_a_broken_logbook_ends_the_display_not_the_sweep(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO), progress.shown(f"sqlite:///{tmp_path}/none.db", 1):
-        progress_told(caplog, "the progress is not shown any more: ")
+        progress_told(caplog, "the progress is no longer shown: ")
 
 
 def test_a_line_on_a_terminal(tmp_path: Path) -> None:

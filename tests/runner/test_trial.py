@@ -18,7 +18,7 @@ from tests.trials import asked_for, composed
     ("overrides", "message"),
     [
         (["identifier.lowpass_hz=9"], "identifier.lowpass_hz must lie between 0 and 5, got 9"),
-        (["controller=none"], "controller=none: excitation=waypoints is sailed by a controller"),
+        (["controller=none"], "controller=none: excitation=waypoints needs a controller"),
         (["vessel=surge_linear"], "excitation=waypoints: a lap of way-points needs a vessel"),
         (["vessel=surge_linear", "excitation=four_corner"], "excitation=four_corner: a lap of"),
         (["vessel=surge_linear", "excitation=zigzag"], "excitation=zigzag: .* surge and yaw"),
@@ -165,7 +165,7 @@ def test_forces_that_the_thrusters_cannot_give_are_flagged(
                 "vessel.thrusters.method=qp", f"vessel.thrusters.thrusters={weak}",
             )
         )  # fmt: skip
-    assert "the thrusters cannot give" in caplog.text
+    assert "the thrusters cannot produce" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""How Alembic runs here: on a connection that is handed in, within its transaction."""
+"""The environment of Alembic, which runs on a given connection, within its transaction."""
 
 import logging
 
@@ -8,7 +8,7 @@ from sqlalchemy import Connection
 from seatrial.runner.database.schema import VERSION_TABLE
 from seatrial.runner.database.tables import Base
 
-logging.getLogger("alembic").setLevel(logging.WARNING)  # `schema` says that it upgrades
+logging.getLogger("alembic").setLevel(logging.WARNING)  # `schema` logs the upgrade itself
 connection: Connection = context.config.attributes["connection"]
 context.configure(
     connection=connection,

@@ -58,7 +58,7 @@ def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
     assert begun.state == "new"
     old, new = logbook.runs()
     assert (old.status, old.superseded) == ("interrupted", True)
-    assert "on island gave no sign of life for 60 s" in str(old.error)
+    assert "on island had no heartbeat for 60 s" in str(old.error)
     assert (new.status, new.attempt) == ("running", 2)
     with pytest.raises(LogbookError, match="it is interrupted, expected running"):
         logbook.finish_run(elsewhere, Results())
@@ -79,7 +79,7 @@ def test_a_process_that_is_gone_from_here_is_not_waited_for(logbook: Logbook, ur
     assert logbook.run(run).summary.status == "interrupted"
     assert logbook.begin_run(make_start(1)).state == "new"
     child.communicate()
-    assert "is gone" in str(logbook.run(run).summary.error)
+    assert "has ended" in str(logbook.run(run).summary.error)
 
 
 @pytest.mark.parametrize("sign", ["its process is gone", "its heartbeat is old"])

@@ -109,7 +109,7 @@ def test_a_series_folder_that_cannot_be_written_leaves_the_run_under_way(shared:
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(LogbookError, match=r"file/results.db: cannot make the folder"):
+    with pytest.raises(LogbookError, match=r"file/results.db: cannot create the folder"):
         Logbook.open(f"sqlite:///{tmp_path}/file/results.db", results_dir=tmp_path)
     (tmp_path / "folder.db").mkdir()
     with pytest.raises(LogbookError, match=r"folder.db: got a folder, expected a SQLite file"):

@@ -93,7 +93,7 @@ def test_a_run_ends_only_once(logbook: Logbook) -> None:
     logbook.finish_run(run, Results())
     with pytest.raises(LogbookError, match=r"run 1 cannot be ended: it is finished"):
         logbook.finish_run(run, Results())
-    with pytest.raises(LogbookError, match=r"run 9 cannot be ended: it is not there"):
+    with pytest.raises(LogbookError, match=r"run 9 cannot be ended: it is missing"):
         logbook.finish_run(9, Results())
 
 

@@ -58,14 +58,14 @@ def test_what_happened_to_series_files_is_found(filled: Logbook, results_dir: Pa
         "run 1, series recording",
         "run 2, series recording",
     ]
-    assert "not what the run wrote: got SHA-256" in problems[0].what
+    assert "the file was changed: got SHA-256" in problems[0].what
     assert "cannot be read: No such file" in problems[1].what
     assert [path.name for path in verified.leftovers] == [
         ".run-000004-recording.parquet.77.tmp",
         "notes.txt",
         "run-000009-recording.parquet",
     ]
-    with pytest.raises(LogbookError, match="not what the run wrote"):
+    with pytest.raises(LogbookError, match="the file was changed"):
         filled.series(1, "recording")
     with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
         filled.series(1, "other")
@@ -85,8 +85,8 @@ def test_rows_that_were_changed_are_found(filled: Logbook, url: str) -> None:
     if parse(url).sqlite:  # PostgreSQL has no way round a foreign key
         change(url, delete(Run).where(Run.id == 2))
         found = {problem.where: problem.what for problem in filled.verify().problems}
-        assert found["table metric"] == "30 rows point to no run"
-        assert found["table coefficient"] == "100 rows point to no run"
+        assert found["table metric"] == "30 rows refer to no run"
+        assert found["table coefficient"] == "100 rows refer to no run"
 
 
 @pytest.mark.parametrize(

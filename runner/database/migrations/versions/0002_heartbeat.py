@@ -1,4 +1,4 @@
-"""Runs that are claimed, show signs of life, and say how to repeat them."""
+"""Add claims, heartbeats, error types and commands of runs."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,7 +10,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Add the columns; whatever was under way before has no heartbeat, so it is given up."""
+    """Add the columns; running runs have no heartbeat and become interrupted."""
     with op.batch_alter_table("run") as run:
         run.add_column(sa.Column("error_type", sa.Text(), nullable=True))
         run.add_column(sa.Column("command", sa.Text(), nullable=True))
