@@ -70,7 +70,7 @@ class _Files(IndexDataCacheFile):
     def _load_index(self) -> Any:
         try:
             return super()._load_index()
-        except (EOFError, pickle.UnpicklingError):  # truncated by a loss of power
+        except (EOFError, pickle.UnpicklingError, ImportError, AttributeError):
             return {}
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +164,6 @@ def sail(
     log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
-    parameters, state = controller
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
     pose = state_of(kinematics, np.asarray(start, dtype=np.float64))
     log.eta[:1] = start  # angles are unwrapped from here
@@ -173,28 +172,46 @@ def sail(
         kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather,
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
-    craft = (
+    craft = (*_vessel_state(plant, pose, start_nu, added), h, substeps, plant.integrator == "euler")
+    steps = CONTROLLERS[type(controller[0])], ALLOCATIONS[type(sharing)]
+    loop, edges = _loop(steps, plant, watch, n, period_s)
+    times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
+    t = period_s * np.arange(n, dtype=np.float64)
+    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+
+
+def _vessel_state(
+    plant: Plant, pose: Array, start_nu: Array | None, added: Array | None
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Added force, initial thrust, pose and velocity, and the limits of the velocity."""
+    n_dof = len(plant.vessel.dofs)
+    return (
         np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64),
         np.zeros((n_dof, 2)), pose,
         np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
-        np.array(plant.velocity_limits, dtype=np.float64), h, substeps,
-        plant.integrator == "euler",
+        np.array(plant.velocity_limits, dtype=np.float64),
     )  # fmt: skip
-    steps = CONTROLLERS[type(parameters)], ALLOCATIONS[type(sharing)]
-    loop, edges = _loop(steps, plant, watch, n, period_s)
+
+
+def _run_blocks(
+    loop: Callable[..., int], edges: Sequence[int], plant: Plant, watch: Watch | None,
+    controller: tuple[Parameters, State], before: tuple[Any, ...], craft: tuple[Any, ...],
+    log: Log, period_s: float,
+) -> list[float]:  # fmt: skip
+    """Run the loop between the edges; returns the mean time of a step in each block [s]."""
+    parameters, state = controller
     times: list[float] = []
     for first, last in pairwise(edges):
         table = plant.at(first * period_s).plant_table()
         if watch is not None and first > 0 and first % watch.every == 0:
             parameters = watch.look(first, log, parameters, state)
-        work = scratch(len(table.codes), n_dof, len(pose))
+        work = scratch(len(table.codes), log.nu.shape[1], len(craft[2]))
         start_time = perf_counter()
-        rows: int = loop(first, last, table, *before, parameters, state, *craft, work, log)
+        rows = loop(first, last, table, *before, parameters, state, *craft, work, log)
         if rows < last:
             raise _diverged(plant, log, rows, period_s)
         times.append((perf_counter() - start_time) / max(last - first, 1))
-    t = period_s * np.arange(n, dtype=np.float64)
-    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+    return times
 
 
 def _substeps(period_s: float, step_s: float) -> int:
