@@ -12,7 +12,7 @@ import pytest
 
 from seatrial.models import compiled
 
-ROOT = Path(compiled.__file__).parents[len(compiled.__name__.split(".")) - 1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = compiled.__name__.rpartition(".")[0]
 
 # Kernels that tell when they are being compiled, and are not ready before the test allows it.
