@@ -102,7 +102,7 @@ def test_two_processes_do_not_run_the_same_trial(tmp_path: Path) -> None:
 def test_a_trial_has_one_thread(tmp_path: Path) -> None:
     code = (
         "from threadpoolctl import threadpool_info\n"
-        "import sys, types, numpy, scipy.linalg, runner\n"
+        "import sys, types, numpy, scipy.linalg, seatrial.runner\n"
         "from seatrial.runner.database.records import Results\n"
         "def run(trial):\n"
         "    pools = {pool['num_threads'] for pool in threadpool_info()}\n"

@@ -132,7 +132,7 @@ def test_an_open_loop_needs_no_controller_and_cannot_be_replayed() -> None:
     np.testing.assert_array_equal(voyage.log.tau_fb, 0.0)
     assert skipped(composed("excitation=prbs")) == NO_REFERENCE
     assert trial.controller is None
-    with pytest.raises(ConfigurationError, match="sailed by a controller"):
+    with pytest.raises(ConfigurationError, match="needs a controller"):
         check(composed("controller=none", "excitation=prbs", "excitation.loop=closed"))
 
 

@@ -318,11 +318,11 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"weights": [1.0]}, "expected 2"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
         ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=least_squares"),
-        ({"bound_factor": None}, "bounds.surge.u_dot is missing"),
+        ({"bound_factor": None}, "bounds.surge.u_dot: got none"),
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),
         ({"polish_horizons": [0]}, "horizons must be at least 2"),
-        ({"parameters": ["surge.u^2"]}, r"bounds.surge.u\^2 is missing"),
+        ({"parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):
