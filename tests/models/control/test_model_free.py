@@ -76,7 +76,7 @@ def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     assert np.all(errors(results, "identified") > 10.0 * errors(results, "nominal"))
     form = [d for d in results.diagnostics if d.name == "physical_form"]
     assert form[0].value == 0.0
-    assert "no sampled continuous motion" in str(form[0].label)
+    assert "which a sampled continuous model cannot have" in str(form[0].label)
 
 
 def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:

@@ -223,7 +223,7 @@ def test_an_old_logbook_is_found_out_shown_masked_and_scrubbed(
         assert b"hunter2" not in file.read_bytes()
     capsys.readouterr()
     assert compare(["scrub", *place]) == 0
-    assert "no password" in capsys.readouterr().err
+    assert "no row contains a password" in capsys.readouterr().err
 
 
 def test_retry_hands_the_address_over_in_the_environment(
