@@ -62,7 +62,7 @@ def test_a_minimum_is_lower_than_all_its_neighbours():
     [
         ({"points": 1}, "points must be at least 2"),
         ({"parameters": ["surge.u"]}, r"got 1 \(surge.u\), expected two"),
-        ({"bound_factor": None}, "bounds.surge.u_dot is missing"),
+        ({"bound_factor": None}, "bounds.surge.u_dot: got none"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):
