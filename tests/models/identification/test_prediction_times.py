@@ -24,5 +24,5 @@ def test_every_way_is_timed(identifier, make, signal):
 
 @pytest.mark.parametrize("numbers", [[], [0, 1], [3, 2], [2, 2]])
 def test_numbers_of_calls_rise_from_one(identifier, numbers):
-    with pytest.raises(ConfigurationError, match="rising numbers from 1 on"):
+    with pytest.raises(ConfigurationError, match="must be increasing positive numbers"):
         identifier("prediction_times", calls=numbers)
