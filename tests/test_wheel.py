@@ -43,7 +43,12 @@ def requirements(name: str, seen: dict[str, Distribution]) -> dict[str, Distribu
 def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
     """A command in a folder, without the variables that would show it the checkout."""
     hidden = ("PYTHONPATH", "SEATRIAL_DATA", "VIRTUAL_ENV", "HYDRA_FULL_ERROR")
-    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        # The Makefile's PIP_CONSTRAINT is a path relative to the checkout.
+        if name not in hidden and not name.startswith("PIP_")
+    }
     return subprocess.run(
         [str(word) for word in command],
         cwd=folder,

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from sqlalchemy import URL, Engine, event
+from sqlalchemy import URL, Engine, ExceptionContext, event
 from sqlalchemy.exc import DBAPIError
 
 from seatrial.models.errors import LogbookError
@@ -17,6 +17,7 @@ from seatrial.runner.database.mask import without_passwords
 PATIENCE_S = 60.0
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
+SHUTDOWN_STATES = ("57P01", "57P02", "57P03")  # by an administrator, by a crash, while starting
 _worth_waiting: dict[URL, bool] = {}  # by URL with password: a wrong password is a different URL
 T = TypeVar("T")
 
@@ -57,6 +58,13 @@ def wait_for_server(engine: Engine) -> None:
         connection = _connected(lambda: dialect.connect(*args, **options), engine.url)
         _worth_waiting[engine.url] = True
         return connection
+
+    @event.listens_for(engine, "handle_error")
+    def _lost(context: ExceptionContext) -> None:
+        # The server's farewell can be read before the connection is seen to be closed.
+        state = getattr(context.original_exception, "sqlstate", None) or ""
+        if state in SHUTDOWN_STATES or state.startswith("08"):
+            context.is_disconnect = True
 
 
 def _connected(connect: Callable[[], T], url: URL) -> T:

@@ -10,6 +10,7 @@ from threading import Timer
 
 import pytest
 from sqlalchemy import event, update
+from sqlalchemy.exc import DBAPIError
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import Logbook, engine, outage
@@ -93,6 +94,26 @@ def test_a_server_that_stays_away_is_told_in_one_line(
         assert logbook.begin_run(make_start(1)).state == "new"
 
 
+def test_a_farewell_counts_as_an_outage_before_the_connection_closes(postgres: Postgres) -> None:
+    writer = engine.writer(parse(postgres.new_database()))
+    farewells = ["57P01", "57P02", "08006"]
+
+    def task() -> str:
+        with writer.begin() as connection:
+            if farewells:
+                state = farewells.pop()
+                raised = f"RAISE EXCEPTION 'terminating connection' USING ERRCODE = '{state}'"
+                connection.exec_driver_sql(f"DO $$ BEGIN {raised}; END $$")
+            return "done"
+
+    assert outage.repeated(task) == "done"
+    assert farewells == []
+    farewells.append("22012")
+    with pytest.raises(DBAPIError, match="terminating connection"):
+        outage.repeated(task)
+    writer.dispose()
+
+
 def lose_answer_of_commit(logbook: Logbook) -> list[str]:
     """The next commit succeeds, but the connection is gone before that is known."""
     lost: list[str] = []
@@ -150,7 +171,7 @@ def test_a_sweep_goes_on_when_the_server_comes_back(
     time.sleep(5.0)
     server.come_back()
     code, out, err = ended(process)
-    assert code == 0, err
+    assert code == 0, out + err
     assert "8 finished" in out
     assert "Traceback" not in err
     with Logbook.read(url, results_dir=tmp_path / "results") as logbook:
