@@ -1,7 +1,7 @@
 """Shared parts of the commands: the application, the common options and the printing of tables.
 
-The commands are in `commands` and `logbook_commands`. Each command imports what it needs when it
-runs, so that --help starts fast.
+The commands are in `commands` and `logbook_commands`. They take what is slow to import from the
+package, as `compare.results`, which loads it at its first use, so that --help starts fast.
 """
 
 import shutil

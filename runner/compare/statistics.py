@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
@@ -81,9 +82,7 @@ def confidence_interval(
         return math.nan, math.nan
     if kind == "bootstrap":
         return _bootstrap_interval(sample, level)
-    from scipy.special import stdtrit  # a quarter of the import time of scipy.stats
-
-    quantile = float(stdtrit(sample.size - 1, 0.5 + level / 2.0))
+    quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + level / 2.0))
     mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
     return mean - half, mean + half
 
@@ -141,6 +140,4 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
 def _wilcoxon(differences: Sample) -> float:
     if not np.any(differences):
         return math.nan
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(differences).pvalue)
+    return float(scipy.stats.wilcoxon(differences).pvalue)
