@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
 import typer
 
@@ -29,7 +29,7 @@ def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., No
     """Turn a function of one dataclass into a command; the fields become its options."""
 
     def command_of(function: Callable[[T], None]) -> Callable[..., None]:
-        def command(**values: Any) -> None:
+        def command(**values: object) -> None:
             function(options(**values))
 
         command.__name__, command.__doc__ = function.__name__, function.__doc__

@@ -19,7 +19,7 @@ from seatrial.runner.database.tables import Utc
 
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
-Expression = sa.ColumnElement[Any]
+Expression = sa.ColumnElement[object]
 
 
 class Names:
@@ -162,9 +162,9 @@ def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:
     return ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
 
 
-def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """Return a nested configuration as one level with dotted names."""
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
             values |= flat(value, f"{prefix}{key}.")

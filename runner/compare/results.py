@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import Names, flat
+from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Condition, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
@@ -83,7 +82,7 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-DiagnosticRow = sa.Row[Any]
+DiagnosticRow = sa.Row[object]
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
@@ -112,7 +111,7 @@ class Results:
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
-        columns: dict[str, Any] = {column.name: column for column in RUN.c}
+        columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
@@ -226,7 +225,7 @@ class Results:
         name = Metric.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
-    def configs(self, ids: Sequence[int]) -> list[Mapping[str, Any]]:
+    def configs(self, ids: Sequence[int]) -> list[Mapping[str, object]]:
         """Return the configurations of the given runs, with dotted names."""
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
@@ -237,18 +236,18 @@ class Results:
         reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
         return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
-    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[Any]]:
+    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[object]]:
         """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
 
-    def _of_runs(self, query: sa.Select[Any], condition: Condition | None) -> sa.Select[Any]:
+    def _of_runs(self, query: sa.Select[object], condition: Condition | None) -> sa.Select[object]:
         joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
         query = query.select_from(joined)
         return query if condition is None else query.where(self.names.clause(condition))
 
-    def _ids(self, condition: Condition | None) -> sa.Select[Any]:
+    def _ids(self, condition: Condition | None) -> sa.Select[object]:
         return self._of_runs(sa.select(RUN.c.id), condition)
 
     def why_none(self, *filters: object) -> str:

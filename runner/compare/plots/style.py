@@ -3,12 +3,12 @@
 Figures are made without pyplot: no window, no global state, and no effect of backend settings.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -18,6 +18,9 @@ from matplotlib.figure import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 # Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -32,7 +35,7 @@ MUTED = "#595959"
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 SHADE = "#E8E8E8"
-RC: dict[Any, Any] = {
+RC: Mapping["RcKeyType", object] = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
     "axes.titlesize": 11,
