@@ -10,6 +10,8 @@ from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
     Form,
+    PlotOptions,
+    TableOptions,
     Where,
     app,
     axes_of,
@@ -17,8 +19,8 @@ from seatrial.runner.compare.cli import (
     show_grids,
     shown_path,
     split,
+    taking,
 )
-from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
 from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
 from seatrial.runner.compare.grid import grid_of

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.cli import axes_of
-from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.cli import TableOptions, axes_of
 from seatrial.runner.compare.pivot import Key, Pivot
 from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
