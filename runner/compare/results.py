@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
@@ -82,7 +83,8 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-DiagnosticRow = sa.Row[object]
+DiagnosticRow = sa.Row[*tuple[object, ...]]
+Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
@@ -236,18 +238,18 @@ class Results:
         reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
         return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
-    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[object]]:
+    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[*tuple[object, ...]]]:
         """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
 
-    def _of_runs(self, query: sa.Select[object], condition: Condition | None) -> sa.Select[object]:
+    def _of_runs(self, query: Query, condition: Condition | None) -> Query:
         joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
         query = query.select_from(joined)
         return query if condition is None else query.where(self.names.clause(condition))
 
-    def _ids(self, condition: Condition | None) -> sa.Select[object]:
+    def _ids(self, condition: Condition | None) -> sa.Select[int]:
         return self._of_runs(sa.select(RUN.c.id), condition)
 
     def why_none(self, *filters: object) -> str:
