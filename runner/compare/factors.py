@@ -42,7 +42,10 @@ class Names:
         self.sqlite = sqlite
 
     def check(self, name: str, option: str) -> None:
-        """Raise ConfigurationError for an unknown name; the message lists similar names."""
+        """Raise ConfigurationError for an unknown name; the message lists similar names.
+
+        `option` is the command-line option that the message begins with.
+        """
         if name in self.columns or name in self.keys:
             return
         known = list(dict.fromkeys([*self.columns, *sorted(self.keys)]))
@@ -62,7 +65,10 @@ class Names:
         return self._key_text(name)
 
     def clause(self, condition: Condition) -> sa.ColumnElement[bool]:
-        """Return the SQL of a condition; ConfigurationError for an unknown name or a wrong type."""
+        """Return the SQL of a condition.
+
+        Raises ConfigurationError for an unknown name or a value of a wrong type.
+        """
         match condition:
             case Comparison():
                 return self._compare(condition.name, condition.operator, condition.value)
@@ -133,7 +139,7 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
 
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime:
-    """Return the value in the type of the column; ConfigurationError if it has another type."""
+    """Return the value in the type of the column; raises ConfigurationError for another type."""
     if value is None:
         return None
     kind = column.type
@@ -163,7 +169,10 @@ def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
-    """Return a nested configuration as one level with dotted names."""
+    """Return a nested configuration as one level with dotted names.
+
+    `prefix` stands before every name.
+    """
     values: dict[str, object] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):

@@ -64,12 +64,15 @@ class Section:
 
 
 def write_report(results: Results, request: ReportRequest, file: Path) -> None:
-    """Write the page; LogbookError if the file cannot be written."""
+    """Write the page; raises LogbookError if the file cannot be written.
+
+    `request` selects the runs, rows and columns. Raises ConfigurationError if no run matches.
+    """
     write_page(render_report(results, request), file)
 
 
 def render_report(results: Results, request: ReportRequest) -> str:
-    """Return the page as text; raise ConfigurationError if no run matches."""
+    """Return the page as text; raises ConfigurationError if no run matches."""
     where = _where(results, request)
     condition = results.where(where)
     runs = results.runs(condition)

@@ -91,7 +91,7 @@ COEFFICIENT_STAGE = "coefficient"
 
 @contextmanager
 def open_results(database: str, results_dir: Path | None = None) -> Iterator["Results"]:
-    """Open the logbook at a URL or file path for reading; LogbookError if there is none.
+    """Open the logbook at a URL or file path for reading; raises LogbookError if there is none.
 
     `results_dir` is the folder of its series; the default is the folder of a SQLite file, else
     `results`.
@@ -118,7 +118,10 @@ class Results:
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
-        """Parse the condition of --where and check its names."""
+        """Parse the condition of --where and check its names.
+
+        Raises ConfigurationError for a text that is no condition, and for an unknown name.
+        """
         condition = parse(text) if text else None
         if condition is not None:
             self.names.clause(condition)
@@ -178,7 +181,10 @@ class Results:
     def coefficients(
         self, runs: Sequence[Run], condition: Condition | None = None
     ) -> list[Observation]:
-        """Return all coefficients of the runs, named by their terms."""
+        """Return all coefficients of the runs, named by their terms.
+
+        `condition` is the one that selected the runs.
+        """
         c = Coefficient.__table__.c
         columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
         query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
@@ -192,7 +198,10 @@ class Results:
     def diagnostics(
         self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
     ) -> dict[int, list[DiagnosticRow]]:
-        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run."""
+        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run.
+
+        `names` are those of the diagnostics, `condition` is the one that selected the runs.
+        """
         d = Diagnostic.__table__.c
         query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
         query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))

@@ -57,7 +57,7 @@ class Facet:
 def facets(
     results: Results, request: PlotRequest, rows: Sequence[str] | None = None
 ) -> list[Facet]:
-    """Return the runs of each figure; raise ConfigurationError if no run matches.
+    """Return the runs of each figure; raises ConfigurationError if no run matches.
 
     `rows` are the factors of a figure with several row factors.
     """
@@ -101,7 +101,10 @@ def each_facet(
 def newest_with(
     results: Results, facet: Facet, names: Sequence[str]
 ) -> tuple[Run, Sequence[DiagnosticRow]] | None:
-    """Return the newest run with the diagnostic `names[0]` and its diagnostics of these names."""
+    """Return the newest run with the diagnostic `names[0]` and its diagnostics of these names.
+
+    The result is None if no run of the facet has it.
+    """
     findings = results.diagnostics(facet.runs, names, facet.condition)
     for run in reversed(facet.runs):
         if any(row.name == names[0] for row in findings[run.id]):

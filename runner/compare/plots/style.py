@@ -93,14 +93,20 @@ def figure(width: float, height: float) -> Figure:
 def panels(
     rows: int, columns: int, width: float, height: float, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of rows x columns axes, each width x height [inch], and its axes by row."""
+    """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
+
+    With `share_x` all axes have the same range of x.
+    """
     chart = figure(columns * width, rows * height)
     axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
     return chart, [panel for row in axes for panel in row]
 
 
 def metric_label(name: str, dof: str, unit: str | None) -> str:
-    """Return an axis label such as `Force MSE, surge [N²]`."""
+    """Return an axis label such as `Force MSE, surge [N²]`.
+
+    `name` is that of a metric, `dof` its degree of freedom, `unit` the stored unit.
+    """
     label = definition_of(name).label
     text = label if dof in COMBINED else f"{label}, {dof}"
     return with_unit(text, unit)
@@ -138,7 +144,10 @@ def footnote(chart: Figure, notes: Sequence[str]) -> None:
 
 
 def save(drawing: Drawing, folder: Path) -> list[Path]:
-    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte."""
+    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte.
+
+    Returns the paths of the files. Raises OSError if one cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
