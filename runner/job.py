@@ -3,7 +3,7 @@
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import Diverged
 from seatrial.runner.config import Trial, build_trial
@@ -24,7 +24,7 @@ State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
 class Order:
     """What to run: a resolved configuration, its options' names, and the overrides it came from."""
 
-    config: Mapping[str, Any]
+    config: Mapping[str, object]
     names: Mapping[str, str]
     overrides: Sequence[str]
 

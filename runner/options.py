@@ -68,7 +68,7 @@ class Refused(ValueError):  # noqa: N818
         return (key + message).removeprefix(": ")
 
 
-def part(cls: type, node: Any) -> Any:
+def part(cls: type, node: object) -> object:
     """Build the object, a `cls`, that a node describes; raises Refused."""
     if cls is object and node in (None, {}):
         return None
@@ -88,7 +88,7 @@ def part(cls: type, node: Any) -> Any:
         raise Refused((), f": {error}") from error
 
 
-def target(name: Any) -> type:
+def target(name: object) -> type:
     """Import the dataclass that a `_target_` names; raises Refused."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
@@ -105,7 +105,7 @@ def target(name: Any) -> type:
 
 
 @cache
-def options(cls: type) -> TypeAdapter[dict[str, Any]]:
+def options(cls: type) -> TypeAdapter[dict[str, object]]:
     """Return pydantic's checks of a dataclass's options; those with a default are optional."""
     hints = get_type_hints(cls, include_extras=True)
     declared = {}
@@ -143,19 +143,19 @@ def _strict(hint: Any) -> Any:
     return hint
 
 
-def _not_empty(value: Any) -> Any:
+def _not_empty(value: object) -> object:
     if value == "":
         raise Refused((), ": got '', expected a path")
     return value
 
 
-def _anything(value: Any) -> Any:
+def _anything(value: object) -> object:
     if isinstance(value, float) and not isfinite(value):
         raise Refused((), f": got {value}, expected a finite number")
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 
-def _refused(error: ValidationError, values: Mapping[str, Any], cls: type) -> Refused:
+def _refused(error: ValidationError, values: Mapping[str, object], cls: type) -> Refused:
     """Convert the first of pydantic's errors about an object to a message."""
     problems = error.errors(include_url=False)
     order = ("extra_forbidden", "missing")
@@ -214,7 +214,7 @@ def _hint(name: str, cls: type) -> str:
     return f"expected one of {', '.join(known)}" if known else "expected no options here"
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """Format a value as in YAML, shortened to 80 characters."""
     words = {None: "null", True: "true", False: "false"}
     text = words[value] if value is None or isinstance(value, bool) else repr(value)

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, cast
+from typing import cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
@@ -43,7 +43,7 @@ from seatrial.runner.provenance import Provenance, collect
 # The jobs of a sweep: a grid of values, and variants that change several options together.
 
 
-Options = Mapping[str, Any]
+Options = Mapping[str, object]
 
 
 def jobs_of(
@@ -78,7 +78,7 @@ def _values(override: Override) -> list[str]:
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Format a YAML value in the grammar of the command line; text is not changed."""
     if value is None:
         return "null"
@@ -167,8 +167,9 @@ class SeatrialSweeper(Sweeper):
         variants: ListConfig | None = None,
     ) -> None:
         self.max_batch_size = max_batch_size
-        self.params: Any = OmegaConf.to_container(params) if params else {}
-        self.variants: Any = OmegaConf.to_container(variants) if variants else []
+        self.params = cast(Options, OmegaConf.to_container(params) if params else {})
+        listed = OmegaConf.to_container(variants) if variants else []
+        self.variants = cast(Sequence[Options], listed)
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -177,7 +178,7 @@ class SeatrialSweeper(Sweeper):
         self._loader = SharingLoader(hydra_context.config_loader)
         self._context = HydraContext(cast(ConfigLoader, self._loader), hydra_context.callbacks)
         self._config = config
-        self.session: Any = task_function
+        self.session = cast(Session, task_function)
 
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""

@@ -83,7 +83,7 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-DiagnosticRow = sa.Row[Any]
+DiagnosticRow = sa.Row[*tuple[Any, ...]]
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
