@@ -24,7 +24,9 @@ from seatrial.runner.job import Order
 from seatrial.runner.vocabulary import GROUPS
 
 
-def order_of(task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None) -> Order:
+def order_of(
+    task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
+) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
     config = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
     choices = hydra.runtime.choices

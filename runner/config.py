@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import lazy_loader
-
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
+from seatrial.runner import database
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -26,11 +25,11 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
     from seatrial.runner import options
-    from seatrial.runner.database import engine
     from seatrial.runner.record.own_metrics import OwnMetric
 else:
+    import lazy_loader
+
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
-    engine = lazy_loader.load("seatrial.runner.database.engine", suppress_warning=True)
 
 T = TypeVar("T")
 Node = Mapping[str, object]
@@ -148,7 +147,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         plant_change=settings.plant.change,
         seed=settings.seed,
         results_dir=settings.results_dir,
-        database_url=settings.database.url or engine.file_url(settings.results_dir / "results.db"),
+        database_url=settings.database.url
+        or database.engine.file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
         dry_run=settings.dry_run,
         names=dict(names),

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from seatrial.models.compile_lock import seconds_compiled
 from seatrial.models.errors import LogbookError
+from seatrial.runner import database
 from seatrial.runner.invocation import results_program
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -116,9 +117,7 @@ def compare(command: str, url: str, *arguments: str) -> str:
 
 
 def _shown(url: str) -> str:
-    from seatrial.runner.database import display_url
-
-    return display_url(url)
+    return database.display_url(url)
 
 
 def _number(count: int, noun: str) -> str:
@@ -181,12 +180,10 @@ def duration(seconds: float) -> str:
 
 
 def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
-    from seatrial.runner.database import Logbook
-
     reported: set[int] = set()
     pace = Pace()
     try:
-        with Logbook.read(url) as logbook:
+        with database.Logbook.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
                 start_s = time.monotonic()

@@ -19,6 +19,7 @@ from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -44,8 +45,6 @@ class Launched:
 
 def check(choice: str, arguments: Sequence[str]) -> None:
     """Raise ConfigurationError if the launcher would write a password to its files."""
-    from seatrial.runner.database import without_passwords
-
     if choice.startswith("submitit") and any(
         without_passwords(argument) != argument for argument in arguments
     ):

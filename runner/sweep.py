@@ -22,7 +22,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner import console
+from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.hydra_errors import EXPECTED, one_line
@@ -136,13 +136,11 @@ class SweepJob:
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial; the outcome is `lost` if the logbook cannot store it."""
-        from seatrial.runner.database.engine import parse
-        from seatrial.runner.database.outage import expect
-
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
-            expect(parse(trial.database_url).url)  # reached before: it holds the sweep
+            address = database.engine.parse(trial.database_url)
+            database.outage.expect(address.url)  # reached before: it holds the sweep
             return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
@@ -193,12 +191,10 @@ class SeatrialSweeper(Sweeper):
             self._run(_accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
-        from seatrial.runner.database import Logbook
-
         check(self._choice, arguments)
         trial, provenance = plans[0].trial, collect()
         url = trial.database_url
-        with Logbook.open(url, results_dir=trial.results_dir) as logbook:
+        with database.Logbook.open(url, results_dir=trial.results_dir) as logbook:
             sweep_id = logbook.begin_sweep(
                 _sweep_name(arguments), provenance.command, arguments, len(plans)
             )

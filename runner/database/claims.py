@@ -145,7 +145,9 @@ def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:
     return postgresql.insert(table).on_conflict_do_nothing()
 
 
-def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) -> dict[str, object]:
+def _row(
+    start: RunStart, sweep_id: int | None, attempt: int, moment: datetime
+) -> dict[str, object]:
     pid = os.getpid()
     return {
         "sweep_id": sweep_id,

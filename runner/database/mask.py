@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import TextIO, cast
+from typing import Any
 from urllib.parse import quote, unquote
 
 _STARS = "***"
@@ -92,7 +92,7 @@ def command_without_address(command: str) -> str:
 class _Masked:
     """A stream that masks the text written to it; other attributes are those of the stream."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: Any) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
@@ -103,17 +103,17 @@ class _Masked:
         for line in lines:
             self.write(line)
 
-    def __getattr__(self, name: str) -> object:
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
 
 @contextmanager
 def masked_output() -> Iterator[None]:
     """Mask standard output and standard error in the block; tracebacks also after the block."""
-    before = sys.stdout, sys.stderr
+    before: Any = sys.stdout, sys.stderr
+    masked: Any = _Masked(sys.stdout), _Masked(sys.stderr)
     sys.excepthook = _show_masked
-    sys.stdout = cast(TextIO, _Masked(sys.stdout))
-    sys.stderr = cast(TextIO, _Masked(sys.stderr))
+    sys.stdout, sys.stderr = masked
     try:
         yield
     finally:

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
@@ -28,7 +28,6 @@ from seatrial.runner.database import maintenance, schema, scrub, sql_query, tabl
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
@@ -46,6 +45,13 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import LOST
+
+if TYPE_CHECKING:
+    from seatrial.runner.database import export as tables_export
+else:
+    import lazy_loader
+
+    tables_export = lazy_loader.load("seatrial.runner.database.export", suppress_warning=True)
 
 Fact = TypeVar("Fact", Metric, Coefficient, Finding, SeriesFile)
 Columns = TypeVarTuple("Columns")
@@ -201,7 +207,7 @@ class Reader:
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return export(connection, folder)
+            return tables_export.export(connection, folder)
 
     def prunable(
         self,

@@ -52,7 +52,9 @@ def reclaim(address: Address) -> None:
         engine.dispose()
 
 
-def _rows_with_password(connection: Connection) -> Iterator[tuple[type[Base], int, dict[str, object]]]:
+def _rows_with_password(
+    connection: Connection,
+) -> Iterator[tuple[type[Base], int, dict[str, object]]]:
     """Yield each row with a password: its table, its id, and its corrected cells."""
     for table in _TABLES:
         columns = [column for column in table.__table__.c if isinstance(column.type, JSON | Text)]

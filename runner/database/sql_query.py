@@ -6,9 +6,9 @@ in one query.
 """
 
 import sqlite3
+from typing import Any
 
 from sqlalchemy import Connection
-from sqlalchemy.engine.interfaces import DBAPIConnection
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.engine import one_line
@@ -20,7 +20,6 @@ _READING = {
     sqlite3.SQLITE_RECURSIVE,
 }
 _PRAGMAS = {"table_info", "table_xinfo", "table_list", "index_list", "index_info"}
-_NOT_A_QUERY = ("25006", "42601")  # PostgreSQL's states of a read-only transaction, a syntax error
 _REFUSED = "expected one query that only reads (SELECT, WITH, VALUES)"
 
 
@@ -31,8 +30,7 @@ def ask(connection: Connection, query: str) -> Answer:
     raw = connection.connection.dbapi_connection
     if isinstance(raw, sqlite3.Connection):
         return _ask_sqlite(raw, query)
-    assert raw is not None  # the connection is open
-    return _ask_postgresql(raw, query, connection.dialect.loaded_dbapi.Error)
+    return _ask_postgresql(raw, query)
 
 
 def _permit(action: int, first: str | None, second: str | None, *_: str | None) -> int:
@@ -65,16 +63,17 @@ def _ask_sqlite(raw: sqlite3.Connection, query: str) -> Answer:
     return Answer(tuple(column[0] for column in description), rows)
 
 
-def _ask_postgresql(raw: DBAPIConnection, query: str, failure: type[Exception]) -> Answer:
+def _ask_postgresql(raw: Any, query: str) -> Answer:
+    import psycopg
+
     # A named cursor is declared with DECLARE ... CURSOR FOR, which takes exactly one query.
     cursor = raw.cursor(name="question")
     try:
-        cursor.execute(query.strip().rstrip(";"))
-        rows = cursor.fetchall()
-        return Answer(tuple(column[0] for column in cursor.description or ()), list(rows))
-    except failure as error:
+        rows = cursor.execute(query.strip().rstrip(";")).fetchall()
+        return Answer(tuple(column.name for column in cursor.description or ()), rows)
+    except psycopg.Error as error:
         message = one_line(error)
-        if getattr(error, "sqlstate", None) in _NOT_A_QUERY:
+        if isinstance(error, psycopg.errors.ReadOnlySqlTransaction | psycopg.errors.SyntaxError):
             message = f"{message}; {_REFUSED}"
         raise LogbookError(f"sql: {message}") from None
     finally:

@@ -40,7 +40,8 @@ def configured(group: str, name: str, **changes: Any) -> Any:
     """The object of a configuration file, sailing the ferry, with some options changed."""
     node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
     config = {"vessel": OmegaConf.load(CONF / "vessel" / "milliampere.yaml"), group: node}
-    return build_as(object, OmegaConf.to_container(OmegaConf.create(config), resolve=True)[group], group)
+    nodes = OmegaConf.to_container(OmegaConf.create(config), resolve=True)
+    return build_as(object, nodes[group], group)
 
 
 @cache
