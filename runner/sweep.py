@@ -8,6 +8,8 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import cast
 
 from hydra.core.config_loader import ConfigLoader
@@ -21,6 +23,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
@@ -133,9 +136,11 @@ class SweepJob:
 
     sweep_id: int
     provenance: Provenance
+    compile_times: CompileTimes
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial; the outcome is `lost` if the logbook cannot store it."""
+        self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
@@ -194,13 +199,16 @@ class SeatrialSweeper(Sweeper):
         check(self._choice, arguments)
         trial, provenance = plans[0].trial, collect()
         url = trial.database_url
-        with database.Logbook.open(url, results_dir=trial.results_dir) as logbook:
+        with (
+            database.Logbook.open(url, results_dir=trial.results_dir) as logbook,
+            TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
+        ):
             sweep_id = logbook.begin_sweep(
                 _sweep_name(arguments), provenance.command, arguments, len(plans)
             )
-            job = SweepJob(sweep_id, provenance)
+            job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
             outcomes, remaining = _finished_before(plans, job)
-            with console.shown(url, sweep_id):
+            with console.shown(url, sweep_id, job.compile_times):
                 try:
                     launched = self._launch(remaining, job)
                 except KeyboardInterrupt:
