@@ -163,7 +163,7 @@ def build_as(cls: type[T], node: object, key: str) -> T:
     """
     try:
         result = options.part(cls, node)
-    except options.Refused as error:
+    except options.OptionError as error:
         raise ConfigurationError(error.at(key)) from error
     assert isinstance(result, cls)
     return result

@@ -153,7 +153,7 @@ class Refusal:
         return f"{self.asked}: {self.reason}"
 
 
-Known = dict[str, "database.RunSummary"]
+StoredRuns = dict[str, "database.RunSummary"]
 
 
 def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
@@ -168,7 +168,7 @@ def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
     return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
 
 
-def known(plans: Iterable[Plan]) -> Known:
+def known(plans: Iterable[Plan]) -> StoredRuns:
     """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
     plans = list(plans)
     if not plans:
@@ -189,7 +189,7 @@ def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
     return [_listed(plan, runs) for plan in plans]
 
 
-def _listed(plan: Plan | Refusal, runs: Known) -> tuple[str, str, str]:
+def _listed(plan: Plan | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
     if isinstance(plan, Refusal):
         return "refused", plan.asked, plan.reason
     run = runs.get(plan.fingerprint)

@@ -40,7 +40,7 @@ from seatrial.runner.job import (
     prepare,
     shown,
 )
-from seatrial.runner.launching import Launched, check, launch
+from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.provenance import Provenance, collect
 
 # The jobs of a sweep: a grid of values, and variants that change several options together.
@@ -228,7 +228,7 @@ class SeatrialSweeper(Sweeper):
         """The name of the launcher."""
         return str(self._config.hydra.runtime.choices["hydra/launcher"])
 
-    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> Launched:
+    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> LaunchResult:
         def make() -> Launcher:
             return Plugins.instance().instantiate_launcher(
                 hydra_context=self._context, task_function=job, config=self._config

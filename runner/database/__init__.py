@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from seatrial.runner.database.mask import without_passwords as without_passwords
     from seatrial.runner.database.reader import Reader as Reader
     from seatrial.runner.database.records import Answer as Answer
-    from seatrial.runner.database.records import Begun as Begun
     from seatrial.runner.database.records import Coefficient as Coefficient
     from seatrial.runner.database.records import Metric as Metric
     from seatrial.runner.database.records import Problem as Problem
-    from seatrial.runner.database.records import Pruned as Pruned
+    from seatrial.runner.database.records import PruneResult as PruneResult
     from seatrial.runner.database.records import Results as Results
+    from seatrial.runner.database.records import RunClaim as RunClaim
     from seatrial.runner.database.records import RunDetail as RunDetail
     from seatrial.runner.database.records import RunStart as RunStart
     from seatrial.runner.database.records import RunSummary as RunSummary
@@ -43,7 +43,15 @@ else:
             "mask": ["without_passwords"],
             "reader": ["Reader"],
             "records": [
-                *("Answer", "Begun", "Coefficient", "Metric", "Problem", "Pruned", "Results"),
+                *(
+                    "Answer",
+                    "RunClaim",
+                    "Coefficient",
+                    "Metric",
+                    "Problem",
+                    "PruneResult",
+                    "Results",
+                ),
                 *("RunDetail", "RunStart", "RunSummary", "Series", "SeriesFile", "SweepStatus"),
                 *("SweepSummary", "Verification"),
             ],

@@ -29,7 +29,7 @@ from seatrial.runner.database.mask import (
     without_address,
     without_passwords,
 )
-from seatrial.runner.database.records import Begun, RunStart, plain
+from seatrial.runner.database.records import RunClaim, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
 from seatrial.runner.vocabulary import GROUPS
 
@@ -51,7 +51,7 @@ class _Attempt(NamedTuple):
 
 def claim(
     connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
-) -> Begun:
+) -> RunClaim:
     """Begin a run of the trial, unless it is running, or finished and `rerun` is False.
 
     A run that this process began at the same `moment` is returned as new: the server committed it,
@@ -97,22 +97,22 @@ def _attempts(connection: Connection, *where: ColumnElement[bool]) -> list[_Atte
     return [_Attempt(*row) for row in rows]
 
 
-def _own(attempts: Sequence[_Attempt], moment: datetime) -> Begun | None:
+def _own(attempts: Sequence[_Attempt], moment: datetime) -> RunClaim | None:
     own = (socket.gethostname(), os.getpid(), moment, "running")
     for run in attempts:
         if (run.host, run.pid, run.started_at, run.status) == own:
-            return Begun(run.id, "new")
+            return RunClaim(run.id, "new")
     return None
 
 
-def _existing(attempts: Sequence[_Attempt], rerun: bool) -> Begun | None:
+def _existing(attempts: Sequence[_Attempt], rerun: bool) -> RunClaim | None:
     """Return the finished or running run of the trial, if there is one."""
     finished = [run.id for run in attempts if run.status == "finished"]
     if finished and not rerun:
-        return Begun(finished[-1], "finished")
+        return RunClaim(finished[-1], "finished")
     for run in attempts:
         if run.status == "running" and not (run.stale or is_gone(run.process)):
-            return Begun(run.id, "busy")
+            return RunClaim(run.id, "busy")
     return None
 
 
@@ -129,11 +129,11 @@ def _is_given_up(connection: Connection, run: _Attempt) -> bool:
     return give_up(connection, run.id, reason, is_stale(Run.heartbeat_at))
 
 
-def _insert(connection: Connection, row: Mapping[str, object]) -> Begun | None:
+def _insert(connection: Connection, row: Mapping[str, object]) -> RunClaim | None:
     """Insert the new run; None if another process was first."""
     statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
     run_id = connection.execute(statement.returning(Run.id), row).scalar()
-    return Begun(run_id, "new") if run_id is not None else None
+    return RunClaim(run_id, "new") if run_id is not None else None
 
 
 def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:

@@ -30,9 +30,9 @@ from seatrial.runner.database.mask import command_without_address, without_addre
 from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
-    Begun,
-    Pruned,
+    PruneResult,
     Results,
+    RunClaim,
     RunStart,
     Series,
     SeriesFile,
@@ -132,7 +132,7 @@ class Logbook(Reader):
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
-    ) -> Begun:
+    ) -> RunClaim:
         """Claim a trial: `new` if the caller is to run it, else the run that finished or runs it.
 
         A new run has a heartbeat until it ends.
@@ -199,12 +199,12 @@ class Logbook(Reader):
             traceback=traceback,
         )
 
-    def prune(self, run_ids: Sequence[int]) -> Pruned:
+    def prune(self, run_ids: Sequence[int]) -> PruneResult:
         """Delete runs with their rows, then their files; running runs are not deleted."""
         with self._writing() as connection:
             deleted, paths = maintenance.delete_runs(connection, run_ids)
         failures = maintenance.remove(self.results_dir, paths)
-        return Pruned(deleted, len(paths) - len(failures), failures)
+        return PruneResult(deleted, len(paths) - len(failures), failures)
 
     def scrub(self) -> int:
         """Remove passwords that older versions stored; returns the number of changed rows."""

@@ -96,7 +96,7 @@ class RunStart:
 
 
 @dataclass(frozen=True)
-class Begun:
+class RunClaim:
     """The answer to `begin_run`.
 
     new: the caller is to run the trial as `run_id`; finished: the trial finished before as run
@@ -222,7 +222,7 @@ class Verification:
 
 
 @dataclass(frozen=True)
-class Pruned:
+class PruneResult:
     """The number of deleted runs and files, and the files that could not be deleted."""
 
     runs: int
