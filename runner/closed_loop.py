@@ -247,6 +247,4 @@ class ExcitationData:
     training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
     testing: NDArray[np.bool_]
     truth: Vessel | None  # coefficients of the plant, with those of the disturbance
-    sailed: SimulatedMission | None = (
-        None  # the simulation that was recorded; None for a measured file
-    )
+    sailed: SimulatedMission | None = None  # what was recorded; None for a measured file
