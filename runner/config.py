@@ -29,6 +29,23 @@ Node = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
+class Limits:
+    """The most that a trial may take, judged before any work (seatrial.runner.budget).
+
+    `samples` are simulated with one integration step, predicted for a candidate or drawn by a
+    bootstrap, at about a million in a second. `memory` [GB] null is 80 % of what is available.
+    `trials` is the largest number in one sweep.
+    """
+
+    samples: Positive = 1e11
+    memory: Positive | None = None
+    trials: Positive = 1e6
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
 class Trial:
     """One checked trial: its parts, and where its results are stored.
 
@@ -55,6 +72,7 @@ class Trial:
     metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
+    limits: Limits = Limits()  # of work and memory
 
     def __post_init__(self) -> None:
         for group, part in (
@@ -114,6 +132,7 @@ class Settings:
     database: Database
     update: object = None
     metrics: tuple[object, ...] = ()
+    limits: Limits = Limits()
     rerun: bool = False
     dry_run: bool = False
 
@@ -142,6 +161,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         plant_change=settings.plant.change,
         update=settings.update,
         metrics=settings.metrics,
+        limits=settings.limits,
         seed=settings.seed,
         results_dir=settings.results_dir,
         database_url=settings.database.url or file_url(settings.results_dir / "results.db"),

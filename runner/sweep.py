@@ -8,12 +8,13 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import ceil, inf
 from typing import Any, cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
@@ -22,9 +23,9 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner import console
+from seatrial.runner import budget, console
 from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.config import Limits, Trial, build_as, build_trial
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
@@ -56,16 +57,39 @@ def jobs_of(
 
     A variant replaces the params of the same name; the command line replaces both.
     """
-    keys = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
+    given = parser.parse_overrides(list(arguments))
+    keys = {override.key_or_group for override in given}
+    limits = _limits(given)
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
         options = {str(key): value for key, value in {**params, **variant}.items()}
         texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in keys]
         overrides = parser.parse_overrides([*texts, *arguments])
+        budget.check_sweep([_count(override) for override in overrides], limits)
         # Of several overrides of one option the last counts, at the position of the first.
         values = {override.get_key_element(): _values(override) for override in overrides}
         jobs += map(list, product(*values.values()))
     return jobs
+
+
+def _count(override: Override) -> tuple[str, float]:
+    """Return the option of an override and the number of its values, without listing them."""
+    value: Any = override.value()
+    if isinstance(value, RangeSweep):
+        start, stop, step = value.start or 0.0, value.stop or 0.0, float(value.step)
+        first, last = float(start), float(stop)
+        return override.key_or_group, max(0.0, ceil((last - first) / step)) if step else inf
+    count = len(value.list) if isinstance(value, ChoiceSweep) else 1
+    return override.key_or_group, float(count)
+
+
+def _limits(overrides: Sequence[Override]) -> Limits:
+    """Return the limits with the number of trials that the command line allows."""
+    for override in reversed(overrides):
+        if override.key_or_group == "limits.trials" and not override.is_sweep_override():
+            limits: Limits = build_as(Limits, {"trials": override.value()}, "limits")
+            return limits
+    return Limits()
 
 
 def _values(override: Override) -> list[str]:

@@ -24,6 +24,7 @@ from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner import budget
 from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
@@ -53,12 +54,14 @@ class TrialDiverged(Diverged):
 def check(trial: Trial) -> None:
     """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
     _check_roles(trial)
+    budget.check(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
     recording, period = None, trial.sample_time_s
     if isinstance(excitation, Reader):  # a damaged file is a configuration error
         recording = excitation.read(dofs)
         period = recording.period_s
+        budget.check(trial, len(recording))
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()

@@ -9,6 +9,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import (
+    Length,
     Mission,
     check_fraction,
     check_offset,
@@ -157,6 +158,11 @@ class ConstantVelocity(Mission):
     def duration_s(self) -> float:
         """Length of all runs [s]."""
         return len(self.runs) * self.pair_s
+
+    def length(self) -> Length:
+        """The length of all runs, set by the longer of run and rest."""
+        option = "run_s" if self.run_s >= self.rest_s else "rest_s"
+        return Length(option, getattr(self, option), self.duration_s)
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The set-points as a timetable, from a level vessel that heads north."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
 from seatrial.models.identification.cross_validation import (
     Selection,
@@ -52,6 +53,15 @@ class PartialLeastSquares(ResidualOptions):
         super().__post_init__()
         check_folds(self.folds)
         check_bootstrap(self.bootstrap, self.block_s)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The moments of every fold, which each replicate of the bootstrap sums again."""
+        sums = float(self.folds) ** 2 * extent.n_terms**2
+        work = (1 + (self.bootstrap or 0)) * sums / FLOPS
+        memory = 4 * NUMBER * self.folds * extent.n_terms**2
+        detail = f"{amount(sums)} sums of moments for each choice of an order"
+        folds = Demand("folds", self.folds, detail, work, memory)
+        return [folds, *bootstrap_demand(self.bootstrap, extent)]
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

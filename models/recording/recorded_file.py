@@ -103,6 +103,10 @@ class RecordedFile(Reader):
         """Path of the file, with `~` replaced by the home folder."""
         return Path(self.path or "").expanduser()
 
+    def files(self) -> dict[str, Path]:
+        """The recorded file."""
+        return {"path": self.file}
+
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
         self.columns.check(dofs)
