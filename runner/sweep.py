@@ -8,7 +8,7 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, inf
+from math import inf
 from typing import Any, cast
 
 from hydra.core.config_loader import ConfigLoader
@@ -78,7 +78,7 @@ def _count(override: Override) -> tuple[str, float]:
     if isinstance(value, RangeSweep):
         start, stop, step = value.start or 0.0, value.stop or 0.0, float(value.step)
         first, last = float(start), float(stop)
-        return override.key_or_group, max(0.0, ceil((last - first) / step)) if step else inf
+        return override.key_or_group, max(0.0, (last - first) / step) if step else inf
     count = len(value.list) if isinstance(value, ChoiceSweep) else 1
     return override.key_or_group, float(count)
 
