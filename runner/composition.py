@@ -20,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
+from seatrial.runner.tuning_values import check_tuning
 from seatrial.runner.vocabulary import GROUPS
 
 
@@ -29,6 +30,11 @@ def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -
     choices = hydra.runtime.choices
     if overrides is None:
         overrides = list(hydra.overrides.task)
+    vessel = config.get("vessel")
+    tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
+    if isinstance(tuning, dict):
+        folders = [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
+        check_tuning(tuning, folders, overrides)
     return Order(
         config=config,
         names={group: _name(group, choices, overrides) for group in GROUPS},

@@ -8,6 +8,7 @@ Every error names the key, what was got and what was expected.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from seatrial.models.weather.disturbance import Disturbance
     from seatrial.runner.record.own_metrics import OwnMetric
 
+LARGEST_INTEGER = 2**63 - 1  # that databases hold
 Node = Mapping[str, Any]
 
 
@@ -147,6 +149,7 @@ class Settings:
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
+    check_finite(config)
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
         nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
@@ -170,6 +173,20 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         names=dict(names),
         config=config,
     )
+
+
+def check_finite(value: Any, key: str = "") -> None:
+    """Raise ConfigurationError for an infinite number or NaN, in keys that are not used as well."""
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            check_finite(item, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            check_finite(item, f"{key}[{i}]")
+    elif isinstance(value, float) and not isfinite(value):
+        raise ConfigurationError(f"{key}: got {value}, expected a finite number")
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise ConfigurationError(f"{key}: got an integer of {value.bit_length()} bits, expected 64")
 
 
 def build(node: Any, key: str) -> Any:

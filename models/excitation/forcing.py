@@ -17,6 +17,7 @@ from seatrial.models.excitation.missions import (
     steady_force,
 )
 from seatrial.models.excitation.signals import Signal
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.registry import Timetable
@@ -48,6 +49,9 @@ class Forcing(Mission):
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        unknown = [axis for axis in self.amplitude if axis not in DOFS]
+        if unknown:
+            raise ConfigurationError(f"amplitude.{unknown[0]}: expected some of {', '.join(DOFS)}")
         missing = [axis for axis in self.axes if axis not in self.amplitude]
         if not self.axes or missing:
             raise ConfigurationError(

@@ -17,6 +17,7 @@ from seatrial.models.excitation.missions import (
     within,
 )
 from seatrial.models.excitation.open_loop import ZigZag
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
@@ -129,6 +130,10 @@ class ConstantVelocity(Mission):
     def __post_init__(self) -> None:
         check_ranges(self)
         for names, values in self.velocities.items():
+            if unknown := [name for name in names.split("+") if name not in DOFS]:
+                raise ConfigurationError(
+                    f"velocities.{names}: got {unknown[0]!r}, expected some of {', '.join(DOFS)}"
+                )
             for value in values:
                 if isinstance(value, tuple) and len(value) != len(names.split("+")):
                     raise ConfigurationError(

@@ -25,6 +25,7 @@ from seatrial.models.demand import Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
+    FEWEST,
     Identified,
     Identifier,
     Needs,
@@ -71,7 +72,7 @@ class Auto(Identifier):
 
     def needs(self) -> Needs:
         """The force of the simulation."""
-        return Needs(self.force, thruster_lag=self.force == "filtered")
+        return Needs(self.force, thruster_lag=self.force == "filtered", samples=FEWEST * self.folds)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """Every candidate on every fold, and the one that is chosen."""

@@ -26,7 +26,7 @@ from seatrial.models.identification.kernel_pls import (
     mean_squares,
     output_moment,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
@@ -62,6 +62,10 @@ class PartialLeastSquares(ResidualOptions):
         detail = f"{amount(sums)} sums of moments for each choice of an order"
         folds = Demand("folds", self.folds, detail, work, memory)
         return [folds, *bootstrap_demand(self.bootstrap, extent)]
+
+    def needs(self) -> Needs:
+        """The data of the residual, and two samples for each fold."""
+        return super().needs()._replace(samples=2 * self.folds)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -46,12 +46,16 @@ class Identified:
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
 
 
+FEWEST = 2  # samples of a recording
+
+
 class Needs(NamedTuple):
     """Data that an identifier needs in addition to the motion and the command."""
 
     force: str | None = None  # commanded, filtered or actual; None: the best available one
     thruster_lag: bool = False  # whether the thruster lag has to be known
     lowpass_hz: float | None = None  # must be below the Nyquist frequency
+    samples: int = FEWEST  # least number of them for training
 
 
 class Identifier(ABC):

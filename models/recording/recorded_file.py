@@ -27,6 +27,7 @@ from seatrial.models.recording.recording import Mask, Recording, Split, by_trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
+MOST_RESAMPLED = 100  # samples for each recorded one
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
@@ -193,6 +194,12 @@ class RecordedFile(Reader):
 
     def _resampled(self, table: Table, rate_hz: float) -> Table:
         t = table.columns[self.columns.time]
+        rows = float(t[-1] - t[0]) * rate_hz
+        if rows > MOST_RESAMPLED * len(t):
+            raise ConfigurationError(
+                f"excitation.resample_hz: got {rate_hz:g} Hz, {rows:.2g} samples from the "
+                f"{len(t)} of {table.path}; expected at most {MOST_RESAMPLED} times as many"
+            )
         channels = {}
         for name, values in table.columns.items():
             valid = ~np.isnan(values)
