@@ -5,10 +5,11 @@ option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTE
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
 This module alone uses three private parts of Hydra 1.3.8. The first is its command-line parser,
-which by itself prints a usage message and ends the process instead of reporting one line. The second
-is its table of plugins: the public `Plugins.register` names a plugin after its module, which must be
-in the name space `hydra_plugins`, but seatrial installs no other name than its own. The third is
-its table of sources of configurations: files are checked before OmegaConf expands their aliases.
+which by itself prints a usage message and ends the process instead of reporting one line. The
+second is its table of plugins: the public `Plugins.register` names a plugin after its module, which
+must be in the name space `hydra_plugins`, but seatrial installs no other name than its own. The
+third is its table of sources of configurations: files are checked before OmegaConf expands their
+aliases.
 """
 
 import os

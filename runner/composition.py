@@ -34,7 +34,8 @@ def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -
     tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
     if isinstance(tuning, dict):
         folders = [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
-        check_tuning(tuning, folders, overrides)
+        given: Any = OmegaConf.to_container(hydra.overrides.task, resolve=False)
+        check_tuning(tuning, folders, [*given, *overrides])
     return Order(
         config=config,
         names={group: _name(group, choices, overrides) for group in GROUPS},

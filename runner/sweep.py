@@ -25,7 +25,7 @@ from omegaconf.errors import OmegaConfBaseException
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import budget, console
 from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Limits, Trial, build_as, build_trial
+from seatrial.runner.config import Limits, Trial, build_as, build_trial, check_finite
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
@@ -134,6 +134,7 @@ class Session:
         """Run the one trial of a command without -m."""
         self.started = True
         try:
+            _check_hydra(HydraConfig.get())
             self._run(_plan(order_of(config, HydraConfig.get())))
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
@@ -206,6 +207,7 @@ class SeatrialSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
         self.session.started = True
+        _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         jobs = jobs_of(parser, self.params, self.variants, arguments)
         composer = Composer(self._loader, self._config)
@@ -254,6 +256,11 @@ class SeatrialSweeper(Sweeper):
             )
 
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
+
+
+def _check_hydra(hydra: Any) -> None:
+    """Refuse numbers that are not finite in Hydra's own options."""
+    check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
 def _plan(order: Order) -> Plan:
