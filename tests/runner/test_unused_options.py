@@ -16,7 +16,7 @@ REFUSED = {
     "+vessel.tuning.mine=-inf": "vessel.tuning.mine: no option reads this value",
     "+extra=nan": "extra: got nan, expected a finite number",
     "+limits.extra=nan": "limits.extra: got nan, expected a finite number",
-    "hydra.job.num=nan": "hydra.job.num: got nan, expected a finite number",
+    "hydra.sweeper.params={x: nan}": "hydra.sweeper.params.x: got nan, expected a finite",
     f"seed={2**70}": "seed: got an integer of 71 bits, expected 64",
     "vessel.tuning.reference.interval_s=abc": (
         "vessel.tuning.reference.interval_s: got 'abc', expected a number"
