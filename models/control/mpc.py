@@ -41,6 +41,7 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
+from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.ranges import PositiveInt, check_ranges
@@ -227,6 +228,12 @@ FORMULATIONS: dict[Formulation, Callable[[Horizon], Quadratic]] = {
     "integral": horizon.increments,
 }
 
+# Unknowns and equations of a program, for each sample of the horizon and degree of freedom: the
+# model has at most three states for each, in the formulation of increments they are eliminated.
+UNKNOWNS: dict[Formulation, int] = {"standard": 11, "reduced": 7, "condensed": 1, "integral": 1}
+MATRICES = 8  # of this size
+SOLVE = 4  # operations for each number of the matrix, to find a command
+
 
 @dataclass(frozen=True)
 class Mpc(Controller):
@@ -333,6 +340,16 @@ class Mpc(Controller):
         """Number of loop instants by which a step of the reference is known in advance."""
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The matrices of the quadratic program, and its solution for every command."""
+        size = float(self.horizon) * extent.n_dof * UNKNOWNS[self.formulation]
+        commands = extent.samples / self.command_rows(extent.period_s)
+        solved = commands * SOLVE * size**2 if self.limited else 0.0
+        work = (size**3 + solved) / FLOPS
+        detail = f"matrices of {amount(size)} x {amount(size)} numbers"
+        memory = MATRICES * NUMBER * size**2
+        return [Demand("horizon", self.horizon, detail, work, memory)]
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""

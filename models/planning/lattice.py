@@ -130,10 +130,7 @@ class Lattice:
         n0, n1, e0, e1 = waters.bounds
         corners = np.array([(n, e) for n in (n0, n1) for e in (e0, e1)])
         corners_m = in_body(corners - anchor[:2], anchor[2]) / cell_m
-        low, high = (
-            np.ceil(corners_m.min(axis=0)).astype(int),
-            np.floor(corners_m.max(axis=0)).astype(int),
-        )
+        low, high = np.ceil(corners_m.min(axis=0)), np.floor(corners_m.max(axis=0))
         shape = (int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
         if shape[0] * shape[1] > MOST_CELLS:
             raise ConfigurationError(
