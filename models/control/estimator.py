@@ -27,6 +27,7 @@ from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
+from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.table import ForceTable, fill_air_kernel, weighted_sum_kernel
 
 CONSTANT = INDEX["1"]
@@ -158,7 +159,7 @@ def _correct(believed: Believed, past: Memory, eta: Array) -> None:
     psi = heading(believed, x)
     seen(believed.turning, psi, change[: error.shape[0]], error)
     if believed.turning:
-        error[2] = np.pi - (np.pi - error[2]) % (2.0 * np.pi)
+        error[2] = wrap_kernel(error[2])
     for i in range(x.shape[0]):
         believed.local[i] = 0.0
         for j in range(error.shape[0]):

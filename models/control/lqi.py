@@ -43,6 +43,7 @@ from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.weather.wind import WindForce
 
 
@@ -94,7 +95,7 @@ def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -
             lqi.now[i] = past.y_last[i] - eta_d[i]
         seen(turning, psi, lqi.now[:m], lqi.error)
         if turning:
-            lqi.error[2] = np.pi - (np.pi - lqi.error[2]) % (2.0 * np.pi)
+            lqi.error[2] = wrap_kernel(lqi.error[2])
         seen(turning, psi - past.axes[0], past.command, tau)
         for i in range(r):
             for j in range(n):

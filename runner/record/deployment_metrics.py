@@ -11,6 +11,7 @@ from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.closed_loop import Design, Sailed
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
@@ -61,16 +62,11 @@ def response_metrics(sailed: Sailed, model: str) -> list[Metric]:
 def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
     """Return the pose error with angles in degrees and the heading wrapped; shape (N, n_dof)."""
     scale = [1.0 if POSE_UNIT[dof] == "m" else 180.0 / np.pi for dof in dofs]
-    return np.asarray(_wrapped(error, dofs) * np.array(scale))
-
-
-def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
-    """Return the pose error [m, rad] with the heading wrapped to (-pi, pi]."""
     wrapped = np.array(error)
     if "yaw" in dofs:
-        column = wrapped[:, dofs.index("yaw")]
-        wrapped[:, dofs.index("yaw")] = np.pi - (np.pi - column) % (2.0 * np.pi)
-    return wrapped
+        yaw = dofs.index("yaw")
+        wrapped[:, yaw] = wrap(wrapped[:, yaw])
+    return np.asarray(wrapped * np.array(scale))
 
 
 def _step_metrics(sailed: Sailed) -> dict[str, Array]:
