@@ -116,15 +116,11 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
     """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
     By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
-    the recorded acting force, else the command. If the recorded force equals the command of the
-    sample before, the thruster has no lag and the command is used. After the last sample the force
-    is zero.
+    the command if the thrusters are known to have no lag, else the recorded acting force, else the
+    command. An acting force is constant after the last sample.
     """
-    actual = recording.tau_actual
-    follows = ~recording.piece_starts[1:]
-    if thruster is None and actual is not None and kind is None:
-        same = np.array_equal(actual[1:][follows], recording.tau[:-1][follows])
-        kind = "commanded" if same else None
+    if thruster is None and recording.without_lag and kind is None:
+        kind = "commanded"
     held = recording.held_force(kind)
     if thruster is not None and recording.force(kind) is recording.tau_filtered:
         start, end = held[:, 0], held[:, 2]

@@ -177,7 +177,8 @@ def sail(
     loop, edges = _loop(steps, plant, watch, n, period_s)
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
     t = period_s * np.arange(n, dtype=np.float64)
-    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+    without_lag = plant.thruster is None
+    return Voyage(t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]))
 
 
 def _vessel_state(
