@@ -12,6 +12,18 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pymoo.algorithms.moo.nsga3 import NSGA3
+from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
+from pymoo.config import Config
+from pymoo.core.evaluator import Evaluator
+from pymoo.core.problem import Problem
+from pymoo.core.termination import NoTermination
+from pymoo.operators.crossover.sbx import SBX
+from pymoo.operators.mutation.pm import PM
+from pymoo.operators.selection.rnd import RandomSelection
+from pymoo.problems.static import StaticProblem
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+from pymoo.util.ref_dirs import get_reference_directions
 from scipy.spatial import cKDTree
 
 from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
@@ -168,8 +180,6 @@ def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
 
     units (n, m), values (n, n_objectives).
     """
-    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
-
     _, first = np.unique(values, axis=0, return_index=True)
     best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
     indices = first[np.sort(best)]
@@ -201,10 +211,6 @@ class PymooSearch:
     def __init__(
         self, algorithm: Any, m: int, objectives: int, scale: Array | None, seed: int
     ) -> None:
-        from pymoo.config import Config
-        from pymoo.core.problem import Problem
-        from pymoo.core.termination import NoTermination
-
         Config.warnings["not_compiled"] = False
         self.cube = Problem(n_var=m, n_obj=objectives, xl=0.0, xu=1.0)
         self.algorithm, self.scale = algorithm, scale
@@ -219,9 +225,6 @@ class PymooSearch:
 
     def tell(self, values: Array) -> None:
         """Pass the objectives to pymoo, and store the best of all individuals."""
-        from pymoo.core.evaluator import Evaluator
-        from pymoo.problems.static import StaticProblem
-
         units, objectives = self._candidates(), values
         if self.scale is not None:
             objectives = np.sum(values / self.scale, axis=1, keepdims=True)
@@ -251,12 +254,6 @@ class PymooSearch:
 
 def _nsga3(operators: Operators, objectives: int) -> Any:
     """NSGA-III with at most as many reference directions (Das and Dennis) as individuals."""
-    from pymoo.algorithms.moo.nsga3 import NSGA3
-    from pymoo.operators.crossover.sbx import SBX
-    from pymoo.operators.mutation.pm import PM
-    from pymoo.operators.selection.rnd import RandomSelection
-    from pymoo.util.ref_dirs import get_reference_directions
-
     partitions = 1
     while comb(objectives + partitions, partitions + 1) <= operators.population:
         partitions += 1
@@ -272,6 +269,4 @@ def _nsga3(operators: Operators, objectives: int) -> Any:
 
 def _cmaes(operators: Operators) -> Any:
     """CMA-ES with its default settings except for the population size."""
-    from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
-
     return SimpleCMAES(sigma=CMAES_STEP, opts={"popsize": operators.population})

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
@@ -190,7 +191,6 @@ def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float)
     solves the same subproblems with a matrix that does not grow with the recording. It rejects a
     step to a point where the residual is NaN.
     """
-    from scipy.optimize import least_squares
 
     def residuals(x: Array) -> Array:
         _, rest = misfit.best(x)
@@ -202,7 +202,7 @@ def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float)
         triangle = np.asarray(np.linalg.qr(columns, mode="r"))
         return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))
 
-    return least_squares(
+    return scipy.optimize.least_squares(
         residuals, x, jacobian, box, x_scale="jac", ftol=tolerance, xtol=tolerance,
         gtol=tolerance, max_nfev=200,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import daqp
 import numpy as np
 
 from seatrial.models.vessel.basis import Array, Codes
@@ -26,8 +27,6 @@ class QuadraticProgram(NamedTuple):
 
 def _solve_program(table: QuadraticProgram, T: Array, tau: Array, circles: Array) -> Array | None:
     """(u, s) of the program, u relative to the limits; None if the solver fails."""
-    import daqp
-
     n_dof, n_u = T.shape
     rows = np.hstack([T, -tau[:, None]])
     H = np.diag([*(1e-6 * table.weight), 1e-6])
