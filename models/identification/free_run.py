@@ -10,7 +10,7 @@ that no candidate overflows; the number of limited rates is counted.
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -21,7 +21,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.dynamics import scratch_in, scratch_size, step
+from seatrial.models.simulation.dynamics import Scratch, scratch_in, scratch_size, step
 from seatrial.models.vessel.basis import ATTITUDE, N_VARIABLES, VARIABLES, Array, Term
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, layout
 from seatrial.models.vessel.pose import (
@@ -157,7 +157,7 @@ def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flag
 
 @lean_kernel
 def _follow(
-    plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Any
+    plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Scratch
 ) -> None:
     """Integrate from sample k - 1 to sample k, or set the initial state of a new prediction."""
     if course.restart[k]:

@@ -8,14 +8,16 @@ generation is evaluated in one call.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import comb
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pymoo.algorithms.moo.nsga3 import NSGA3
 from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
 from pymoo.config import Config
+from pymoo.core.algorithm import Algorithm as PymooAlgorithm
 from pymoo.core.evaluator import Evaluator
+from pymoo.core.population import Population
 from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 from pymoo.operators.crossover.sbx import SBX
@@ -209,13 +211,13 @@ class PymooSearch:
     """
 
     def __init__(
-        self, algorithm: Any, m: int, objectives: int, scale: Array | None, seed: int
+        self, algorithm: PymooAlgorithm, m: int, objectives: int, scale: Array | None, seed: int
     ) -> None:
         Config.warnings["not_compiled"] = False
         self.cube = Problem(n_var=m, n_obj=objectives, xl=0.0, xu=1.0)
         self.algorithm, self.scale = algorithm, scale
         self.algorithm.setup(self.cube, seed=seed, termination=NoTermination())
-        self.asked: Any = None
+        self.asked = Population()
         self.best: tuple[Array, Array] | None = None
 
     def ask(self) -> Array:
@@ -252,7 +254,7 @@ class PymooSearch:
         return bool(self.algorithm.termination.force_termination)
 
 
-def _nsga3(operators: Operators, objectives: int) -> Any:
+def _nsga3(operators: Operators, objectives: int) -> NSGA3:
     """NSGA-III with at most as many reference directions (Das and Dennis) as individuals."""
     partitions = 1
     while comb(objectives + partitions, partitions + 1) <= operators.population:
@@ -267,6 +269,6 @@ def _nsga3(operators: Operators, objectives: int) -> Any:
     )
 
 
-def _cmaes(operators: Operators) -> Any:
+def _cmaes(operators: Operators) -> SimpleCMAES:
     """CMA-ES with its default settings except for the population size."""
     return SimpleCMAES(sigma=CMAES_STEP, opts={"popsize": operators.population})

@@ -16,7 +16,7 @@ fit, not a new fit.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -183,7 +183,9 @@ def fit(
     return Fit(x * size, start, jacobian, rest, weights, evaluations)
 
 
-def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float) -> Any:
+def _solve(
+    misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float
+) -> "scipy.optimize.OptimizeResult":
     """Trust-region least squares of scipy on a compressed problem of m + 1 residuals.
 
     With (e, J) = Q R the residual e is |e| times the first column of Q. The residual
