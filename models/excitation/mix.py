@@ -21,7 +21,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.candidates import Believed, Design
+from seatrial.models.excitation.candidates import Design, UncertainModel
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.excitation.open_loop import Steering
@@ -153,7 +153,7 @@ class Mix(Mission):
     stop_s: Positive
     time_scale: Positive
     vessel: VesselParameters
-    believed: Believed
+    believed: UncertainModel
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route

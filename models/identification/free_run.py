@@ -60,7 +60,7 @@ class Course(NamedTuple):
     step_s: float
     limit: float  # of eta_dot [m/s, rad/s] and nu_dot [m/s^2, rad/s^2]
 
-    def begun(self, offset: Array) -> "Course":
+    def with_offset(self, offset: Array) -> "Course":
         """The course with an offset of the initial states from the measured ones.
 
         `offset` (n, 2 n_dof) is added to the initial states of the n predictions; attitudes are

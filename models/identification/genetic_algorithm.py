@@ -49,17 +49,17 @@ class Nsga2Search:
     def __init__(self, operators: Operators, m: int, rng: np.random.Generator) -> None:
         self.operators, self.rng = operators, rng
         self.population: Population | None = None
-        self.asked = rng.random((operators.population, m))
+        self.individuals = rng.random((operators.population, m))
 
     def ask(self) -> Array:
         """Individuals to evaluate, shape (n, m)."""
         if self.population is not None:
-            self.asked = offspring(self.population, self.operators, self.rng)
-        return self.asked
+            self.individuals = offspring(self.population, self.operators, self.rng)
+        return self.individuals
 
     def tell(self, values: Array) -> None:
         """Objectives of the individuals asked for, shape (n, n_objectives)."""
-        units, size = self.asked, self.operators.population
+        units, size = self.individuals, self.operators.population
         if self.population is not None:
             units = np.vstack([self.population.units, units])
             values = np.vstack([self.population.values, values])

@@ -117,7 +117,7 @@ class Space:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchResult:
     """The result of a search; the front has no duplicates and no dominated point."""
 
     points: Array  # (n, m)
@@ -156,7 +156,7 @@ def search(
     metric: RunningMetric,
     searcher: Searcher,
     generations: int,
-) -> Searched:
+) -> SearchResult:
     """Search until the running metric converges, a point reaches the floor, or for `generations`.
 
     `floor` (n_objectives,) are the values of the objectives that count as zero.
@@ -174,7 +174,7 @@ def search(
             reason = "running_metric"
         elif searcher.ended:
             reason = "algorithm"
-    return Searched(space.points(units), front, metric, generation, reason)
+    return SearchResult(space.points(units), front, metric, generation, reason)
 
 
 def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
@@ -217,12 +217,12 @@ class PymooSearch:
         self.cube = Problem(n_var=m, n_obj=objectives, xl=0.0, xu=1.0)
         self.algorithm, self.scale = algorithm, scale
         self.algorithm.setup(self.cube, seed=seed, termination=NoTermination())
-        self.asked = Population()
+        self.individuals = Population()
         self.best: tuple[Array, Array] | None = None
 
     def ask(self) -> Array:
         """Individuals to evaluate, within the cube."""
-        self.asked = self.algorithm.ask()
+        self.individuals = self.algorithm.ask()
         return self._candidates()
 
     def tell(self, values: Array) -> None:
@@ -230,14 +230,14 @@ class PymooSearch:
         units, objectives = self._candidates(), values
         if self.scale is not None:
             objectives = np.sum(values / self.scale, axis=1, keepdims=True)
-        Evaluator().eval(StaticProblem(self.cube, F=objectives), self.asked)
-        self.algorithm.tell(infills=self.asked)
+        Evaluator().eval(StaticProblem(self.cube, F=objectives), self.individuals)
+        self.algorithm.tell(infills=self.individuals)
         if self.best is not None:
             units, values = np.vstack([self.best[0], units]), np.vstack([self.best[1], values])
         self.best = nondominated(units, values)
 
     def _candidates(self) -> Array:
-        return np.clip(np.asarray(self.asked.get("X"), dtype=np.float64), 0.0, 1.0)
+        return np.clip(np.asarray(self.individuals.get("X"), dtype=np.float64), 0.0, 1.0)
 
     @property
     def front(self) -> tuple[Array, Array]:
