@@ -11,7 +11,6 @@ from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-import lazy_loader
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,8 @@ from seatrial.models.vessel.basis import Array
 if TYPE_CHECKING:
     import shapely
 else:
+    import lazy_loader
+
     shapely = lazy_loader.load("shapely")  # slow to import
 
 Corners = tuple[tuple[float, ...], ...]
