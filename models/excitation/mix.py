@@ -22,7 +22,7 @@ import numpy as np
 
 from seatrial.models.demand import FLOPS, NUMBER, Demand, amount
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.candidates import STEP_S, Believed, Design
+from seatrial.models.excitation.candidates import STEP_S, Design, UncertainModel
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.excitation.open_loop import Steering
@@ -178,7 +178,7 @@ class Mix(Mission):
     stop_s: Positive
     time_scale: Positive
     vessel: VesselParameters
-    believed: Believed
+    believed: UncertainModel
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route

@@ -23,7 +23,7 @@ from seatrial.models.identification.genetic_algorithm import Operators
 from seatrial.models.identification.multiobjective_search import (
     Algorithm,
     RunningMetric,
-    Searched,
+    SearchResult,
     Space,
     search,
     searcher,
@@ -261,7 +261,9 @@ class Nsga2(PredictionOptions):
         listed = np.isin(predictor.free.labels, self.log_scale)
         return Space(lower, upper, one_sign if "all" in self.log_scale else listed)
 
-    def _search(self, objectives: Objectives, space: Space, rng: np.random.Generator) -> Searched:
+    def _search(
+        self, objectives: Objectives, space: Space, rng: np.random.Generator
+    ) -> SearchResult:
         m = len(space.lower)
         size = self.population or min(10 ** min(m, 9), self.population_cap)
         probability = 1.0 / m if self.mutation_probability is None else self.mutation_probability
@@ -275,7 +277,9 @@ class Nsga2(PredictionOptions):
         return search(objectives, space, floor, metric, algorithm, self.generations)
 
 
-def front_findings(predictor: Predictor, objectives: Objectives, result: Searched) -> list[Finding]:
+def front_findings(
+    predictor: Predictor, objectives: Objectives, result: SearchResult
+) -> list[Finding]:
     """All points of the Pareto set, and the history of the running metric."""
     free = predictor.free
     findings = []

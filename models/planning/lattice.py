@@ -11,7 +11,7 @@ nearest pose of the lattice is appended.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from seatrial.models.planning.a_star import Integers
 from seatrial.models.planning.waters import Waters, clear, inside, simplified
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned
+
+if TYPE_CHECKING:
+    import shapely
 
 HEADINGS = 8
 STEP = 2.0 * np.pi / HEADINGS
@@ -208,7 +211,9 @@ def placed(
     )
 
 
-def _valid(lattice: Lattice, free: Any, path: Array, margin: float) -> NDArray[np.bool_]:
+def _valid(
+    lattice: Lattice, free: "shapely.Geometry", path: Array, margin: float
+) -> NDArray[np.bool_]:
     """Whether a path from each cell is clear and ends on the lattice, shape (I, J)."""
     i, j, _ = nearest(path[-1], lattice.cell_m)
     rows, columns = np.indices(lattice.shape)
