@@ -14,6 +14,7 @@ import typer
 
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
+from seatrial.runner.database.mask import styled
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
@@ -79,4 +80,5 @@ def show_grids(grids: Sequence[Grid], form: Format) -> None:
     if form is Format.JSON and len(texts) > 1:
         typer.echo("[" + ",\n".join(texts) + "]")
     else:
-        typer.echo("\n\n".join(texts))
+        output = styled(sys.stdout) if form is Format.RICH else sys.stdout
+        print("\n\n".join(texts), file=output)

@@ -156,11 +156,21 @@ def stats(
 def sql(
     query: Annotated[str, typer.Argument(metavar="SELECT", help="A query that only reads.")],
     database: Database = DEFAULT_DATABASE,
+    timeout: Annotated[
+        float, typer.Option(min=0.001, max=86400.0, help="Longest time of the query [s].")
+    ] = 30.0,
+    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of rows.")] = 10_000,
     form: Form = Format.RICH,
 ) -> None:
-    """Run a query in SQL; a query that writes is rejected."""
+    """Run a query in SQL; a query that writes is rejected.
+
+    For PostgreSQL use a role that can only read: GRANT pg_read_all_data TO reader.
+    """
     from seatrial.runner.compare.results import open_results
     from seatrial.runner.compare.runs import answer
 
     with open_results(database) as results:
-        show_grid(answer(results, query), form)
+        grid, more = answer(results, query, timeout, limit)
+    show_grid(grid, form)
+    if more:
+        typer.echo(f"only the first {limit} rows; --limit shows more", err=True)

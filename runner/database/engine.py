@@ -262,7 +262,9 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
     # JIT compilation takes longer than any query of this package.
-    options = {} if "options" in address.url.query else {"options": "-c jit=off"}
+    options = str(address.url.query.get("options", "-c jit=off"))
+    if read_only:
+        options += " -c default_transaction_read_only=on"
     engine = create_engine(
         address.url,
         pool_pre_ping=True,
@@ -270,7 +272,7 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         connect_args={
             "connect_timeout": CONNECT_TIMEOUT_S,
             "application_name": "seatrial",
-            **options,
+            "options": options,
         },
         execution_options={"postgresql_readonly": True} if read_only else {},
     )

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -87,11 +88,16 @@ class Reader:
         with engines.explained(self.address), self._engine.connect() as connection:
             yield connection
 
-    def sql(self, query: str) -> Answer:
-        """Run one SQL query; raises LogbookError if it fails or would write."""
+    def sql(
+        self, query: str, timeout_s: float = sql_query.TIMEOUT_S, limit: int = sql_query.ROWS
+    ) -> Answer:
+        """Run one SQL query and return its first `limit` rows.
+
+        Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
+        """
         with engines.explained(self.address), self._engine.connect() as connection:
-            answer = sql_query.ask(connection, query)
-        return Answer(answer.columns, [tuple(map(_masked, row)) for row in answer.rows])
+            answer = sql_query.ask(connection, query, timeout_s, limit)
+        return replace(answer, rows=[tuple(map(_masked, row)) for row in answer.rows])
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
@@ -201,12 +207,15 @@ class Reader:
         with self._reading() as connection:
             return maintenance.verify(connection, self.results_dir)
 
-    def export(self, folder: Path) -> list[Path]:
-        """Write every table to `folder` as Parquet and CSV; returns the paths."""
+    def export(self, folder: Path, *, guard: bool = True) -> list[Path]:
+        """Write every table to `folder` as Parquet and CSV; returns the paths.
+
+        With `guard`, text that a spreadsheet would compute has a quote mark in the CSV files.
+        """
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return export(connection, folder)
+            return export(connection, folder, guard=guard)
 
     def prunable(
         self,
