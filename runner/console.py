@@ -55,7 +55,11 @@ def sweep_summary(
     lines += [f"  {failure(run)}" for run in status.failed[:LISTED]]
     if len(status.failed) > LISTED:
         lines.append(f"  and {len(status.failed) - LISTED} more")
-    lines += [f"  lost: {error_line(str(outcome.error))}" for outcome in outcomes if outcome.state == "lost"]
+    lines += [
+        f"  lost: {error_line(str(outcome.error))}"
+        for outcome in outcomes
+        if outcome.state == "lost"
+    ]
     lines.append(f"results: {_shown(url)}")
     lines.append(f"compare: {_comparison(status, url, factors)}")
     return lines

@@ -38,6 +38,7 @@ ResultsDir = Annotated[
     typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
 ]
 Several = list[str] | None
+MOST = 1_000_000_000  # rows that --limit may ask for
 
 
 def split(texts: Several) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typer.core import TyperCommand
 
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
+    MOST,
     Database,
     Form,
     Where,
@@ -28,7 +29,7 @@ def runs(
     database: Database = DEFAULT_DATABASE,
     where: Where = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
-    limit: Annotated[int, typer.Option(min=1, help="Number of runs, newest first.")] = 50,
+    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of runs, newest first.")] = 50,
     form: Form = Format.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""

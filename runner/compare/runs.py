@@ -2,7 +2,6 @@
 
 import json
 import shlex
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -208,17 +207,7 @@ def answer(results: Results, query: str, timeout_s: float, limit: int) -> tuple[
     """Return the first rows of one SQL query, and whether there are more."""
     result = results.reader.sql(query, timeout_s, limit)
     rows = [[plain(value) for value in row] for row in result.rows]
-    return grid_of("", _distinct(result.columns), rows, labels=0, digits=6), result.more
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    """Number the names that a query uses twice, because a record holds each once."""
-    seen: Counter[str] = Counter()
-    numbered = []
-    for name in names:
-        seen[name] += 1
-        numbered.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
-    return numbered
+    return grid_of("", result.columns, rows, labels=0, digits=6), result.more
 
 
 def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
@@ -269,7 +258,7 @@ def plain(value: object) -> Scalar:
     if value is None or isinstance(value, str | int | float | bool):
         return value
     if isinstance(value, Decimal):
-        return int(value) if value.is_finite() and value == int(value) else float(value)
+        return int(value) if abs(value) < 2**63 and value == int(value) else float(value)
     if isinstance(value, bytes):
         return f"({len(value)} bytes) {value[:SHOWN_BYTES].hex()}" + (
             "…" if len(value) > SHOWN_BYTES else ""

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from sqlalchemy import (
     URL,
+    BigInteger,
     ColumnElement,
     Connection,
     Engine,
@@ -21,11 +22,12 @@ from sqlalchemy import (
     select,
     union_all,
 )
+from sqlalchemy.exc import DataError
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
+from seatrial.runner.database import cells, maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
@@ -101,12 +103,28 @@ class Reader:
 
     def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
-        with engines.explained(self.address):
-            return repeated(partial(self._rows, statement))
+        try:
+            with engines.explained(self.address):
+                return repeated(partial(self._rows, statement))
+        except DataError as error:  # a number beyond the range of its column
+            raise LogbookError(f"{self.address}: {engines.one_line(error)}") from error
+        except OverflowError as error:
+            raise LogbookError(f"{self.address}: {error}") from error
+        except UnicodeEncodeError as error:
+            raise LogbookError(
+                f"{self.address}: got {error.object!r}, expected text in UTF-8"
+            ) from error
 
     def _rows(self, statement: Select[Any]) -> Sequence[Row[Any]]:
         with self._engine.connect() as connection:
-            return connection.execute(statement).all()
+            try:
+                return cells.read(statement, connection.execute(statement))
+            except cells.DamagedCellError as error:
+                damaged = next(cells.damaged_cells(connection), None)
+                where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
+                raise LogbookError(
+                    f"{self.address}: damaged: {where}; verify lists every such cell"
+                ) from error
 
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
@@ -124,7 +142,8 @@ class Reader:
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
-        summaries = self.runs(tables.Run.id == run_id)
+        known = abs(run_id) < 2**63
+        summaries = self.runs(tables.Run.id == literal(run_id, BigInteger())) if known else []
         if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
