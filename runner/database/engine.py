@@ -246,7 +246,7 @@ def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
 def _open_uri(path: Path, option: str) -> sqlite3.Connection:
     # isolation_level None: the BEGIN of the sqlite3 module is too late, and deferred.
     return sqlite3.connect(
-        f"file:{quote(str(path))}?{option}",
+        f"file:{quote(os.fsencode(path))}?{option}",
         uri=True,
         timeout=BUSY_TIMEOUT_S,
         isolation_level=None,

@@ -34,6 +34,8 @@ def export(connection: Connection, folder: Path, *, guard: bool = True) -> list[
         ]
     except OSError as error:
         raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
+    except UnicodeEncodeError as error:
+        raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
 
 
 def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> list[Path]:
