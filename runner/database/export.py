@@ -9,6 +9,7 @@ from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, s
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.cells import UNREADABLE, DamagedCellError
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.spreadsheet import guarded
@@ -36,6 +37,8 @@ def export(connection: Connection, folder: Path, *, guard: bool = True) -> list[
         raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
     except UnicodeEncodeError as error:
         raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
+    except UNREADABLE as error:
+        raise DamagedCellError(str(error)) from error
 
 
 def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> list[Path]:

@@ -116,15 +116,20 @@ class Reader:
             ) from error
 
     def _rows(self, statement: Select[Any]) -> Sequence[Row[Any]]:
-        with self._engine.connect() as connection:
-            try:
-                return cells.read(statement, connection.execute(statement))
-            except cells.DamagedCellError as error:
-                damaged = next(cells.damaged_cells(connection), None)
-                where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
-                raise LogbookError(
-                    f"{self.address}: damaged: {where}; verify lists every such cell"
-                ) from error
+        with self._engine.connect() as connection, self._damage_located(connection):
+            return cells.read(statement, connection.execute(statement))
+
+    @contextmanager
+    def _damage_located(self, connection: Connection) -> Iterator[None]:
+        """Name the first damaged cell of the logbook if one cannot be read."""
+        try:
+            yield
+        except cells.DamagedCellError as error:
+            damaged = next(cells.damaged_cells(connection), None)
+            where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
+            raise LogbookError(
+                f"{self.address}: damaged: {where}; verify lists every such cell"
+            ) from error
 
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
@@ -234,7 +239,8 @@ class Reader:
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return export(connection, folder, guard=guard)
+            with self._damage_located(connection):
+                return export(connection, folder, guard=guard)
 
     def prunable(
         self,
