@@ -23,6 +23,7 @@ TIMEOUT_S = 30.0
 ROWS = 10_000
 _LONGEST = 64 * 2**20  # bytes of a value
 _LARGEST = 256 * 2**20  # characters and bytes of all texts of an answer
+_AT_ONCE = 10  # rows that a PostgreSQL server sends at once
 _PATTERN = 1000  # characters of a pattern of LIKE, whose time grows with the square
 _STEPS = 1000  # of SQLite's virtual machine between two looks at the clock
 _READING = {
@@ -158,6 +159,7 @@ def _ask_postgresql(raw: Any, query: str, timeout_s: float, limit: int) -> Answe
     raw.execute(f"SET LOCAL statement_timeout = {max(1, round(1000 * timeout_s))}")
     # A named cursor is declared with DECLARE ... CURSOR FOR, which takes exactly one query.
     cursor = raw.cursor(name="question")
+    cursor.itersize = _AT_ONCE
     try:
         cursor.execute(query.strip().rstrip(";"))
         rows, more = _first(cursor, limit)

@@ -9,7 +9,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
 from seatrial.runner.compare.where import Comparison, Condition, Joined
 
-
 LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
 
 
@@ -54,11 +53,18 @@ class Facet:
 
 
 def _drawable(run: Run) -> Run:
-    """Return a run whose levels matplotlib draws as they are, not as formulas between $."""
-    if not any("$" in level for level in run.levels.values()):
-        return run
-    levels = {name: level.replace("$", r"\$") for name, level in run.levels.items()}
-    return replace(run, levels=levels)
+    """Return a run whose levels matplotlib draws as text, not as formulas between $.
+
+    A long level is cut, and ends with a part of its digest, so that levels stay distinct.
+    """
+    levels = {name: _label(level) for name, level in run.levels.items()}
+    return run if levels == run.levels else replace(run, levels=levels)
+
+
+def _label(level: str) -> str:
+    if len(level) > LONGEST_STEM:
+        level = f"{level[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
+    return level.replace("$", r"\$")
 
 
 def facets(

@@ -46,8 +46,9 @@ CONDITIONS = [
 AGES = ["999999w", "9" * 400 + "d", "٣d", "1e3d", "-1d"]
 KINDS = [".x", "a..b", "os", "x." * 2000 + "x"]
 BASE = {
-    "show": ["1"], "stats": ["1"], "sql": ["SELECT 1"], "plot": ["track"], "published": ["--summary"],
-    "prune": ["--status", "failed"], "report": ["--where", "seed>99"], "export": ["out"],
+    "show": ["1"], "stats": ["1"], "sql": ["SELECT 1"], "plot": ["track"],
+    "published": ["--summary"], "prune": ["--status", "failed"],
+    "report": ["--where", "seed>99"], "export": ["out"],
 }  # fmt: skip
 
 
@@ -348,7 +349,8 @@ def test_formulas_are_quoted_in_csv_and_not_in_csv_plain(program: Program, nasty
     listed: dict[str, list[str]] = {}
     for form in ("csv", "csv-plain"):
         _, out, _ = program(
-            "sql", "SELECT vessel, -seed AS \"=x\" FROM run WHERE seed IN (0, 1, 7, 13) ORDER BY id",
+            "sql",
+            'SELECT vessel, -seed AS "=x" FROM run WHERE seed IN (0, 1, 7, 13) ORDER BY id',
             "--database", nasty, "--format", form,
         )  # fmt: skip
         header, *rows = csv.reader(io.StringIO(out))
