@@ -46,6 +46,8 @@ def render_page(template: str, **context: object) -> str:
 
 def write_page(page: str, file: Path) -> None:
     """Write a page atomically; LogbookError if the file cannot be written."""
+    if not file.name:
+        raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary = file.with_name(f".{file.name}.tmp")

@@ -103,8 +103,11 @@ def by_table(judged: Sequence[Judged]) -> list[list[Judged]]:
 
 def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[Printed]]:
     """Read the figures by experiment; ConfigurationError for an unknown name or a bad file."""
-    paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
-    files = {path.stem: path for path in paths if _has_columns(path)}
+    try:
+        paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
+        files = {path.stem: path for path in paths if _has_columns(path)}
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: cannot be read: {error.strerror}") from error
     if not files:
         raise ConfigurationError(f"{folder}: no files of printed figures in this folder")
     if experiment is not None:

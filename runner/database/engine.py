@@ -75,7 +75,8 @@ def parse(url: str | URL) -> Address:
 
 def _parsed(url: str | URL) -> URL:
     if isinstance(url, URL):
-        learn(url.render_as_string(hide_password=False))
+        if url.password:
+            learn(url.render_as_string(hide_password=False))
         return url
     learn(str(url))
     parsed = make_url(url)

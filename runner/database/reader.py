@@ -22,7 +22,7 @@ from sqlalchemy import (
     select,
     union_all,
 )
-from sqlalchemy.exc import DataError
+from sqlalchemy.exc import DataError, OperationalError
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
@@ -124,7 +124,9 @@ class Reader:
         """Name the first damaged cell of the logbook if one cannot be read."""
         try:
             yield
-        except cells.DamagedCellError as error:
+        except (cells.DamagedCellError, OperationalError) as error:
+            if isinstance(error, OperationalError) and "Could not decode" not in str(error.orig):
+                raise
             damaged = next(cells.damaged_cells(connection), None)
             where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
             raise LogbookError(

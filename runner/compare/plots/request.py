@@ -8,6 +8,7 @@ from hashlib import sha256
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
 from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.database.terminal import visible
 
 LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
 
@@ -55,15 +56,16 @@ class Facet:
 def _drawable(run: Run) -> Run:
     """Return a run whose levels matplotlib draws as text, not as formulas between $.
 
-    A long level is cut, and ends with a part of its digest, so that levels stay distinct.
+    A level that is long or has control characters ends with a part of its digest, so that levels
+    stay distinct.
     """
     levels = {name: _label(level) for name, level in run.levels.items()}
     return run if levels == run.levels else replace(run, levels=levels)
 
 
 def _label(level: str) -> str:
-    if len(level) > LONGEST_STEM:
-        level = f"{level[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
+    if len(level) > LONGEST_STEM or visible(level) != level:
+        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
     return level.replace("$", r"\$")
 
 

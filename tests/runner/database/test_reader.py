@@ -188,6 +188,7 @@ def roles(postgres: Postgres, results_dir: Path) -> Iterator[dict[str, str]]:
     with psycopg.connect(url, autocommit=True) as connection:
         for role, granted in READERS.items():
             connection.execute(f"CREATE ROLE {role} LOGIN PASSWORD 'anchor' IN ROLE {granted}")
+        connection.execute("GRANT USAGE ON SCHEMA public TO files")
         connection.execute("GRANT SELECT ON ALL TABLES IN SCHEMA public TO files")
         yield {"sailor": url, **{role: url.replace("sailor", role) for role in READERS}}
         connection.execute("DROP OWNED BY reader, copier, files")
