@@ -75,6 +75,7 @@ def refused_or_answered(code: int, out: str, err: str, what: object) -> None:
     assert len(err) <= 4200, what
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "option"), list(tries()))
 def test_every_option_takes_any_value(
     program: Program,
@@ -191,7 +192,7 @@ READERS = [
     *(["table", "--where", "plant.scale=0.5"], ["table", "--rows", "plant.scale"], ["stats", "4"]),
     *(["retry"], ["prune", "--where", "id=4"], ["prune", "--older-than", "1d"], ["export", "out"]),
     *(["sql", "SELECT * FROM run"], ["sql", "SELECT * FROM metric"], ["scrub"]),
-    *(["plot", "coefficients"], ["report"], ["published", "--summary"]),
+    *(["plot", "track"], ["report", "--where", "id=4"], ["published", "--summary"]),
 ]
 
 
