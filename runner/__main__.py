@@ -28,7 +28,8 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.config_source import ConfigResult
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.database.mask import learn, masked_output
+from seatrial.runner.database.mask import learn, masked_output, without_passwords
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.sweep import SeatrialSweeper, Session
@@ -89,7 +90,8 @@ def _main() -> int:
 
 
 def _complain(line: str, code: int) -> int:
-    print(f"seatrial: {line}", file=sys.stderr)
+    shown = error_line(without_passwords(line), sys.argv[1:])
+    print(f"seatrial: {shown}", file=sys.stderr)
     return code
 
 

@@ -9,6 +9,7 @@ from seatrial.models.errors import Diverged
 from seatrial.runner import database
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
+from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
@@ -59,7 +60,7 @@ class Outcome:
 def shown(overrides: Sequence[str]) -> str:
     """Name a trial by its overrides, without passwords."""
     texts = [text for text in without_address(overrides) if not text.startswith("dry_run=")]
-    return without_passwords(" ".join(texts)) or "the default trial"
+    return " ".join(shortened(without_passwords(text)) for text in texts) or "the default trial"
 
 
 def prepare(order: Order) -> Trial:

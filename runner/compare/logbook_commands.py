@@ -84,10 +84,16 @@ def retry(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Output folder.")],
     database: Database = DEFAULT_DATABASE,
+    csv_plain: Annotated[
+        bool,
+        typer.Option(
+            "--csv-plain", help="CSV without quote marks before texts that begin with =, +, -, @."
+        ),
+    ] = False,
 ) -> None:
     """Write every table as Parquet and as CSV."""
     with compare.results.open_results(database) as results:
-        for path in results.reader.export(folder):
+        for path in results.reader.export(folder, guard=not csv_plain):
             typer.echo(path)
 
 

@@ -106,8 +106,11 @@ def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[P
 
     `folder` holds one CSV file for each experiment; without `experiment` all of them are read.
     """
-    paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
-    files = {path.stem: path for path in paths if _has_columns(path)}
+    try:
+        paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
+        files = {path.stem: path for path in paths if _has_columns(path)}
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: cannot be read: {error.strerror}") from error
     if not files:
         raise ConfigurationError(f"{folder}: no files of printed figures in this folder")
     if experiment is not None:
@@ -125,14 +128,20 @@ def _sort_key(name: str) -> list[tuple[str, int]]:
 
 
 def _has_columns(path: Path) -> bool:
-    with path.open(newline="") as file:
-        return tuple(next(csv.reader(file), ())) == COLUMNS
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        try:
+            return tuple(next(csv.reader(file), ())) == COLUMNS
+        except csv.Error:
+            return False
 
 
 def read_file(path: Path) -> list[Printed]:
     """Read the printed figures of one file; raises ConfigurationError with the wrong line."""
-    with path.open(newline="") as file:
-        lines = list(csv.DictReader(file))
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigurationError(f"{path.name}: not a CSV file in UTF-8: {error}") from error
     return [_printed(path.stem, line, f"{path.name}, line {i}") for i, line in enumerate(lines, 2)]
 
 
@@ -150,9 +159,10 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
         number = text.pop("printed")
         printed = float(number) if number else None
         rounding = 0.5 * 10.0 ** min(int(Decimal(number or "0").as_tuple().exponent), 0)
-        factor = float(text.pop("factor") or 1.0)
-    except ValueError as error:
-        raise ConfigurationError(f"{place}: {error}") from error
+        number = text.pop("factor")
+        factor = float(number or 1.0)
+    except (ValueError, ArithmeticError) as error:
+        raise ConfigurationError(f"{place}: got {number!r}, expected a number") from error
     return Printed(experiment=experiment, printed=printed, factor=factor, rounding=rounding, **text)
 
 

@@ -2,15 +2,18 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import TypeVar
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import FINISHED, DiagnosticRow, Results, Run, ordered
 from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.database.terminal import visible
 from seatrial.runner.vocabulary import DOF_ORDER
 
 Drawing = TypeVar("Drawing")
+LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,26 @@ class Facet:
         """Return a safe file name: no path separators or special characters."""
         stem = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
         stem += f"-run-{self.run}" if self.run is not None else ""
-        return re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
+        safe = re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
+        if len(safe) <= LONGEST_STEM:
+            return safe
+        return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
+
+
+def _drawable(run: Run) -> Run:
+    """Return a run whose levels matplotlib draws as text, not as formulas between $.
+
+    A level that is long or has control characters ends with a part of its digest, so that levels
+    stay distinct.
+    """
+    levels = {name: _label(level) for name, level in run.levels.items()}
+    return run if levels == run.levels else replace(run, levels=levels)
+
+
+def _label(level: str) -> str:
+    if len(level) > LONGEST_STEM or visible(level) != level:
+        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
+    return level.replace("$", r"\$")
 
 
 def facets(
@@ -65,10 +87,10 @@ def facets(
     if request.run is not None:
         condition = with_run(condition, request.run)
     factors = [*(rows or [request.rows]), request.columns]
-    factors += [request.facet] if request.facet else []
+    factors += [request.facet] if request.facet is not None else []
     for factor in factors:
         results.names.check(factor, "--rows/--columns/--facet")
-    runs = results.runs(condition, factors)
+    runs = [_drawable(run) for run in results.runs(condition, factors)]
     if request.facet is None:
         return [Facet(runs, condition, run=request.run)]
     return [
@@ -133,7 +155,8 @@ def each_run(
     if facet is not None:
         results.names.check(facet, "--rows/--columns/--facet")
     factors = [] if facet is None else [facet]
-    runs = results.runs(condition, factors, superseded=request.run is not None)
+    superseded = request.run is not None
+    runs = [_drawable(run) for run in results.runs(condition, factors, superseded)]
     stored = results.series_columns(condition)
     newest: dict[str, tuple[Run, list[str]]] = {}
     for run in reversed(runs):

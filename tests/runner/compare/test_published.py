@@ -206,7 +206,7 @@ def test_the_page_of_all_printed_figures_opens_in_a_browser(
 @pytest.mark.parametrize(
     ("lines", "complaint"),
     [
-        ([LINE.replace(",100,", ",many,")], "mine.csv, line 2: could not convert string to float"),
+        ([LINE.replace(",100,", ",many,")], "mine.csv, line 2: got 'many', expected a number"),
         (
             [LINE, LINE.replace("metric", "guess")],
             "mine.csv, line 3: source: got 'guess', expected",
