@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
+from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:
@@ -130,7 +131,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
-        nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
+        target = {"_target_": "seatrial.models.identification.adaptive.Update"}
+        nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
     settings = build_as(Settings, nodes, "")
     from seatrial.runner.database.engine import file_url  # slow to import
 
@@ -147,7 +149,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         database_url=settings.database.url or file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
         dry_run=settings.dry_run,
-        names=dict(names),
+        names=names,
         config=config,
     )
 
