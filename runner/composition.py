@@ -216,5 +216,7 @@ class Composer:
 
 
 def _task_of(config: DictConfig) -> DictConfig:
-    """Copy a configuration without Hydra's part."""
-    return OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    """Copy a configuration without Hydra's part; unknown options are refused as before."""
+    task: DictConfig = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    OmegaConf.set_struct(task, OmegaConf.is_struct(config))
+    return task
