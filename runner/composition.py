@@ -171,7 +171,10 @@ class Composer:
             return self._composed_by_hydra(job)
         choices, values = split
         if choices != self._choices or self._chosen is None:  # the next jobs often choose the same
-            self._chosen = self._choose(choices, job)
+            try:
+                self._chosen = self._choose(choices, job)
+            except Exception:  # Hydra raises its own error about the complete job
+                return self._composed_by_hydra(job)
             self._choices = choices
             self._resolutions.clear()
         chosen = self._chosen

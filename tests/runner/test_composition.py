@@ -67,7 +67,7 @@ def by_hydra(master: DictConfig, job: list[str]) -> str:
         HydraConfig.instance().set_config(config)
         task = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
         order = order_of(task, config.hydra, job)
-    except (*EXPECTED, ValueError, TypeError, AttributeError, KeyError) as error:
+    except Exception as error:
         return f"{type(error).__name__}: {error}"
     return repr((order.config, order.names, order.overrides))
 
@@ -75,7 +75,7 @@ def by_hydra(master: DictConfig, job: list[str]) -> str:
 def shared(composer: Composer, job: list[str]) -> str:
     try:
         order = composer.order(job)
-    except (*EXPECTED, ValueError, TypeError, AttributeError, KeyError) as error:
+    except Exception as error:
         return f"{type(error).__name__}: {error}"
     return repr((order.config, order.names, order.overrides))
 
