@@ -44,7 +44,7 @@ class SharedNodes:
         last, shared = self._last.get(key, (None, None))
         if shared is None or last is not node:
             kept, content = self._kept.setdefault(key, {}), repr(node)  # 1 differs from 1.0
-            shared = kept.pop(content, None) or Shared(node)
+            shared = kept.pop(content) if content in kept else Shared(node)
             kept[content] = shared
             if len(kept) > self.KEPT:
                 kept.pop(next(iter(kept))).results.clear()

@@ -27,7 +27,7 @@ from tests.trials import composed, ordered
 JOBS = (
     "seed=1", "seed=2", "plant.scale=2", "sample_time_s=0.2", "identifier.lowpass_hz=0.3",
     "controller=none", "integration_step_s=1", "seed=-1", "excitation=prbs", "disturbance=wind",
-    "disturbance.wind.speed_m_s=-1", "seed=1", "identifier.lowpass_hz=90", "seed=2",
+    "disturbance=wind disturbance.wind.speed_m_s=-1", "seed=1", "identifier.lowpass_hz=90", "seed=2",
 )  # fmt: skip
 
 
@@ -49,7 +49,7 @@ def alone(order: Order) -> str:
 
 def test_a_trial_is_planned_among_others_as_alone() -> None:
     planner = Planner("sources")
-    orders = [ordered(job) for job in JOBS]
+    orders = [ordered(*job.split()) for job in JOBS]
     plans = [planned(planner, order) for order in orders]
     said = [plan.fingerprint if isinstance(plan, Plan) else plan for plan in plans]
     assert said == [alone(order) for order in orders]
