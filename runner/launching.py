@@ -93,7 +93,7 @@ def _launch_batch(
     launcher: Launcher, batch: Sequence[Plan], start: int, launched: LaunchResult
 ) -> bool:
     """Launch a batch; returns False if the launcher lost one of its workers."""
-    overrides = [list(plan.order.overrides) for plan in batch]
+    overrides = [list(plan.overrides) for plan in batch]
     try:
         returns = launcher.launch(overrides, initial_job_idx=start)
     except Exception as error:
@@ -124,7 +124,7 @@ def _relaunch_lost(
 
 def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
     """Wait until no trial of a batch is running; returns the trials that did not end."""
-    url = batch[0].trial.database_url
+    url = batch[0].database_url
     while "running" in (known := states(url, sweep_id, batch)).values():
         time.sleep(WAIT_S)
     return [plan for plan in batch if known.get(plan.fingerprint) not in ENDINGS]

@@ -1,7 +1,7 @@
 """Queries of a logbook over a read-only connection."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -58,6 +58,7 @@ else:
 
 Fact = TypeVar("Fact", Metric, Coefficient, Finding, SeriesFile)
 Columns = TypeVarTuple("Columns")
+AT_ONCE = 500  # values in one condition; databases limit the variables of a query
 
 
 class Reader:
@@ -166,8 +167,18 @@ class Reader:
 
     def trial(self, fingerprint: str) -> RunSummary | None:
         """Return the valid attempt at the trial of this fingerprint; None if there is none."""
-        attempts = self.runs(tables.Run.fingerprint == fingerprint)
-        return next((run for run in attempts if not run.superseded), None)
+        return self.trials([fingerprint]).get(fingerprint)
+
+    def trials(self, fingerprints: Iterable[str]) -> dict[str, RunSummary]:
+        """Return the valid attempts at trials by fingerprint, of those that have one."""
+        runs: dict[str, RunSummary] = {}
+        wanted = list(fingerprints)
+        for start in range(0, len(wanted), AT_ONCE):
+            part = wanted[start : start + AT_ONCE]
+            for run in self.runs(tables.Run.fingerprint.in_(part)):
+                if not run.superseded:
+                    runs.setdefault(run.fingerprint, run)
+        return runs
 
     def metrics(self, run_id: int) -> list[Metric]:
         """Return the metrics of a run, in the order of storage."""
