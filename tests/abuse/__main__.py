@@ -10,10 +10,15 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from tests.abuse import ledger
+from tests.abuse import isolated, ledger
+from tests.abuse.crowd import crowd, outage, suspended
+from tests.abuse.disks import disks
 from tests.abuse.ledger import Entry
+from tests.abuse.malformed import KINDS, malformed
+from tests.abuse.storm import storm
 
 SEED = 20260201
 
@@ -29,10 +34,10 @@ def main() -> int:
             continue
         with _folder(name) as folder:
             since = time.monotonic()
-            entry = task(folder)
-        entry.seconds = time.monotonic() - since
-        entries.append(entry)
-        print(f"{name}: {entry.tried} tried in {entry.seconds:.0f} s, {len(entry.violations)} violated", flush=True)
+            new = task(folder)
+        entries += new
+        tried, violated = (sum(n) for n in zip(*((e.tried, len(e.violations)) for e in new), strict=True))
+        print(f"{name}: {tried} tried in {time.monotonic() - since:.0f} s, {violated} violated", flush=True)
     print(f"\n{ledger.table(entries)}\n\n{time.monotonic() - began:.0f} s")
     for entry in entries:
         for remark in entry.remarks:
@@ -51,18 +56,19 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _tasks(options: argparse.Namespace) -> dict[str, Callable[[Path], Entry]]:
-    from tests.abuse import isolated
-    from tests.abuse.malformed import KINDS, malformed
-
+def _tasks(options: argparse.Namespace) -> dict[str, Callable[[Path], list[Entry]]]:
     isolated.preload()
     share = 0.1 if options.quick else 1.0
-    tasks: dict[str, Callable[[Path], Entry]] = {}
+    tasks: dict[str, Callable[[Path], list[Entry]]] = {}
     for kind in KINDS:
-        tasks[kind] = lambda folder, kind=kind: malformed(  # type: ignore[misc]
-            kind, folder, options.seed, share, options.case
-        )
+        tasks[kind] = partial(_malformed, kind=kind, options=options, share=share)
+    for task in (storm, crowd, outage, suspended, disks):
+        tasks[task.__name__] = partial(task, seed=options.seed, share=share)
     return tasks
+
+
+def _malformed(folder: Path, kind: str, options: argparse.Namespace, share: float) -> list[Entry]:
+    return [malformed(kind, folder, options.seed, share, options.case)]
 
 
 @contextmanager

@@ -186,6 +186,7 @@ def _call(order: Order) -> int:
 
 CODES = (0, 1, 2)
 LINE = 1000  # characters of the longest line on standard error
+SQLITE_OWN = ("-wal", "-shm", "-journal")  # files of a logbook that is in use, or damaged
 LINES = 5  # lines on standard error of a command that does something: failures, warnings
 
 
@@ -212,7 +213,7 @@ def broken(answer: Answer) -> str | None:
         return "exit code 2 without a message"
     half = [name for name in answer.new if name.endswith(".tmp")]
     if answer.code == 2:
-        half = list(answer.new)
+        half = [name for name in answer.new if not name.endswith(SQLITE_OWN)]
     return f"left behind: {', '.join(half)}" if half else None
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from seatrial.runner.compare.formats import Format
 from tests.abuse.inputs import NUMBERS, WORDS, texts
 from tests.abuse.isolated import Order
 from tests.runner.compare import stored
@@ -58,20 +59,24 @@ def _copy(logbook: Path) -> Callable[[Path], None]:
 
 def _value(name: str, kind: Any) -> st.SearchStrategy[str]:
     """Values for a parameter of the parser, by its kind."""
-    choices = [str(choice) for choice in getattr(kind, "choices", ())]
     if name == "query":
         return st.one_of(st.sampled_from(QUERIES), texts)
     if name == "database":
         return st.sampled_from(ADDRESSES)
-    if kind.name in ("integer", "integer range"):
-        return st.sampled_from((*NUMBERS, "7", str(2**64), "-" + "9" * 30, "9" * 5000))
-    if kind.name in ("path", "file", "directory"):
-        return st.one_of(texts, st.sampled_from(("results", "results/results.db", "a" * 300, "\n", "\x1b[31m", "/dev/full", "/dev/null/x")))
-    if choices:
-        return st.one_of(st.sampled_from(choices), texts)
-    return st.one_of(st.sampled_from(TERMS), st.sampled_from(TERMS), st.sampled_from(WORDS), st.sampled_from(NUMBERS), texts)
+    if kind in (int, int | None):
+        return st.sampled_from(INTEGERS)
+    if kind in (Path, Path | None):
+        return st.one_of(st.sampled_from(PATHS), texts)
+    if kind is Format:
+        return st.one_of(st.sampled_from([form.value for form in Format]), texts)
+    return st.one_of(*[st.sampled_from(pool) for pool in (TERMS, TERMS, WORDS, NUMBERS)], texts)
 
 
+INTEGERS = (*NUMBERS, "3", "7", "10", str(2**64), "-" + "9" * 30, "9" * 5000)
+PATHS = (
+    *("results", "results/results.db", "a" * 300, "\n", "\x1b[31m", "/dev/full", "/dev/null/x"),
+    *("new/folder", "é", "\udcff", "=SUM(A1)", "."),
+)
 ADDRESSES = (
     *("sqlite:///results/results.db", "results/results.db", "sqlite:///nothing.db", "sqlite://", "sqlite:////dev/zero"),
     *("postgresql://me:secret@127.0.0.1:1/none", "postgresql://", "mysql://a/b", "", "://", "results", "/dev/zero"),
@@ -101,10 +106,10 @@ def arguments(logbook: Path) -> st.SearchStrategy[Order]:
         for one in chosen:
             words.append(one.opts[0])
             if not one.is_flag:
-                words.append(draw(_value(one.name, one.type)))
+                words.append(draw(_value(one.name, one.type_descriptor.annotation)))
         for one in given:
             if one.param_type_name == "argument":
-                value = draw(st.sampled_from(kinds)) if one.name == "kind" and draw(st.booleans()) else draw(_value(one.name, one.type))
+                value = draw(st.sampled_from(kinds)) if one.name == "kind" and draw(st.booleans()) else draw(_value(one.name, one.type_descriptor.annotation))
                 words += [value] if not value.startswith("-") else ["--", value]
         if name == "browse":
             words += ["--port", draw(st.sampled_from(("-1", "65536", "x", "1e3", "")))]
