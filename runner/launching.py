@@ -184,4 +184,5 @@ def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
     while not stop.is_set():
         received = signal.sigtimedwait(signals, 0.1)
         if received is not None:
-            _thread.interrupt_main(received.si_signo)  # nothing, where the signal is ignored
+            number = signal.Signals(received.si_signo)
+            _thread.interrupt_main(number)  # does nothing where the signal is ignored

@@ -36,8 +36,13 @@ def main() -> int:
             since = time.monotonic()
             new = task(folder)
         entries += new
-        tried, violated = (sum(n) for n in zip(*((e.tried, len(e.violations)) for e in new), strict=True))
-        print(f"{name}: {tried} tried in {time.monotonic() - since:.0f} s, {violated} violated", flush=True)
+        tried, violated = (
+            sum(n) for n in zip(*((e.tried, len(e.violations)) for e in new), strict=True)
+        )
+        print(
+            f"{name}: {tried} tried in {time.monotonic() - since:.0f} s, {violated} violated",
+            flush=True,
+        )
     print(f"\n{ledger.table(entries)}\n\n{time.monotonic() - began:.0f} s")
     for entry in entries:
         for remark in entry.remarks:

@@ -147,10 +147,14 @@ def suspended(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
             for launcher in ((), JOBLIB):
                 many = round(3 * share) or int(kind == SQLITE)
                 task = partial(_beside, chance=chance, apart_s=0.0)
-                tries += [(f"{kind} {launcher[:1]}", partial(_on, bases, kind, launcher, task))] * many
+                tries += [
+                    (f"{kind} {launcher[:1]}", partial(_on, bases, kind, launcher, task))
+                ] * many
             if share == 1.0:
                 task = partial(_beside, chance=chance, apart_s=TOO_LONG_S)
-                tries.append((f"{kind}, for {TOO_LONG_S:.0f} s", partial(_on, bases, kind, (), task)))
+                tries.append(
+                    (f"{kind}, for {TOO_LONG_S:.0f} s", partial(_on, bases, kind, (), task))
+                )
         for name, attempt in tries:
             with entry.attempt(name, repeat):
                 attempt()
@@ -158,7 +162,9 @@ def suspended(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
     return [entry]
 
 
-def _on(bases: Databases, kind: str, launcher: tuple[str, ...], task: Callable[[Stage], None]) -> None:
+def _on(
+    bases: Databases, kind: str, launcher: tuple[str, ...], task: Callable[[Stage], None]
+) -> None:
     task(bases.stage(kind, (*LONG, *launcher), 8))
 
 

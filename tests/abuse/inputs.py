@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from hypothesis import strategies as st
 from hydra import compose, initialize_config_dir
+from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from tests.abuse.isolated import Order
@@ -23,17 +23,86 @@ SURGE = (
 )
 NUMBERS = (
     *("0", "-0", "-1", "1", "2", "0.5", "1e9", "1e12", "-1e12", "1e-9", "1e-12", "1e308", "-1e308"),
-    *("1e999", "5e-324", "inf", "-inf", "nan", ".nan", ".inf", str(2**31), str(2**63), "-" + "9" * 40),
+    *(
+        "1e999",
+        "5e-324",
+        "inf",
+        "-inf",
+        "nan",
+        ".nan",
+        ".inf",
+        str(2**31),
+        str(2**63),
+        "-" + "9" * 40,
+    ),
     *("1_000", "0x10", "0o7", "1e", "١٢", "１", "+1", "1,5", "12:30:45"),
 )
 WORDS = (
-    *("", "null", "~", "true", "false", "yes", "abc", "surge", "none", "[]", "{}", "[[]]", "[1,2,3]"),
-    *("[1,[2]]", "[nan]", "[1e308,1e308,1e308]", "[[1,0,0],[0,1,0],[0,0,1]]", "[[0,0,0],[0,0,0],[0,0,0]]"),
-    *("{a:1}", "{surge:1}", "{surge:{surge:1}}", "{_target_:os.nothing}", "{_target_:[]}", "[" * 50 + "]" * 50),
-    *("${seed}", "${nothing}", "${oc.env:NOTHING}", "${oc.decode:'['}", "${", "???", "'", '"', "'''", "\\"),
-    *("a\nb", "a\tb", "\x1b[31mred\x1b[0m", "\x07", "\x7f", "\x9b31m", "\r", "\udcff", "é", "船", "\u202e"),
+    *(
+        "",
+        "null",
+        "~",
+        "true",
+        "false",
+        "yes",
+        "abc",
+        "surge",
+        "none",
+        "[]",
+        "{}",
+        "[[]]",
+        "[1,2,3]",
+    ),
+    *(
+        "[1,[2]]",
+        "[nan]",
+        "[1e308,1e308,1e308]",
+        "[[1,0,0],[0,1,0],[0,0,1]]",
+        "[[0,0,0],[0,0,0],[0,0,0]]",
+    ),
+    *(
+        "{a:1}",
+        "{surge:1}",
+        "{surge:{surge:1}}",
+        "{_target_:os.nothing}",
+        "{_target_:[]}",
+        "[" * 50 + "]" * 50,
+    ),
+    *(
+        "${seed}",
+        "${nothing}",
+        "${oc.env:NOTHING}",
+        "${oc.decode:'['}",
+        "${",
+        "???",
+        "'",
+        '"',
+        "'''",
+        "\\",
+    ),
+    *(
+        "a\nb",
+        "a\tb",
+        "\x1b[31mred\x1b[0m",
+        "\x07",
+        "\x7f",
+        "\x9b31m",
+        "\r",
+        "\udcff",
+        "é",
+        "船",
+        "\u202e",
+    ),
     *("x" * 5000, "%s%n", "../abuse", "=", "==", "a=b", "=SUM(A1)", "@", "!!python/name:os.abort"),
-    *("range(0,3)", "choice(1,2)", "interval(0,1)", "glob(*)", "/dev/zero", "/dev/full", "/proc/self/mem"),
+    *(
+        "range(0,3)",
+        "choice(1,2)",
+        "interval(0,1)",
+        "glob(*)",
+        "/dev/zero",
+        "/dev/full",
+        "/proc/self/mem",
+    ),
 )
 # A folder may be named by any value of an option, so no text leads out of the case's own.
 texts = st.text(
@@ -69,7 +138,10 @@ def keys_of_choices() -> list[tuple[tuple[str, ...], list[str]]]:
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for group, names in choices().items():
             for name in names:
-                overrides = (*(one for one in SHORT if not one.startswith(group)), f"{group}={name}")
+                overrides = (
+                    *(one for one in SHORT if not one.startswith(group)),
+                    f"{group}={name}",
+                )
                 config = compose("trial", list(overrides))
                 keys = [*_leaves(OmegaConf.to_container(config)), *GROUPS]
                 result.append((overrides, keys))
@@ -161,7 +233,9 @@ def vessels() -> st.SearchStrategy[Order]:
             elif isinstance(container, dict):
                 container.pop(key, None)
                 if draw(st.booleans()):
-                    container[draw(st.sampled_from(("", "X_u", "Y_|v|v", "_target_", "1", "é")))] = 1.0
+                    container[
+                        draw(st.sampled_from(("", "X_u", "Y_|v|v", "_target_", "1", "é")))
+                    ] = 1.0
         return yaml.safe_dump(config, allow_unicode=True).encode()
 
     @st.composite
@@ -185,7 +259,12 @@ def vessels() -> st.SearchStrategy[Order]:
             file.parent.mkdir(parents=True)
             file.write_bytes(content)
 
-        overrides = ("vessel=own", "identifier=ls", "evaluation=none", *(("dry_run=true",) if dry else ()))
+        overrides = (
+            "vessel=own",
+            "identifier=ls",
+            "evaluation=none",
+            *(("dry_run=true",) if dry else ()),
+        )
         return Order("seatrial", ("--config-dir", "conf", *overrides), prepare)
 
     contents = st.one_of(tree(), tree(), tree(), text(), text(), st.sampled_from(WHOLE_VESSELS))
@@ -209,12 +288,34 @@ def recording(n: int = 200) -> list[list[str]]:
 
 CELLS = (
     *NUMBERS,
-    *("", " ", '"', '""', "'", "abc", "\x1b[31m", "\x00", "\r", "\n", ";", ",", ",,,", "=1+1", "x" * 5000),
+    *(
+        "",
+        " ",
+        '"',
+        '""',
+        "'",
+        "abc",
+        "\x1b[31m",
+        "\x00",
+        "\r",
+        "\n",
+        ";",
+        ",",
+        ",,,",
+        "=1+1",
+        "x" * 5000,
+    ),
     *("1 2", "1e5000", "9" * 400, "٣", "NaN", "NA", "null", "True", "0.1", "-0.1", "2026-01-01"),
 )
 WHOLE_RECORDINGS: tuple[bytes, ...] = (
     *(b"", b"\n", b",\n", b"Time\n", b"Time,position_x,surge_vel,force_x\n", b"\xff\xfe\x00"),
-    *(b"\x00" * 100, b"Time," * 200_000 + b"\n1\n", b"1" * 3_000_000, b'"' * 1001, b'"' + b"\n" * 1000),
+    *(
+        b"\x00" * 100,
+        b"Time," * 200_000 + b"\n1\n",
+        b"1" * 3_000_000,
+        b'"' * 1001,
+        b'"' + b"\n" * 1000,
+    ),
     "\n".join(",".join(row) for row in recording()).encode("utf-16"),
     b"\xef\xbb\xbf" + "\n".join(",".join(row) for row in recording()).encode(),
     *("\n".join(",".join(row) for row in recording(n)).encode() for n in (1, 2, 3, 5, 8)),
@@ -232,7 +333,11 @@ def recordings() -> st.SearchStrategy[Order]:
         rows = recording()
         for _ in range(draw(st.integers(1, 3))):
             spot = draw(st.integers(0, len(rows) - 1))
-            change = draw(st.sampled_from(("cell", "cell", "cell", "drop", "double", "short", "column", "header")))
+            change = draw(
+                st.sampled_from(
+                    ("cell", "cell", "cell", "drop", "double", "short", "column", "header")
+                )
+            )
             if change == "cell" and rows[spot]:
                 rows[spot][draw(st.integers(0, len(rows[spot]) - 1))] = draw(st.sampled_from(CELLS))
             elif change == "drop" and len(rows) > 1:
@@ -243,7 +348,9 @@ def recordings() -> st.SearchStrategy[Order]:
                 rows[spot] = rows[spot][: draw(st.integers(0, 4))]
             elif change == "column":
                 cell, column = draw(st.sampled_from(CELLS)), draw(st.integers(0, 3))
-                rows[1:] = [[cell if i == column else old for i, old in enumerate(row)] for row in rows[1:]]
+                rows[1:] = [
+                    [cell if i == column else old for i, old in enumerate(row)] for row in rows[1:]
+                ]
             elif change == "header" and rows[0]:
                 rows[0][0] = draw(st.one_of(texts, st.sampled_from(("Time", "force_x", ""))))
         return "\n".join(",".join(row) for row in rows).encode("utf-8", "surrogateescape")

@@ -60,10 +60,6 @@ class _Child:
 
 def preload() -> None:
     """Import what the commands need, so that the forks need not; starts no threads."""
-    import matplotlib.figure
-    import numba
-    import pyarrow.parquet
-    import sqlalchemy.dialects.sqlite
 
     import seatrial.runner.__main__
     import seatrial.runner.compare.__main__
@@ -150,8 +146,8 @@ def _redirect(folder: Path) -> None:
         file = os.open(folder.with_suffix(end), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(file, descriptor)
     # As a program's own: strict on output, escaping on errors, and not those of a test runner.
-    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115, PTH123
-    sys.stderr = open(  # noqa: SIM115, PTH123
+    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = open(  # noqa: SIM115
         2, "w", encoding="utf-8", errors="backslashreplace", buffering=1, closefd=False
     )
 

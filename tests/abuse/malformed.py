@@ -96,7 +96,8 @@ def _short(order: Order) -> str:
 
 def _shown(answer: Answer) -> str:
     out, err = (text.decode("utf-8", "replace")[:3000] for text in (answer.out, answer.err))
-    return f"{answer.order}\ncode {answer.code} after {answer.seconds:.1f} s in {answer.folder}\n{out!a}\n{err!a}"
+    head = f"{answer.order}\ncode {answer.code} after {answer.seconds:.1f} s in {answer.folder}"
+    return f"{head}\n{out!a}\n{err!a}"
 
 
 def _check_logbook(answer: Answer, errors: Counter[str]) -> None:
@@ -106,12 +107,10 @@ def _check_logbook(answer: Answer, errors: Counter[str]) -> None:
             continue
         with closing(sqlite3.connect(answer.folder / name)) as connection:
             assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)], name
-            query = (
-                "SELECT status, error_type, error, (SELECT count(*) FROM metric WHERE run_id = run.id)"
-                " FROM run"
-            )
-            for status, kind, error, metrics in connection.execute(query):
+            metrics = "(SELECT count(*) FROM metric WHERE run_id = run.id)"
+            query = f"SELECT status, error_type, error, {metrics} FROM run"
+            for status, kind, error, stored_metrics in connection.execute(query):
                 assert status in ("finished", "failed", "diverged"), f"a run is {status}"
-                assert status != "finished" or metrics, "a finished run has no metrics"
+                assert status != "finished" or stored_metrics, "a finished run has no metrics"
                 if status == "failed" and kind not in EXPECTED:
                     errors[f"{kind}: {error[:120]} {_short(answer.order)}"] += 1

@@ -136,7 +136,9 @@ class Stage:
             broken = [run.run_id for run in runs if (run.status == "finished") != (run.metrics > 0)]
         finished = Counter(run.fingerprint for run in runs if run.status == "finished")
         assert not broken, f"runs {broken} are finished without metrics, or the reverse"
-        assert not before - finished.keys(), f"{len(before - finished.keys())} finished runs are lost"
+        assert not before - finished.keys(), (
+            f"{len(before - finished.keys())} finished runs are lost"
+        )
         assert all(n == 1 for n in finished.values()), f"finished more than once: {finished}"
         return frozenset(finished)
 

@@ -11,7 +11,17 @@ from os import kill
 from pathlib import Path
 
 from tests.abuse.ledger import Entry
-from tests.abuse.stage import POSTGRES, SQLITE, Databases, Program, Stage, databases, measured, quiet, wait
+from tests.abuse.stage import (
+    POSTGRES,
+    SQLITE,
+    Databases,
+    Program,
+    Stage,
+    databases,
+    measured,
+    quiet,
+    wait,
+)
 
 SHORT = ("evaluation=none", "excitation.interval_s=120")
 MANY = (*SHORT, "identifier=none,ls", "disturbance=calm,noise", "seed=range(0,6)")
@@ -107,7 +117,9 @@ def _storm(
         with entry.attempt(f"{launcher}, {kind}, completion", repeat):
             finished = stage.check(finished)
             out = stage.complete(expected)
-            known = f"{trials} finished ({len(finished)} already" if finished else f"{trials} finished,"
+            known = (
+                f"{trials} finished ({len(finished)} already" if finished else f"{trials} finished,"
+            )
             assert known in out, f"expected {known!r} in {out[-300:]!r}"
 
 
@@ -171,9 +183,7 @@ BLOWS = (kill_at_start, kill_all, kill_parent, kill_child, stop_parent, stop_all
 WEIGHTS = (20, 45, 10, 5, 12, 8)
 
 
-def _in_the_middle(
-    stage: Stage, program: Program, reference: Calm, chance: random.Random
-) -> None:
+def _in_the_middle(stage: Stage, program: Program, reference: Calm, chance: random.Random) -> None:
     wait(lambda: stage.has_begun(program) or program.process.poll() is not None, "a sweep")
     time.sleep(chance.uniform(0.0, 0.6 * reference.start_s + 5.0 * reference.each_s))
 
@@ -187,4 +197,3 @@ def _stopped(program: Program, number: signal.Signals) -> None:
         assert code == 128 + number, f"{number.name}: exit code {code}: {err[-300:]!r}"
         assert INTERRUPTED in err.splitlines()[-1:], f"{number.name}: said {err[-300:]!r}"
     wait(lambda: not program.family(), "processes outlive a command that was stopped", 90.0)
-

@@ -1,4 +1,4 @@
-"""The law that hostile tries are judged by catches what it is there for, and a part of the tries."""
+"""The law that judges hostile tries catches what it is there for; and a part of the tries."""
 
 import json
 import subprocess
@@ -62,7 +62,9 @@ def test_limits_end_a_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(isolated, "WALL_S", 10.0)
     monkeypatch.setattr(isolated, "_call", lambda order: bodies[order.arguments[0]]())
     orders = [(n, Order("seatrial", (name,), nothing)) for n, name in enumerate(bodies)]
-    said = {a.order.arguments[0]: isolated.broken(a) or "" for _, a in isolated.run(orders, tmp_path)}
+    said = {
+        a.order.arguments[0]: isolated.broken(a) or "" for _, a in isolated.run(orders, tmp_path)
+    }
     assert "took longer" in said["work"]
     assert "took longer" in said["wait"]
     assert "MemoryError" in said["memory"]

@@ -86,8 +86,10 @@ def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
     process = sweep(*LONG, *many, "hydra.sweep.dir=.", folder=tmp_path)
     workers = "popen_loky_posix"
     wait(
-        lambda: any(workers in command for _, command in children(process.pid))
-        or process.poll() is not None
+        lambda: (
+            any(workers in command for _, command in children(process.pid))
+            or process.poll() is not None
+        )
     )
     time.sleep(later_s)
     os.killpg(process.pid, number)
