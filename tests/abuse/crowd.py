@@ -72,8 +72,13 @@ def _crowd(entry: Entry, stage: Stage, writers: int, readers: int, seed: int) ->
 
 
 def _read(
-    entry: Entry, stage: Stage, writers: list[Program], chance: random.Random, number: int, repeat: str
-) -> None:  # fmt: skip
+    entry: Entry,
+    stage: Stage,
+    writers: list[Program],
+    chance: random.Random,
+    number: int,
+    repeat: str,
+) -> None:
     while any(program.process.poll() is None for program in writers):
         command = list(chance.choice(READERS))
         command = [word.replace("report.html", f"report-{number}.html") for word in command]

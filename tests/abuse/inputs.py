@@ -1,7 +1,9 @@
 """Malformed options, vessel files and recordings for the runner, drawn by Hypothesis."""
 
 import random
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,12 @@ GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "ev
 SHORT = ("identifier=none", "evaluation=none")
 # Trials that take longer than an input is worth: they are planned, not run.
 SLOW = ("auto", "dsr", "grid", "least_squares", "nsga2", "prediction_times", "mix", "operation")
+# Options that say how much there is to do, and values that would never end.
+SIZE = re.compile(
+    r"(?:length_s|duration_s|interval_s|sample_time_s|step_s|horizon|population|generations"
+    r"|bootstrap|restarts|pool|square_s|manoeuvre_s|replicates)$"
+)
+ENDLESS = ("1e9", "1e12", "1000000000", "1e-9", "1e-12", "1e300")
 SURGE = (
     *("vessel=surge_linear", "excitation=recording", "identifier=ls", "evaluation=none"),
     *("controller=none", "excitation.columns.orientation=null", "excitation.statistics=[]"),
@@ -119,9 +127,9 @@ def nothing(folder: Path) -> None:
     """Prepare no file."""
 
 
-def _leaves(node: Any, name: str = "") -> Iterator[str]:
+def _leaves(node: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if name:
-        yield name
+        yield name, node
     items = node.items() if isinstance(node, dict) else ()
     for key, value in items:
         yield from _leaves(value, f"{name}.{key}" if name else str(key))
@@ -132,45 +140,63 @@ def choices() -> dict[str, list[str]]:
     return {group: sorted(file.stem for file in (CONF / group).glob("*.yaml")) for group in GROUPS}
 
 
-def keys_of_choices() -> list[tuple[tuple[str, ...], list[str]]]:
-    """For one trial with each choice of each group: its overrides, and every key it resolves to."""
+@dataclass(frozen=True)
+class Trial:
+    """A trial with one choice of one group: every key that it resolves to, by kind."""
+
+    overrides: tuple[str, ...]
+    slow: bool
+    keys: tuple[str, ...]
+    numeric: tuple[str, ...]  # keys of numbers
+    sizes: tuple[str, ...]  # keys of numbers that say how much there is to do
+
+
+def trials() -> list[Trial]:
+    """A trial with each choice of each group."""
     result = []
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for group, names in choices().items():
             for name in names:
-                overrides = (
-                    *(one for one in SHORT if not one.startswith(group)),
-                    f"{group}={name}",
-                )
+                short = (one for one in SHORT if not one.startswith(group))
+                overrides = (*short, f"{group}={name}")
                 config = compose("trial", list(overrides))
-                keys = [*_leaves(OmegaConf.to_container(config)), *GROUPS]
-                result.append((overrides, keys))
+                leaves = list(_leaves(OmegaConf.to_container(config, resolve=True)))
+                numeric = tuple(key for key, value in leaves if isinstance(value, (int, float)))
+                sizes = tuple(
+                    key for key in numeric if SIZE.search(key) and not key.startswith("vessel.")
+                )
+                keys = (*(key for key, _ in leaves), *GROUPS)
+                result.append(Trial(overrides, name in SLOW, keys, numeric, sizes))
     return result
 
 
 def options() -> st.SearchStrategy[Order]:
     """One or two keys of a trial's resolved configuration with values that may be anything."""
-    trials = keys_of_choices()
+    every = trials()
+    sized = [trial for trial in every if trial.sizes]
 
     @st.composite
-    def draw_order(draw: st.DrawFn) -> Order:
-        overrides, keys = draw(st.sampled_from(trials))
-        slow = any(name.partition("=")[2] in SLOW for name in overrides)
-        mode = draw(st.sampled_from((("dry_run=true",), (), ("-m",))))
-        if slow and not mode:
-            mode = ("dry_run=true",)
-        chosen = draw(st.lists(st.sampled_from(keys), min_size=1, max_size=2, unique=True))
+    def anything(draw: st.DrawFn) -> Order:
+        trial = draw(st.sampled_from(every))
+        pools = [trial.keys, trial.numeric or trial.keys, trial.numeric or trial.keys]
         changed = []
-        for key in chosen:
+        for _ in range(draw(st.integers(1, 2))):
+            number, pool = draw(st.sampled_from(list(enumerate(pools))))
+            key = draw(st.sampled_from(pool))
             sign = draw(st.sampled_from(("", "", "", "", "+", "++", "~")))
-            value = draw(values)
+            value = draw(numbers if number == 2 else values)
             changed.append(f"~{key}" if sign == "~" else f"{sign}{key}={value}")
-        arguments = (*mode, *overrides, *changed)
-        if slow and "dry_run=true" not in arguments:
-            arguments = (*arguments, "dry_run=true")
-        return Order("seatrial", arguments, nothing)
+        mode = draw(st.sampled_from((("dry_run=true",), (), ("-m",))))
+        dry = ("dry_run=true",) if trial.slow and "dry_run=true" not in mode else ()
+        return Order("seatrial", (*mode, *trial.overrides, *changed, *dry), nothing)
 
-    return draw_order()
+    @st.composite
+    def endless(draw: st.DrawFn) -> Order:
+        trial = draw(st.sampled_from(sized))
+        key, value = draw(st.sampled_from(trial.sizes)), draw(st.sampled_from(ENDLESS))
+        return Order("seatrial", (*trial.overrides, f"{key}={value}"), nothing)
+
+    return st.one_of(anything(), anything(), anything(), endless())
 
 
 # Vessels: a file of conf/vessel, spoilt.

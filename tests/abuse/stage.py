@@ -165,7 +165,8 @@ def measured(logbook: Logbook) -> list[tuple[object, ...]]:
 
 def quiet(err: str) -> None:
     """Assert that what a command said on standard error is no traceback."""
-    assert "Traceback" not in err, f"traceback: {err[-600:]!r}"
+    before, traceback, after = err.partition("Traceback (most recent call last)")
+    assert not traceback, f"traceback after {before[-200:]!r}: {after[:1500]!r}"
 
 
 def wait(condition: Callable[[], object], what: str, longest_s: float = LONGEST_S) -> None:

@@ -189,7 +189,11 @@ def _in_the_middle(stage: Stage, program: Program, reference: Calm, chance: rand
 
 
 def _stopped(program: Program, number: signal.Signals) -> None:
-    code, out, err = program.ended(60.0)
+    try:
+        code, out, err = program.ended(60.0)
+    except AssertionError as error:
+        said = program.files[1].read_text("utf-8", "replace")[-500:]
+        raise AssertionError(f"{number.name}: {error}: {said!r}") from None
     quiet(err)
     if "results: " in out:  # it was done before the signal came
         assert code in (0, 1, 128 + number, -number), f"exit code {code} after the summary"

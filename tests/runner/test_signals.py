@@ -43,6 +43,30 @@ def test_a_trial_that_is_stopped_is_interrupted(
     assert seatrial("seed=3").code == 0
 
 
+@pytest.mark.parametrize("number", CODES)
+def test_a_signal_during_a_finaliser_is_not_lost(seatrial: Command, number: signal.Signals) -> None:
+    """Python drops what is raised there."""
+    fake = seatrial.pretend()
+
+    class Dying:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), number)
+            time.sleep(0.01)
+
+    class Fatal(set[int]):
+        def __contains__(self, seed: object) -> bool:
+            dying = [Dying()]
+            dying.clear()
+            time.sleep(10.0)
+            return False
+
+    fake.interrupted = Fatal()
+    answer = seatrial("seed=3")
+    assert answer.code == CODES[number]
+    assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
+    assert "Traceback" not in answer.err
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
 def test_a_program_that_is_stopped_ends_in_one_line(
