@@ -18,6 +18,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -37,6 +38,7 @@ from seatrial.runner.yaml_files import check_file
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
 CHECKED = "CheckedFileSource"
+AGAIN_S = 0.05  # after which a signal that was lost is sent again
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 
@@ -134,11 +136,26 @@ def _stoppable() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)
         raise StopSignal(number)
 
-    for number in signals:
-        signal.signal(number, stop)
+    def listen() -> None:
+        for number in signals:
+            signal.signal(number, stop)
+
+    def unraisable(lost: "sys.UnraisableHookArgs") -> None:
+        # Python drops an exception that a handler raises during a finaliser or a callback.
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            hook(lost)
+            return
+        listen()
+        error = lost.exc_value
+        number = error.number if isinstance(error, StopSignal) else signal.SIGINT
+        Timer(AGAIN_S, os.kill, (os.getpid(), number)).start()
+
+    hook, sys.unraisablehook = sys.unraisablehook, unraisable
+    listen()
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number in signals:
             signal.signal(number, before[number])
 

@@ -103,7 +103,10 @@ def _values(override: Override) -> list[str]:
         return [f"{key}={override.get_value_element_as_str()}"]
     if not override.is_discrete_sweep():
         raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
-    return [f"{key}={value}" for value in override.sweep_string_iterator()]
+    values = [f"{key}={value}" for value in override.sweep_string_iterator()]
+    if not values:
+        raise ConfigurationError(f"{override.input_line}: got no values, expected at least one")
+    return values
 
 
 def _text(value: object) -> str:
