@@ -204,13 +204,10 @@ def published(
     form: Form = Format.RICH,
 ) -> None:
     """Compare printed figures with the stored results: ratio, verdict and reason."""
-    from seatrial.runner.compare.published import FOLDER, by_table, judged, read_folder
-    from seatrial.runner.compare.published_page import (
-        NOTE,
-        published_grid,
-        summary_grid,
-        write_published,
-    )
+    from seatrial.runner.compare.printed_figures import FOLDER, read_folder
+    from seatrial.runner.compare.published import by_table, judged
+    from seatrial.runner.compare.published_page import published_grid, write_published
+    from seatrial.runner.compare.published_summary import NOTE, summary_grids
     from seatrial.runner.compare.results import open_results
 
     figures = read_folder(printed or FOLDER, experiment)
@@ -223,7 +220,7 @@ def published(
         if page is not None:
             write_published(results, tables, page)
     if summary:
-        show_grid(summary_grid(tables), form)
+        show_grids(summary_grids(tables), form)
     else:
         grids = [published_grid(rows) for table in tables for rows in by_table(table)]
         grids[-1] = replace(grids[-1], notes=[NOTE])
