@@ -88,8 +88,9 @@ def _judged(results: Results, figure: Printed, ids: Sequence[int]) -> Judged:
     truth = figure.factor * truths[0] if truths else None
     below = _below_true_model(results, figure, finished, value)
     verdict = verdict_of(figure, value, interval, truth, below)
-    wide = verdict == "not reproduced" and too_wide(figure, interval)
-    reason = "the interval is wider than the printed figure" if wide else ""
+    wide = too_wide(figure, interval) and interval[0] <= (figure.printed or 0.0) <= interval[1]
+    wide = wide and verdict == "not reproduced"
+    reason = "the interval is too wide for the printed figure" if wide else ""
     reason = "; ".join(text for text in (reason, figure.note) if text)
     return Judged(figure, value, *interval, len(sample), lost, verdict, reason)
 

@@ -171,7 +171,7 @@ def test_an_interval_wider_than_the_figure_says_so(results: Results) -> None:
     assert one.verdict == "reproduced"
     (wide,) = judged(results, [replace(ONE, compare="one", printed=1.01, factor=0.0195)])
     assert wide.verdict == "not reproduced"
-    assert wide.reason == "the interval is wider than the printed figure"
+    assert wide.reason == "the interval is too wide for the printed figure"
 
 
 def test_a_reference_is_shown_with_its_ratio_and_not_judged(results: Results) -> None:
