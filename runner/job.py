@@ -119,8 +119,9 @@ def _store_failure(
 def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
     from seatrial.runner.database.records import RunStart
 
-    # The address of the database may contain a password, and is not part of the trial.
-    stored = {key: value for key, value in order.config.items() if key != "database"}
+    # The address of the database may contain a password; the sweep has a row of its own.
+    apart = ("database", "sweep")
+    stored = {key: value for key, value in order.config.items() if key not in apart}
     return RunStart(
         fingerprint=order.fingerprint(provenance.sources),
         **{group: order.names[group] for group in GROUPS},
@@ -131,6 +132,7 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
         git_dirty=provenance.git_dirty,
         versions=provenance.versions,
         command=provenance.command,
+        sources=provenance.sources,
     )
 
 

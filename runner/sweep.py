@@ -8,7 +8,7 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
@@ -39,6 +39,9 @@ from seatrial.runner.job import (
 )
 from seatrial.runner.launching import Launched, check, launch
 from seatrial.runner.provenance import Provenance, collect
+
+if TYPE_CHECKING:
+    from seatrial.runner.database import Logbook
 
 # The jobs of a sweep: a grid of values, and variants that change several options together.
 
@@ -118,7 +121,7 @@ class Session:
         if plan.trial.dry_run:
             print("\n".join(console.dry_run(listed([plan]))))
             return
-        outcome = perform(plan.trial, plan.order, collect())
+        outcome = _perform(plan, collect())
         line = console.outcome_line(outcome, plan.trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
@@ -198,9 +201,7 @@ class SeatrialSweeper(Sweeper):
         trial, provenance = plans[0].trial, collect()
         url = trial.database_url
         with Logbook.open(url, results_dir=trial.results_dir) as logbook:
-            sweep_id = logbook.begin_sweep(
-                _sweep_name(arguments), provenance.command, arguments, len(plans)
-            )
+            sweep_id = _begin_sweep(logbook, trial, provenance, arguments, len(plans))
             job = SweepJob(sweep_id, provenance)
             outcomes, remaining = _finished_before(plans, job)
             with console.shown(url, sweep_id):
@@ -230,6 +231,35 @@ class SeatrialSweeper(Sweeper):
             )
 
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
+
+
+def _begin_sweep(
+    logbook: "Logbook", trial: Trial, provenance: Provenance, arguments: Sequence[str], planned: int
+) -> int:
+    """Store the start of a sweep with its labels; returns its id."""
+    labels = trial.sweep
+    return logbook.begin_sweep(
+        labels.name or _sweep_name(arguments),
+        provenance.command,
+        arguments,
+        planned,
+        tags=labels.tags,
+        note=labels.note,
+    )
+
+
+def _perform(plan: Plan, provenance: Provenance) -> Outcome:
+    """Run a single trial; one with labels is a sweep of its own."""
+    from seatrial.runner.database import Logbook
+
+    trial, order = plan.trial, plan.order
+    if not trial.sweep:
+        return perform(trial, order, provenance)
+    with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+        sweep_id = _begin_sweep(logbook, trial, provenance, order.overrides, 1)
+        outcome = perform(trial, order, provenance, sweep_id)
+        logbook.end_sweep(sweep_id)
+    return outcome
 
 
 def _plan(order: Order) -> Plan:

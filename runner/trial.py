@@ -9,8 +9,6 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from seatrial.models.control.controller import Controller
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.information import persistence
@@ -24,7 +22,7 @@ from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
-from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare, streams
+from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
@@ -137,7 +135,15 @@ def check_periods(trial: Trial, controller: Controller) -> None:
 
 def run(trial: Trial) -> Results:
     """Run a checked trial; raises TrialDiverged with the results that are valid all the same."""
-    seeds = streams(trial.seed)
+    streams = Streams(trial.seed)
+    try:
+        return replace(_run(trial, streams), drawn=streams.drawn())
+    except TrialDiverged as error:
+        error.results = replace(error.results, drawn=streams.drawn())
+        raise
+
+
+def _run(trial: Trial, seeds: Streams) -> Results:
     excited = excite(trial, seeds)
     problem = Problem(
         training=excited.recording.part(excited.training),
@@ -145,7 +151,7 @@ def run(trial: Trial) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
+    identified = trial.identifier.identify(problem, seeds.generator("identifier"))
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )

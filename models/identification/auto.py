@@ -108,8 +108,8 @@ class Auto(Identifier):
         self, model: Vessel, block: Recording, thruster: SecondOrderLag | None, scale: Array
     ) -> float:
         horizon = max(round(self.horizon_s / block.period_s), 2)
-        rmse, limited = prediction(model, block, thruster, self.force, horizon).ahead(None)
-        return LOST if limited else float(np.mean(rmse[len(scale) :] / scale))
+        ahead = prediction(model, block, thruster, self.force, horizon).ahead(None)
+        return LOST if ahead.diverged else float(np.mean(ahead.rmse[len(scale) :] / scale))
 
 
 def one_standard_error(errors: dict[str, Array]) -> str:

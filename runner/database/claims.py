@@ -154,6 +154,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) 
         "git_dirty": start.git_dirty,
         "versions": clean(start.versions),
         "command": command_without_address(start.command),
+        "sources": start.sources,
         "host": socket.gethostname(),
         "pid": pid,
         "started_at": moment,

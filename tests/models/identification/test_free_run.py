@@ -29,7 +29,7 @@ from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
 from seatrial.models.vessel.pose import Euler, Planar, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.closed_loop import streams
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
 from tests.trials import composed
 
@@ -225,7 +225,7 @@ def test_one_step_at_high_pitch_is_that_of_quaternions():
         f"excitation.path={DATA}/beluga/random-1.csv",
     )  # fmt: skip
     model = trial.vessel.nominal()
-    recording = excite(trial, streams(trial.seed)).recording
+    recording = excite(trial, Streams(trial.seed)).recording
     course = prediction(model, recording, None).course
     pitch = np.degrees(np.abs(recording.eta[:, 4]))
     assert np.max(pitch) > 69.0
