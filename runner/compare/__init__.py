@@ -1,1 +1,29 @@
-"""Comparison of stored runs: tables, figures and SQL, from the results database alone."""
+"""Comparison of stored runs: tables, figures and SQL, from the results database alone.
+
+The modules that need SQLAlchemy or matplotlib are loaded when a command first uses them, as
+`compare.results`, so that --help starts fast (SPEC 1 of Scientific Python).
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from seatrial.runner.compare import browse as browse
+    from seatrial.runner.compare import comparison_table as comparison_table
+    from seatrial.runner.compare import housekeeping as housekeeping
+    from seatrial.runner.compare import plots as plots
+    from seatrial.runner.compare import published as published
+    from seatrial.runner.compare import published_page as published_page
+    from seatrial.runner.compare import report as report
+    from seatrial.runner.compare import results as results
+    from seatrial.runner.compare import runs as runs
+    from seatrial.runner.compare import selection as selection
+else:
+    import lazy_loader
+
+    __getattr__, __dir__, __all__ = lazy_loader.attach(
+        __name__,
+        [
+            *("browse", "comparison_table", "housekeeping", "plots", "published", "published_page"),
+            *("report", "results", "runs", "selection"),
+        ],
+    )

@@ -7,7 +7,11 @@ import os
 import sys
 from collections.abc import Sequence
 
+from typer.main import get_command
+
 from seatrial.models.errors import SeatrialError
+from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
+from seatrial.runner.compare.cli import app
 from seatrial.runner.database.mask import masked_output
 from seatrial.runner.invocation import import_from_working_folder
 
@@ -27,11 +31,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    from typer.main import get_command
-
-    from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
-    from seatrial.runner.compare.cli import app
-
     try:
         code = get_command(app).main(
             args=None if arguments is None else list(arguments),

@@ -104,7 +104,12 @@ QUERIES = {
 
 
 def browse_database(database: str, port: int, open_browser: bool) -> int:
-    """Serve the database until interrupted; return the exit code of Datasette."""
+    """Serve the database until interrupted; return the exit code of Datasette.
+
+    `database` is the URL or path of a SQLite logbook, `port` that on 127.0.0.1; `open_browser`
+    opens a web browser. Raises ConfigurationError for PostgreSQL, for a logbook with stored
+    passwords, and if Datasette is not installed.
+    """
     with open_results(database) as results:
         path = results.reader.address.path
         columns = columns_of(path) if path else {}
@@ -130,7 +135,10 @@ def browse_database(database: str, port: int, open_browser: bool) -> int:
 
 
 def arguments(path: Path, metadata: Path, port: int) -> list[str]:
-    """Return the arguments of Datasette: local host, no downloads, limited query time."""
+    """Return the arguments of Datasette: local host, no downloads, limited query time.
+
+    `path` is the SQLite file, `metadata` the file with the titles, `port` that on 127.0.0.1.
+    """
     settings = {"allow_download": "off", "sql_time_limit_ms": "10000", "max_returned_rows": "5000"}
     words = [word for name, value in settings.items() for word in ("--setting", name, value)]
     return ["serve", str(path), "--host", HOST, "--port", str(port), "-m", str(metadata), *words]

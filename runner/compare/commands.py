@@ -5,10 +5,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
     Form,
+    PlotOptions,
+    TableOptions,
     Where,
     app,
     axes_of,
@@ -16,11 +19,12 @@ from seatrial.runner.compare.cli import (
     show_grids,
     shown_path,
     split,
+    taking,
 )
-from seatrial.runner.compare.command_options import PlotOptions, TableOptions, taking
 from seatrial.runner.compare.figures import figure_of, figures
 from seatrial.runner.compare.formats import Format
 from seatrial.runner.compare.grid import grid_of
+from seatrial.runner.record.catalogue import all_declared
 
 
 @app.command()
@@ -32,11 +36,8 @@ def runs(
     form: Form = Format.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""
-    from seatrial.runner.compare.results import open_results
-    from seatrial.runner.compare.runs import run_list
-
-    with open_results(database) as results:
-        show_grid(run_list(results, where, status, limit), form)
+    with compare.results.open_results(database) as results:
+        show_grid(compare.runs.run_list(results, where, status, limit), form)
 
 
 @app.command()
@@ -52,16 +53,13 @@ def show(
     form: Form = Format.RICH,
 ) -> None:
     """Show everything stored about one run."""
-    from seatrial.runner.compare.results import open_results
-    from seatrial.runner.compare.runs import command_of, run_details, traceback_of
-
-    with open_results(database) as results:
+    with compare.results.open_results(database) as results:
         if command:
-            typer.echo(command_of(results, run))
+            typer.echo(compare.runs.command_of(results, run))
         elif traceback:
-            typer.echo(traceback_of(results, run))
+            typer.echo(compare.runs.traceback_of(results, run))
         else:
-            show_grids(run_details(results, run), form)
+            show_grids(compare.runs.run_details(results, run), form)
 
 
 @app.command()
@@ -73,13 +71,9 @@ def table(options: TableOptions) -> None:
     evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
     stage or model.
     """
-    from seatrial.runner.compare.comparison_table import comparison
-    from seatrial.runner.compare.results import open_results
-    from seatrial.runner.compare.selection import request_of
-
-    request = request_of(options)
-    with open_results(options.database) as results:
-        show_grid(comparison(results, request), options.form)
+    request = compare.selection.request_of(options)
+    with compare.results.open_results(options.database) as results:
+        show_grid(compare.comparison_table.comparison(results, request), options.form)
 
 
 class PlotCommand(TyperCommand):
@@ -102,12 +96,8 @@ def plot(options: PlotOptions) -> None:
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
     for each level (--facet seed).
     """
-    from seatrial.runner.compare.plots import draw
-    from seatrial.runner.compare.plots.request import PlotRequest
-    from seatrial.runner.compare.results import open_results
-
     rows, columns = axes_of(options.rows or figure_of(options.kind).rows or None, options.columns)
-    request = PlotRequest(
+    request = compare.plots.request.PlotRequest(
         run=options.run,
         metric=options.metric,
         rows=rows,
@@ -118,17 +108,15 @@ def plot(options: PlotOptions) -> None:
         log=options.log,
         where=options.where,
     )
-    with open_results(options.database, options.results_dir) as results:
+    with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
-        for path in draw(options.kind, results, request, folder):
+        for path in compare.plots.draw(options.kind, results, request, folder):
             typer.echo(path)
 
 
 @app.command()
 def metrics(form: Form = Format.RICH) -> None:
     """List the metrics that trials store: unit, better direction, stage and formula."""
-    from seatrial.runner.record.catalogue import all_declared
-
     headers = ("metric", "unit", "better", "stage", "what it is")
     rows = [
         (metric.name, metric.units, metric.better_text, ", ".join(metric.stages), metric.formula)
@@ -145,11 +133,8 @@ def stats(
     form: Form = Format.RICH,
 ) -> None:
     """Show the stored statistics of the columns of a measured recording."""
-    from seatrial.runner.compare.results import open_results
-    from seatrial.runner.compare.runs import recording_statistics
-
-    with open_results(database) as results:
-        show_grid(recording_statistics(results, run, digits), form)
+    with compare.results.open_results(database) as results:
+        show_grid(compare.runs.recording_statistics(results, run, digits), form)
 
 
 @app.command()
@@ -159,8 +144,5 @@ def sql(
     form: Form = Format.RICH,
 ) -> None:
     """Run a query in SQL; a query that writes is rejected."""
-    from seatrial.runner.compare.results import open_results
-    from seatrial.runner.compare.runs import answer
-
-    with open_results(database) as results:
-        show_grid(answer(results, query), form)
+    with compare.results.open_results(database) as results:
+        show_grid(compare.runs.answer(results, query), form)

@@ -39,7 +39,11 @@ TEST_NOTE = (
 
 
 def comparison(results: Results, request: TableRequest) -> Grid:
-    """Return the table; raise ConfigurationError for unknown names or if no run matches."""
+    """Return the table; raises ConfigurationError for unknown names or if no run matches.
+
+    `request` holds the names of metrics or coefficients, the factors of rows and columns, and the
+    statistics of a cell.
+    """
     selection = gather(results, request)
     rows = (*selection.extra, *request.rows)
     table = pivot(

@@ -19,7 +19,7 @@ from seatrial.runner.database.tables import Utc
 
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
-Expression = sa.ColumnElement[Any]
+Expression = sa.ColumnElement[object]
 
 
 class Names:
@@ -42,7 +42,10 @@ class Names:
         self.sqlite = sqlite
 
     def check(self, name: str, option: str) -> None:
-        """Raise ConfigurationError for an unknown name; the message lists similar names."""
+        """Raise ConfigurationError for an unknown name; the message lists similar names.
+
+        `option` is the command-line option that the message begins with.
+        """
         if name in self.columns or name in self.keys:
             return
         known = list(dict.fromkeys([*self.columns, *sorted(self.keys)]))
@@ -62,7 +65,10 @@ class Names:
         return self._key_text(name)
 
     def clause(self, condition: Condition) -> sa.ColumnElement[bool]:
-        """Return the SQL of a condition; ConfigurationError for an unknown name or a wrong type."""
+        """Return the SQL of a condition.
+
+        Raises ConfigurationError for an unknown name or a value of a wrong type.
+        """
         match condition:
             case Comparison():
                 return self._compare(condition.name, condition.operator, condition.value)
@@ -133,7 +139,7 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
 
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime:
-    """Return the value in the type of the column; ConfigurationError if it has another type."""
+    """Return the value in the type of the column; raises ConfigurationError for another type."""
     if value is None:
         return None
     kind = column.type
@@ -162,9 +168,12 @@ def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:
     return ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
 
 
-def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return a nested configuration as one level with dotted names."""
-    values: dict[str, Any] = {}
+def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    """Return a nested configuration as one level with dotted names.
+
+    `prefix` stands before every name.
+    """
+    values: dict[str, object] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
             values |= flat(value, f"{prefix}{key}.")

@@ -51,7 +51,7 @@ def figures() -> dict[str, Figure]:
 
 
 def figure_of(name: str) -> Figure:
-    """Return the declaration of a figure; ConfigurationError for an unknown name."""
+    """Return the declaration of a figure; raises ConfigurationError for an unknown name."""
     figure = figures().get(name)
     if figure is not None:
         return figure
@@ -62,7 +62,7 @@ def figure_of(name: str) -> Figure:
 
 
 def drawings_of(name: str) -> "Drawings":
-    """Return the function that draws a figure; ConfigurationError for an unknown name."""
+    """Return the function that draws a figure; raises ConfigurationError for an unknown name."""
     drawings: Drawings | None = vars(import_module(_module(name))).get("drawings")
     if drawings is None:
         raise ConfigurationError(f"plot: {name} has no function drawings(results, request)")

@@ -7,12 +7,14 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from seatrial.runner.compare.grid import Cell, Grid, Scalar
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
 
 
 class Format(StrEnum):
@@ -37,11 +39,6 @@ def render(grid: Grid, form: Format, width: int | None = None, colour: bool = Fa
 
 
 def _rich(grid: Grid, width: int | None, colour: bool) -> str:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for index, header in enumerate(grid.headers):
         table.add_column(Text(header), justify="left" if index < grid.labels else "right")
@@ -192,10 +189,8 @@ def _html(grid: Grid) -> str:
     return "\n".join(lines).encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
-def html_table(grid: Grid) -> "Markup":
+def html_table(grid: Grid) -> Markup:
     """Return the table for a page; it has its own scroll bar, and its headings sort it."""
-    from markupsafe import Markup
-
     heads = "".join(
         f'<th scope="col"{" class=label" if index < grid.labels else ""}>'
         f'<button type="button">{_html_text(header)}</button></th>'

@@ -51,7 +51,11 @@ def grid_of(
     notes: Sequence[str] = (),
     digits: int = 4,
 ) -> Grid:
-    """Return a grid of plain values; its records keep their full precision."""
+    """Return a grid of plain values; its records keep their full precision.
+
+    `headers` name the columns, of which the first `labels` name the row; `rows` hold one value for
+    each column, `notes` stand under the table, and numbers have `digits` significant digits.
+    """
     cells = [[value_cell(value, digits) for value in row] for row in rows]
     records = [dict(zip(headers, row, strict=True)) for row in rows]
     return Grid(title, headers, cells, labels, notes, records)

@@ -24,7 +24,11 @@ PRUNED = (*LOST, "finished")
 
 
 def retry_commands(results: Results, where: str | None, statuses: Sequence[str]) -> list[str]:
-    """Return the commands that repeat trials whose last attempt has a status, oldest first."""
+    """Return the commands that repeat trials whose last attempt has a status, oldest first.
+
+    `where` is the text of --where; `statuses` are some of failed, diverged and interrupted. Raises
+    ConfigurationError for any other status.
+    """
     _check_statuses(statuses, LOST)
     candidates = [run for run in runs_of(results, where, statuses) if not run.superseded]
     return [
@@ -56,7 +60,7 @@ def execute_all(commands: Sequence[str], address: Address) -> int:
 
 
 def age(text: str) -> timedelta:
-    """Parse a duration such as 30d; raise ConfigurationError for any other text."""
+    """Parse a duration such as 30d; raises ConfigurationError for any other text."""
     match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip())
     if match is None:
         raise ConfigurationError(
@@ -68,7 +72,12 @@ def age(text: str) -> timedelta:
 def prunable(
     results: Results, older_than: str | None, statuses: Sequence[str], where: str | None
 ) -> tuple[list[int], Grid]:
-    """Return the numbers of the runs that would be deleted, and a table of them."""
+    """Return the numbers of the runs that would be deleted, and a table of them.
+
+    `older_than` is an age such as 30d, `where` the text of --where; empty `statuses` mean any
+    status. Raises ConfigurationError if nothing is chosen, and for a wrong age, status or
+    condition.
+    """
     if older_than is None and not statuses and where is None:
         raise ConfigurationError(
             "prune: expected --older-than, --status or --where, or --orphans; got none"
@@ -96,7 +105,10 @@ def _runs_grid(summaries: Sequence[RunSummary]) -> Grid:
 
 
 def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
-    """Delete runs with their rows and files; return a summary on one line."""
+    """Delete runs with their rows and files; return a summary on one line.
+
+    `results_dir` is the folder of the series. Raises LogbookError if a file cannot be deleted.
+    """
     with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
         pruned = logbook.prune(run_ids)
     running = len(run_ids) - pruned.runs

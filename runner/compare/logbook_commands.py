@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
@@ -48,13 +49,10 @@ def report(
     results_dir: ResultsDir = None,
 ) -> None:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    from seatrial.runner.compare.report import ReportRequest, write_report
-    from seatrial.runner.compare.results import open_results
-
-    request = ReportRequest(*axes_of(rows, columns), where, sweep, title)
-    with open_results(database, results_dir) as results:
+    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, title)
+    with compare.results.open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
-        write_report(results, request, file)
+        compare.report.write_report(results, request, file)
     typer.echo(file)
 
 
@@ -70,17 +68,14 @@ def retry(
     ] = False,
 ) -> None:
     """Print the commands that repeat failed trials, or run them."""
-    from seatrial.runner.compare.housekeeping import execute_all, retry_commands
-    from seatrial.runner.compare.results import open_results
-
     statuses = split(status) or ("failed", "interrupted")
-    with open_results(database) as results:
-        commands = retry_commands(results, where, statuses)
+    with compare.results.open_results(database) as results:
+        commands = compare.housekeeping.retry_commands(results, where, statuses)
         address = results.reader.address
     if not commands:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
     elif execute:
-        raise typer.Exit(execute_all(commands, address))
+        raise typer.Exit(compare.housekeeping.execute_all(commands, address))
     for line in commands:
         typer.echo(line)
 
@@ -91,9 +86,7 @@ def export(
     database: Database = DEFAULT_DATABASE,
 ) -> None:
     """Write every table as Parquet and as CSV."""
-    from seatrial.runner.compare.results import open_results
-
-    with open_results(database) as results:
+    with compare.results.open_results(database) as results:
         for path in results.reader.export(folder):
             typer.echo(path)
 
@@ -119,19 +112,16 @@ def prune(
     results_dir: ResultsDir = None,
 ) -> None:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    from seatrial.runner.compare import housekeeping
-    from seatrial.runner.compare.results import open_results
-
-    with open_results(database, results_dir) as results:
+    with compare.results.open_results(database, results_dir) as results:
         address, folder = results.reader.address, results.reader.results_dir
         if orphans:
-            housekeeping.require_no_choice(older_than, status, where)
-            count, grid = housekeeping.leftovers(results)
-            delete = partial(housekeeping.delete_leftovers, address, folder)
+            compare.housekeeping.require_no_choice(older_than, status, where)
+            count, grid = compare.housekeeping.leftovers(results)
+            delete = partial(compare.housekeeping.delete_leftovers, address, folder)
         else:
-            runs, grid = housekeeping.prunable(results, older_than, split(status), where)
+            runs, grid = compare.housekeeping.prunable(results, older_than, split(status), where)
             count = len(runs)
-            delete = partial(housekeeping.delete, address, folder, runs)
+            delete = partial(compare.housekeeping.delete, address, folder, runs)
     show_grid(grid, form)
     if count and yes:
         typer.echo(delete(), err=True)
@@ -147,11 +137,8 @@ def verify(
     results_dir: ResultsDir = None,
 ) -> None:
     """Check the database, every foreign key and the checksum of every series file."""
-    from seatrial.runner.compare.housekeeping import verification
-    from seatrial.runner.compare.results import open_results
-
-    with open_results(database, results_dir) as results:
-        intact, grid = verification(results)
+    with compare.results.open_results(database, results_dir) as results:
+        intact, grid = compare.housekeeping.verification(results)
     show_grid(grid, form)
     if not intact:
         raise typer.Exit(1)
@@ -160,12 +147,9 @@ def verify(
 @app.command()
 def scrub(database: Database = DEFAULT_DATABASE, results_dir: ResultsDir = None) -> None:
     """Remove the passwords of database addresses that older versions stored."""
-    from seatrial.runner.compare import housekeeping
-    from seatrial.runner.compare.results import open_results
-
-    with open_results(database, results_dir) as results:
+    with compare.results.open_results(database, results_dir) as results:
         address, folder = results.reader.address, results.reader.results_dir
-    typer.echo(housekeeping.scrub(address, folder), err=True)
+    typer.echo(compare.housekeeping.scrub(address, folder), err=True)
 
 
 @app.command()
@@ -175,9 +159,7 @@ def browse(
     open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
 ) -> None:
     """Open the database in Datasette: read-only, on 127.0.0.1 only (extra `browse`)."""
-    from seatrial.runner.compare.browse import browse_database
-
-    raise typer.Exit(browse_database(database, port, open_browser))
+    raise typer.Exit(compare.browse.browse_database(database, port, open_browser))
 
 
 @app.command()
@@ -204,29 +186,24 @@ def published(
     form: Form = Format.RICH,
 ) -> None:
     """Compare printed figures with the stored results: ratio, verdict and reason."""
-    from seatrial.runner.compare.published import FOLDER, by_table, judged, read_folder
-    from seatrial.runner.compare.published_page import (
-        NOTE,
-        published_grid,
-        summary_grid,
-        write_published,
-    )
-    from seatrial.runner.compare.results import open_results
-
-    figures = read_folder(printed or FOLDER, experiment)
-    with open_results(database, results_dir) as results:
+    figures = compare.published.read_folder(printed or compare.published.FOLDER, experiment)
+    with compare.results.open_results(database, results_dir) as results:
         tables = [
-            judged(results, printed_figures)
+            compare.published.judged(results, printed_figures)
             for printed_figures in figures.values()
             if printed_figures
         ]
         if page is not None:
-            write_published(results, tables, page)
+            compare.published_page.write_published(results, tables, page)
     if summary:
-        show_grid(summary_grid(tables), form)
+        show_grid(compare.published_page.summary_grid(tables), form)
     else:
-        grids = [published_grid(rows) for table in tables for rows in by_table(table)]
-        grids[-1] = replace(grids[-1], notes=[NOTE])
+        grids = [
+            compare.published_page.published_grid(rows)
+            for table in tables
+            for rows in compare.published.by_table(table)
+        ]
+        grids[-1] = replace(grids[-1], notes=[compare.published_page.NOTE])
         show_grids(grids, form)
     if page is not None:
         typer.echo(page, err=True)

@@ -44,7 +44,7 @@ def render_page(template: str, **context: object) -> str:
 
 
 def write_page(page: str, file: Path) -> None:
-    """Write a page atomically; LogbookError if the file cannot be written."""
+    """Write a page atomically; raises LogbookError if the file cannot be written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary = file.with_name(f".{file.name}.tmp")
@@ -55,7 +55,10 @@ def write_page(page: str, file: Path) -> None:
 
 
 def picture(figure: "Figure", caption: str, prefix: str) -> Picture:
-    """Return a figure as an element of a page; the prefix makes its ids unique on the page."""
+    """Return a figure as an element of a page; the prefix makes its ids unique on the page.
+
+    `caption` is also the label of the image.
+    """
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None})
     svg = out.getvalue()

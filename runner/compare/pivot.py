@@ -102,7 +102,10 @@ def _cell(
 
 
 def is_flagged(observation: Observation, flagged: frozenset[tuple[int, str]]) -> bool:
-    """Return whether this number is a validation force error below the true model's."""
+    """Return whether this number is a validation force error below the true model's.
+
+    `flagged` holds (run id, dof) of the numbers below the true model.
+    """
     return (
         observation.stage == "validation"
         and observation.model == "identified"
@@ -190,8 +193,8 @@ def against_baseline(
 ) -> dict[tuple[Key, Key], PairedTest]:
     """Test each cell against the runs with `factor` equal to `level`, paired by seed and choices.
 
-    Cells of the baseline itself are omitted. Trials of one cell with equal seed and choices count
-    as one pair, with their mean.
+    `observations` are the numbers of the table. Cells of the baseline itself are omitted. Trials of
+    one cell with equal seed and choices count as one pair, with their mean.
     """
     factors = (*GROUPS, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
     shared_factors = tuple(

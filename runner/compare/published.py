@@ -102,7 +102,10 @@ def by_table(judged: Sequence[Judged]) -> list[list[Judged]]:
 
 
 def read_folder(folder: Path, experiment: str | None = None) -> dict[str, list[Printed]]:
-    """Read the figures by experiment; ConfigurationError for an unknown name or a bad file."""
+    """Read the figures by experiment; raises ConfigurationError for an unknown name or a bad file.
+
+    `folder` holds one CSV file for each experiment; without `experiment` all of them are read.
+    """
     paths = sorted(folder.glob("*.csv"), key=lambda path: _sort_key(path.stem))
     files = {path.stem: path for path in paths if _has_columns(path)}
     if not files:
@@ -127,7 +130,7 @@ def _has_columns(path: Path) -> bool:
 
 
 def read_file(path: Path) -> list[Printed]:
-    """Read the printed figures of one file; ConfigurationError names the wrong line."""
+    """Read the printed figures of one file; raises ConfigurationError with the wrong line."""
     with path.open(newline="") as file:
         lines = list(csv.DictReader(file))
     return [_printed(path.stem, line, f"{path.name}, line {i}") for i, line in enumerate(lines, 2)]
@@ -288,6 +291,7 @@ def verdict_of(
 ) -> Verdict:
     """Return the verdict on our value, compared with the printed one.
 
+    `value` and its 95 % `interval` (low, high) are ours; `truth` is the true value, if it is known.
     Beaten: the complete 95 % interval is better by more than the tolerance; for an estimate, its
     worst end is nearer to the truth than the printed one. Reproduced: the printed figure is within
     the interval, or within 5 % of our value, or equals our value rounded to its decimals.

@@ -42,7 +42,10 @@ def title_of(judged: Sequence[Judged]) -> str:
 
 
 def published_grid(judged: Sequence[Judged], notes: Sequence[str] = ()) -> Grid:
-    """Return the grid of one printed table, one row for each figure."""
+    """Return the grid of one printed table, one row for each figure.
+
+    `judged` are the figures of the table, `notes` stand under it.
+    """
     rows = [_row(comparison) for comparison in judged]
     return Grid(
         title_of(judged), HEADERS, rows, 3, notes, [_record(comparison) for comparison in judged]
@@ -170,7 +173,10 @@ class Chapter:
 
 
 def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: Path) -> None:
-    """Write the page; LogbookError where the file cannot be written."""
+    """Write the page; raises LogbookError if the file cannot be written.
+
+    `tables` are the judged figures of each experiment.
+    """
     with drawn():
         chapters = [_chapter(results, judged) for judged in tables]
     page = render_page(

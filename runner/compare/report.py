@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -14,6 +13,8 @@ from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
+from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, plain
 from seatrial.runner.compare.selection import TableRequest
@@ -23,10 +24,6 @@ from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
-
-if TYPE_CHECKING:
-    from seatrial.runner.compare.plots.request import PlotRequest
-
 
 # The metrics that have a table, and whether the table is unfolded at first.
 TABLES = {
@@ -67,12 +64,15 @@ class Section:
 
 
 def write_report(results: Results, request: ReportRequest, file: Path) -> None:
-    """Write the page; LogbookError if the file cannot be written."""
+    """Write the page; raises LogbookError if the file cannot be written.
+
+    `request` selects the runs, rows and columns. Raises ConfigurationError if no run matches.
+    """
     write_page(render_report(results, request), file)
 
 
 def render_report(results: Results, request: ReportRequest) -> str:
-    """Return the page as text; raise ConfigurationError if no run matches."""
+    """Return the page as text; raises ConfigurationError if no run matches."""
     where = _where(results, request)
     condition = results.where(where)
     runs = results.runs(condition)
@@ -175,9 +175,6 @@ def _pictures(
     results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
 ) -> tuple[list[Picture], list[str]]:
     """Return every figure that the runs have data for, and messages on failed figures."""
-    from seatrial.runner.compare.plots.request import PlotRequest
-    from seatrial.runner.compare.plots.style import drawn
-
     pictures: list[Picture] = []
     messages: list[str] = []
     facet = "vessel" if _several_vessels(runs) else None
@@ -202,9 +199,7 @@ def _pictures(
     return pictures, messages
 
 
-def _variants(
-    figure: Figure, shared: "PlotRequest", rows: str
-) -> Iterator[tuple[str, "PlotRequest"]]:
+def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[str, PlotRequest]]:
     """Split a wide figure into requests of narrower ones, with their captions."""
     request = replace(shared, rows=figure.rows or rows)
     by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]

@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import Names, flat
+from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Condition, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
@@ -83,14 +83,15 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-DiagnosticRow = sa.Row[Any]
+DiagnosticRow = sa.Row[*tuple[object, ...]]
+Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
 
 
 @contextmanager
 def open_results(database: str, results_dir: Path | None = None) -> Iterator["Results"]:
-    """Open the logbook at a URL or file path for reading; LogbookError if there is none.
+    """Open the logbook at a URL or file path for reading; raises LogbookError if there is none.
 
     `results_dir` is the folder of its series; the default is the folder of a SQLite file, else
     `results`.
@@ -112,12 +113,15 @@ class Results:
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
-        columns: dict[str, Any] = {column.name: column for column in RUN.c}
+        columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
-        """Parse the condition of --where and check its names."""
+        """Parse the condition of --where and check its names.
+
+        Raises ConfigurationError for a text that is no condition, and for an unknown name.
+        """
         condition = parse(text) if text else None
         if condition is not None:
             self.names.clause(condition)
@@ -177,7 +181,10 @@ class Results:
     def coefficients(
         self, runs: Sequence[Run], condition: Condition | None = None
     ) -> list[Observation]:
-        """Return all coefficients of the runs, named by their terms."""
+        """Return all coefficients of the runs, named by their terms.
+
+        `condition` is the one that selected the runs.
+        """
         c = Coefficient.__table__.c
         columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
         query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
@@ -191,7 +198,10 @@ class Results:
     def diagnostics(
         self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
     ) -> dict[int, list[DiagnosticRow]]:
-        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run."""
+        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run.
+
+        `names` are those of the diagnostics, `condition` is the one that selected the runs.
+        """
         d = Diagnostic.__table__.c
         query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
         query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
@@ -226,7 +236,7 @@ class Results:
         name = Metric.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
-    def configs(self, ids: Sequence[int]) -> list[Mapping[str, Any]]:
+    def configs(self, ids: Sequence[int]) -> list[Mapping[str, object]]:
         """Return the configurations of the given runs, with dotted names."""
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
@@ -237,18 +247,18 @@ class Results:
         reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
         return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
-    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[Any]]:
+    def provenance(self, condition: Condition | None) -> Sequence[sa.Row[*tuple[object, ...]]]:
         """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
 
-    def _of_runs(self, query: sa.Select[Any], condition: Condition | None) -> sa.Select[Any]:
+    def _of_runs(self, query: Query, condition: Condition | None) -> Query:
         joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
         query = query.select_from(joined)
         return query if condition is None else query.where(self.names.clause(condition))
 
-    def _ids(self, condition: Condition | None) -> sa.Select[Any]:
+    def _ids(self, condition: Condition | None) -> sa.Select[int]:
         return self._of_runs(sa.select(RUN.c.id), condition)
 
     def why_none(self, *filters: object) -> str:

@@ -44,7 +44,11 @@ PLACES = ("results_dir=", "database=")
 
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
-    """List the newest runs that meet the condition, newest first, with every attempt."""
+    """List the newest runs that meet the condition, newest first, with every attempt.
+
+    `where` is the text of --where; with `status` only runs of this status, and at most `limit`.
+    Raises ConfigurationError for a wrong condition or status, and if no run matches.
+    """
     summaries = runs_of(results, where, [status] if status else [], limit)[:limit]
     if not summaries:
         raise ConfigurationError(results.why_none(where, status))
@@ -56,7 +60,8 @@ def runs_of(
 ) -> list[RunSummary]:
     """Return runs that meet the condition and have one of the statuses, newest first.
 
-    Empty `statuses` mean any status. The result may have more than `limit` runs.
+    Empty `statuses` mean any status. The result may have more than `limit` runs. Raises
+    ConfigurationError for a wrong condition or status.
     """
     for status in statuses:
         if status not in STATUSES:
@@ -112,7 +117,10 @@ def _brief(name: str, value: Scalar) -> Scalar:
 
 
 def run_details(results: Results, run_id: int) -> list[Grid]:
-    """Return status, provenance, configuration, metrics, coefficients and series of a run."""
+    """Return status, provenance, configuration, metrics, coefficients and series of a run.
+
+    Raises LogbookError for an unknown run.
+    """
     reader = results.reader
     run = reader.run(run_id)
     configuration = [[key, _config_text(value)] for key, value in flat(run.config).items()]

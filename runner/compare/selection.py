@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.cli import axes_of
-from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.cli import TableOptions, axes_of
 from seatrial.runner.compare.pivot import Key, Pivot
 from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
@@ -70,7 +69,7 @@ class Found:
 
 
 def request_of(options: TableOptions) -> TableRequest:
-    """Return the request of the command line options; ConfigurationError if they conflict."""
+    """Return the request of the options; raises ConfigurationError if they conflict."""
     of_coefficients = bool(options.coefficient) or options.coefficients
     if of_coefficients and options.metric:
         raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
@@ -133,7 +132,7 @@ def _factor_and_level(baseline: str | None) -> tuple[str, str] | None:
 
 
 def gather(results: Results, request: TableRequest) -> Found:
-    """Read runs and numbers of a request; raise ConfigurationError for an unknown name."""
+    """Read runs and numbers of a request; raises ConfigurationError for an unknown name."""
     for factor in request.factors:
         results.names.check(factor, "--rows/--columns")
     condition = results.where(request.where)
@@ -175,7 +174,7 @@ def gather(results: Results, request: TableRequest) -> Found:
 def _selected(
     results: Results, numbers: Sequence[Observation], request: TableRequest
 ) -> list[Observation]:
-    """Select numbers by name, DOF, stage and model; ConfigurationError if none is left."""
+    """Select numbers by name, DOF, stage and model; raises ConfigurationError if none is left."""
     _check_names(results, request, {o.name for o in numbers})
     selected = list(numbers)
     for factor, levels in _wanted(request).items():

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
@@ -41,7 +42,7 @@ DEFAULT = ("mean", "std", "n")
 
 
 def checked(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the distinct statistics; raise ConfigurationError for an unknown one."""
+    """Return the distinct statistics; raises ConfigurationError for an unknown one."""
     for name in names:
         if name not in SIMPLE and name not in ("n", "ci") and not _QUANTILE.fullmatch(name):
             raise ConfigurationError(f"--statistic: {name!r} is not known; expected {CHOICES}")
@@ -51,7 +52,10 @@ def checked(names: Sequence[str]) -> tuple[str, ...]:
 def summary(
     sample: Sample, names: Sequence[str], interval: IntervalKind = "t"
 ) -> dict[str, float | int]:
-    """Return the named statistics of a sample, shape (n,); `ci` gives `ci_low` and `ci_high`."""
+    """Return the named statistics of a sample, shape (n,); `ci` gives `ci_low` and `ci_high`.
+
+    `interval` is the kind of confidence interval. An empty sample has n = 0 and NaN otherwise.
+    """
     values: dict[str, float | int] = {}
     for name in names:
         if name == "n":
@@ -75,15 +79,14 @@ def confidence_interval(
 ) -> tuple[float, float]:
     """Return the interval of the mean: Student's t, or the percentile bootstrap with a fixed seed.
 
-    Both are (NaN, NaN) for fewer than two values.
+    `sample` has shape (n,); `level` is the probability that the interval covers the mean. Both
+    intervals are (NaN, NaN) for fewer than two values.
     """
     if sample.size < 2:
         return math.nan, math.nan
     if kind == "bootstrap":
         return _bootstrap_interval(sample, level)
-    from scipy.special import stdtrit  # a quarter of the import time of scipy.stats
-
-    quantile = float(stdtrit(sample.size - 1, 0.5 + level / 2.0))
+    quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + level / 2.0))
     mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
     return mean - half, mean + half
 
@@ -116,7 +119,10 @@ class PairedTest:
 
 
 def loss(values: Sample, better: Better) -> Sample:
-    """Return the values such that smaller is better; unchanged if no direction is better."""
+    """Return the values such that smaller is better; unchanged if no direction is better.
+
+    `values` and the result have shape (n,); `better` is `lower`, `higher`, a target value, or None.
+    """
     if better == "higher":
         return -values
     if isinstance(better, int | float):
@@ -125,7 +131,10 @@ def loss(values: Sample, better: Better) -> Sample:
 
 
 def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> PairedTest:
-    """Compare two samples, shape (n,), whose i-th values have the same seed and choices."""
+    """Compare two samples, shape (n,), whose i-th values have the same seed and choices.
+
+    `better` is `lower`, `higher`, a target value, or None. Raises ValueError for different lengths.
+    """
     if sample.shape != baseline.shape:
         raise ValueError(f"pairs differ in length: {sample.shape} and {baseline.shape}")
     pairs = int(sample.size)
@@ -141,6 +150,4 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
 def _wilcoxon(differences: Sample) -> float:
     if not np.any(differences):
         return math.nan
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(differences).pvalue)
+    return float(scipy.stats.wilcoxon(differences).pvalue)

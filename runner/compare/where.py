@@ -90,7 +90,7 @@ class Token:
 
 
 def parse(text: str) -> Condition:
-    """Return the condition of a text; raise ConfigurationError if it violates the grammar above."""
+    """Return the condition of a text; raises ConfigurationError if it breaks the grammar above."""
     return _Parser(text).parse()
 
 

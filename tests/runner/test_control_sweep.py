@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.notation import DOFS
-from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.selection import request_of

@@ -5,6 +5,7 @@ from pathlib import Path
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.style import drawn, save
 from seatrial.runner.compare.results import Results
 
 
@@ -13,8 +14,6 @@ def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> lis
 
     Raises ConfigurationError for an unknown kind, or if no run has the data of the figure.
     """
-    from seatrial.runner.compare.plots.style import drawn, save
-
     drawings = drawings_of(kind)
     with drawn():
         figures = drawings(results, request)

@@ -22,7 +22,6 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
 from seatrial.runner.compare.selection import pooled
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "bars",
@@ -55,8 +54,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
     observations = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
     observations = [o for o in observations if o.model == request.model]
-    dofs = [d for d in DOF_ORDER if any(o.dof == d for o in observations)]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda d: any(o.dof == d for o in observations))
     if not dofs:
         return None
     rows, columns = (request.rows,), (request.columns,)

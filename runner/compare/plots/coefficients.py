@@ -7,14 +7,14 @@ that is not known, to its estimate.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     Drawing,
@@ -25,7 +25,6 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import FINISHED, Observation, Results, ordered
 from seatrial.runner.compare.statistics import confidence_interval
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "coefficients",
@@ -56,14 +55,9 @@ class Estimate:
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one mark for each group and term."""
-    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
-    complete = [drawing for drawing in candidates if drawing is not None]
-    if not complete:
-        raise ConfigurationError(
-            f"plot coefficients: no finished run that matches has coefficients of model"
-            f" {request.model}"
-        )
-    return complete
+    missing = f"no finished run that matches has coefficients of model {request.model}"
+    draw = partial(_drawing, results, request)
+    return each_facet(results, request, draw, f"plot coefficients: {missing}")
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -74,8 +68,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         and observation.run.status == FINISHED
         and observation.value is not None
     ]
-    dofs = [dof for dof in DOF_ORDER if any(observation.dof == dof for observation in numbers)]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: any(observation.dof == dof for observation in numbers))
     by_dof = {
         dof: _groups([observation for observation in numbers if observation.dof == dof], request)
         for dof in dofs

@@ -26,7 +26,6 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import DiagnosticRow, Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "excitation",
@@ -50,8 +49,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     series = results.reader.series(run.id, "recording")
-    dofs = [dof for dof in DOF_ORDER if f"tau_{dof}" in series.columns]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns)
     idle = [dof for dof in dofs if not np.any(series.columns[f"tau_{dof}"])]
     excited = [dof for dof in dofs if dof not in idle]
     if not excited:

@@ -18,7 +18,6 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "residual",
@@ -38,8 +37,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     series = results.reader.series(run.id, "residual")
-    dofs = [dof for dof in DOF_ORDER if f"residual_nominal_{dof}" in series.columns]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
     figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)

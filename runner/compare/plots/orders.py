@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     Drawing,
@@ -21,7 +21,6 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import Results, ordered
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "orders",
@@ -52,19 +51,14 @@ class Curves:
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one line for each row and column."""
-    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
-    complete = [drawing for drawing in candidates if drawing is not None]
-    if not complete:
-        raise ConfigurationError(
-            "plot orders: no run that matches has the diagnostic order_mse (identifier=plsr does)"
-        )
-    return complete
+    missing = "no run that matches has the diagnostic order_mse (identifier=plsr does)"
+    draw = partial(_drawing, results, request)
+    return each_facet(results, request, draw, f"plot orders: {missing}")
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
     curves = _curves(results, request, facet)
-    dofs = [dof for dof in DOF_ORDER if any(dof in by_dof for by_dof in curves.values())]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: any(dof in by_dof for by_dof in curves.values()))
     if not dofs:
         return None
     figure, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)

@@ -6,15 +6,15 @@ only pairs of the same degree of freedom have one.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     Drawing,
@@ -41,11 +41,8 @@ WIDE = 30.0  # largest ratio of values on a linear axis
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each pair, one colour for each group."""
-    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
-    complete = [drawing for drawing in candidates if drawing is not None]
-    if not complete:
-        raise ConfigurationError(f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}")
-    return complete
+    missing = f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}"
+    return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:

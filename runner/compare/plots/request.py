@@ -1,12 +1,16 @@
 """The request of a figure, and the selection of its runs."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
+from seatrial.runner.compare.results import FINISHED, DiagnosticRow, Results, Run, ordered
 from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.vocabulary import DOF_ORDER
+
+Drawing = TypeVar("Drawing")
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,10 @@ class PlotRequest:
     facet: str | None = None
     log: bool | None = None  # None: by the range of the values
     where: str | None = None
+
+    def shown(self, has: Callable[[str], bool]) -> list[str]:
+        """Return the requested degrees of freedom for which `has` is true, in reading order."""
+        return [dof for dof in DOF_ORDER if (not self.dofs or dof in self.dofs) and has(dof)]
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class Facet:
 def facets(
     results: Results, request: PlotRequest, rows: Sequence[str] | None = None
 ) -> list[Facet]:
-    """Return the runs of each figure; raise ConfigurationError if no run matches.
+    """Return the runs of each figure; raises ConfigurationError if no run matches.
 
     `rows` are the factors of a figure with several row factors.
     """
@@ -72,6 +80,36 @@ def facets(
         )
         for level in ordered(run.levels[request.facet] for run in runs)
     ]
+
+
+def each_facet(
+    results: Results,
+    request: PlotRequest,
+    draw: Callable[[Facet], Drawing | None],
+    missing: str,
+) -> list[Drawing]:
+    """Return the drawing of each facet that `draw` does not leave out by None.
+
+    Raises ConfigurationError with the message `missing` if it leaves out all of them.
+    """
+    drawings = [drawing for facet in facets(results, request) if (drawing := draw(facet))]
+    if not drawings:
+        raise ConfigurationError(missing)
+    return drawings
+
+
+def newest_with(
+    results: Results, facet: Facet, names: Sequence[str]
+) -> tuple[Run, Sequence[DiagnosticRow]] | None:
+    """Return the newest run with the diagnostic `names[0]` and its diagnostics of these names.
+
+    The result is None if no run of the facet has it.
+    """
+    findings = results.diagnostics(facet.runs, names, facet.condition)
+    for run in reversed(facet.runs):
+        if any(row.name == names[0] for row in findings[run.id]):
+            return run, findings[run.id]
+    return None
 
 
 def with_run(condition: Condition | None, run: int) -> Condition:

@@ -27,7 +27,6 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "response",
@@ -89,8 +88,7 @@ def overlaid(
     `lines` are the series by label; `what` names the figure in the error message.
     """
     first = next(iter(lines.values()))
-    dofs = [dof for dof in DOF_ORDER if all(f"tau_{dof}" in s.columns for s in lines.values())]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: all(f"tau_{dof}" in s.columns for s in lines.values()))
     if not dofs:
         raise ConfigurationError(f"plot: {what} has no response of these degrees of freedom")
     has_wind = any(f"wind_{dof}" in first.columns for dof in dofs)

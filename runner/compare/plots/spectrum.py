@@ -5,16 +5,16 @@ Diagnostics: `singular_value` (i = number, from 1), `selected_order`, and `eigen
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
@@ -40,25 +40,20 @@ REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet: singular values left, eigenvalues right, if stored."""
-    figures = []
-    for facet in facets(results, request):
-        names = (SINGULAR, ORDER, REAL, IMAGINARY)
-        findings = results.diagnostics(facet.runs, names, facet.condition)
-        groups: dict[str, list[Sequence[DiagnosticRow]]] = {}
-        for run in facet.runs:
-            if any(row.name in (SINGULAR, REAL) for row in findings[run.id]):
-                label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
-                groups.setdefault(label, []).append(findings[run.id])
-        if groups:
-            figures.append(_drawing(groups, facet.title("Spectrum"), facet.file("spectrum")))
-    if not figures:
-        raise ConfigurationError(
-            f"plot spectrum: no run that matches has the diagnostic {SINGULAR} or {REAL}"
-        )
-    return figures
+    missing = f"plot spectrum: no run that matches has the diagnostic {SINGULAR} or {REAL}"
+    return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
-def _drawing(groups: dict[str, list[Sequence[DiagnosticRow]]], title: str, name: str) -> Drawing:
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    names = (SINGULAR, ORDER, REAL, IMAGINARY)
+    findings = results.diagnostics(facet.runs, names, facet.condition)
+    groups: dict[str, list[Sequence[DiagnosticRow]]] = {}
+    for run in facet.runs:
+        if any(row.name in (SINGULAR, REAL) for row in findings[run.id]):
+            label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
+            groups.setdefault(label, []).append(findings[run.id])
+    if not groups:
+        return None
     rows = [row for group in groups.values() for diagnostics in group for row in diagnostics]
     panel_functions = [
         draw
@@ -70,10 +65,10 @@ def _drawing(groups: dict[str, list[Sequence[DiagnosticRow]]], title: str, name:
         for i, (label, group) in enumerate(groups.items()):
             for diagnostics in group:
                 draw(panel, diagnostics, i, label)
-    headed(figure, axes, title)
+    headed(figure, axes, facet.title("Spectrum"))
     notes = ["filled: within the selected order"] if _singular_values in panel_functions else []
     footnote(figure, [*notes, "one set of marks for each run"])
-    return Drawing(name, figure)
+    return Drawing(facet.file("spectrum"), figure)
 
 
 def _singular_values(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: str) -> None:

@@ -3,12 +3,12 @@
 Figures are made without pyplot: no window, no global state, and no effect of backend settings.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
@@ -18,6 +18,9 @@ from matplotlib.figure import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 # Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale.
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
@@ -32,7 +35,7 @@ MUTED = "#595959"
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 SHADE = "#E8E8E8"
-RC: dict[Any, Any] = {
+RC: Mapping["RcKeyType", object] = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
     "axes.titlesize": 11,
@@ -90,14 +93,20 @@ def figure(width: float, height: float) -> Figure:
 def panels(
     rows: int, columns: int, width: float, height: float, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of rows x columns axes, each width x height [inch], and its axes by row."""
+    """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
+
+    With `share_x` all axes have the same range of x.
+    """
     chart = figure(columns * width, rows * height)
     axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
     return chart, [panel for row in axes for panel in row]
 
 
 def metric_label(name: str, dof: str, unit: str | None) -> str:
-    """Return an axis label such as `Force MSE, surge [N²]`."""
+    """Return an axis label such as `Force MSE, surge [N²]`.
+
+    `name` is that of a metric, `dof` its degree of freedom, `unit` the stored unit.
+    """
     label = definition_of(name).label
     text = label if dof in COMBINED else f"{label}, {dof}"
     return with_unit(text, unit)
@@ -135,7 +144,10 @@ def footnote(chart: Figure, notes: Sequence[str]) -> None:
 
 
 def save(drawing: Drawing, folder: Path) -> list[Path]:
-    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte."""
+    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte.
+
+    Returns the paths of the files. Raises OSError if one cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):

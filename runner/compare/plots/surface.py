@@ -5,6 +5,7 @@ Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,11 +16,16 @@ from matplotlib.ticker import MaxNLocator
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
+from seatrial.runner.compare.plots.request import (
+    Facet,
+    PlotRequest,
+    each_facet,
+    newest_with,
+    subtitle,
+)
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
-from seatrial.runner.compare.results import DiagnosticRow, Results, Run
+from seatrial.runner.compare.results import DiagnosticRow, Results
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "surface",
@@ -36,21 +42,16 @@ COLOURS = "cividis"  # perceptually uniform and suited to colour-blind readers
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, of its newest run with a surface; one panel for each DOF."""
-    figures = []
-    for facet in facets(results, request):
-        names = (SURFACE, ORDER, VARIABLES)
-        findings = results.diagnostics(facet.runs, names, facet.condition)
-        candidates = [r for r in facet.runs if any(row.name == SURFACE for row in findings[r.id])]
-        if candidates:
-            figures.append(_drawing(candidates[-1], findings[candidates[-1].id], request))
-    if not figures:
-        raise ConfigurationError(f"plot surface: no run that matches has the diagnostic {SURFACE}")
-    return figures
+    missing = f"plot surface: no run that matches has the diagnostic {SURFACE}"
+    return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
-def _drawing(run: Run, rows: Sequence[DiagnosticRow], request: PlotRequest) -> Drawing:
-    dofs = [d for d in DOF_ORDER if any(o.name == SURFACE and o.dof == d for o in rows)]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+    newest = newest_with(results, facet, (SURFACE, ORDER, VARIABLES))
+    if newest is None:
+        return None
+    run, rows = newest
+    dofs = request.shown(lambda d: any(o.name == SURFACE and o.dof == d for o in rows))
     if not dofs:
         raise ConfigurationError(f"plot surface: run {run.id} has no surface of these DOFs")
     figure, axes = panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)

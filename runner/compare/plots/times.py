@@ -4,11 +4,16 @@ Diagnostics: `prediction_time` (i = n, label = way), which includes the compilat
 `prediction_time_compiled`, which does not.
 """
 
-from collections.abc import Sequence
+from functools import partial
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.request import PlotRequest, facets, subtitle
+from seatrial.runner.compare.plots.request import (
+    Facet,
+    PlotRequest,
+    each_facet,
+    newest_with,
+    subtitle,
+)
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     Drawing,
@@ -17,7 +22,7 @@ from seatrial.runner.compare.plots.style import (
     headed,
     marker_of,
 )
-from seatrial.runner.compare.results import DiagnosticRow, Results
+from seatrial.runner.compare.results import Results
 
 FIGURE = Figure(
     "times",
@@ -30,19 +35,15 @@ TIME, COMPILED = "prediction_time", "prediction_time_compiled"
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, of its newest run with times."""
-    figures = []
-    for facet in facets(results, request):
-        findings = results.diagnostics(facet.runs, (TIME, COMPILED), facet.condition)
-        candidates = [r for r in facet.runs if any(row.name == TIME for row in findings[r.id])]
-        if candidates:
-            run = candidates[-1]
-            figures.append(_drawing(run.id, subtitle(run), findings[run.id]))
-    if not figures:
-        raise ConfigurationError(f"plot times: no run that matches has the diagnostic {TIME}")
-    return figures
+    missing = f"plot times: no run that matches has the diagnostic {TIME}"
+    return each_facet(results, request, partial(_drawing, results), missing)
 
 
-def _drawing(number: int, subject: str, rows: Sequence[DiagnosticRow]) -> Drawing:
+def _drawing(results: Results, facet: Facet) -> Drawing | None:
+    newest = newest_with(results, facet, (TIME, COMPILED))
+    if newest is None:
+        return None
+    run, rows = newest
     chart = figure(6.5, 4.2)
     axes = chart.subplots()
     axes.set_xscale("log")
@@ -54,6 +55,6 @@ def _drawing(number: int, subject: str, rows: Sequence[DiagnosticRow]) -> Drawin
             axes.plot(x, y, color=PALETTE[k], marker=marker_of(k), linestyle=line, label=text)
     axes.set_xlabel("Number of predictions")
     axes.set_ylabel("Time [s]")
-    headed(chart, [axes], f"Time of predictions, {subject}")
+    headed(chart, [axes], f"Time of predictions, {subtitle(run)}")
     footnote(chart, ["solid: with compilation of the machine code; dotted: without"])
-    return Drawing(f"times-run-{number}", chart)
+    return Drawing(f"times-run-{run.id}", chart)

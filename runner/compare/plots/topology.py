@@ -5,16 +5,16 @@ the parameters. The newest run of each excitation and objective gets a panel.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
 from seatrial.runner.compare.plots.surface import COLOURS
 from seatrial.runner.compare.results import DiagnosticRow, Results, Run
@@ -35,11 +35,8 @@ DECADES = 4.0  # range of the colours below the highest value
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each excitation and objective."""
-    candidates = [_drawing(results, facet) for facet in facets(results, request)]
-    complete = [drawing for drawing in candidates if drawing is not None]
-    if not complete:
-        raise ConfigurationError(f"plot topology: no run that matches has the diagnostic {Z}")
-    return complete
+    missing = f"plot topology: no run that matches has the diagnostic {Z}"
+    return each_facet(results, request, partial(_drawing, results), missing)
 
 
 def _drawing(results: Results, facet: Facet) -> Drawing | None:

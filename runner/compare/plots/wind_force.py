@@ -17,7 +17,6 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
-from seatrial.runner.vocabulary import DOF_ORDER
 
 FIGURE = Figure(
     "wind",
@@ -44,8 +43,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 def _drawing(run: Run, series_of: dict[str, Series], request: PlotRequest) -> Drawing:
     """Draw the wind of the recording, else of a deployment, and the wind forces of both."""
     first = next(iter(series_of.values()))
-    dofs = [dof for dof in DOF_ORDER if any(f"wind_{dof}" in s.columns for s in series_of.values())]
-    dofs = [dof for dof in dofs if not request.dofs or dof in request.dofs]
+    dofs = request.shown(lambda dof: any(f"wind_{dof}" in s.columns for s in series_of.values()))
     figure, axes = panels(2 + len(dofs), 1, 8.0, 2.1, share_x=True)
     north, east = first.columns[NORTH], first.columns[EAST]
     speed = np.hypot(north, east)

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.command_options import TableOptions
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
