@@ -35,6 +35,11 @@ class Order:
         """Return the fingerprint of the trial; `sources` is the digest of the code."""
         return fingerprint(self.config, self.names, sources)
 
+    def experiment(self, sources: str) -> str:
+        """Return the fingerprint without the seed, equal for the replicates of one experiment."""
+        unseeded = {key: value for key, value in self.config.items() if key != "seed"}
+        return fingerprint(unseeded, self.names, sources)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -132,7 +137,8 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
         git_dirty=provenance.git_dirty,
         versions=provenance.versions,
         command=provenance.command,
-        sources=provenance.sources,
+        code=provenance.sources[:16],
+        experiment=order.experiment(provenance.sources),
     )
 
 

@@ -36,6 +36,14 @@ Where = Annotated[
         "--where", help='Only runs that meet this condition: "seed<10 and identifier=ls".'
     ),
 ]
+Sweep = Annotated[
+    str | None,
+    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: the newest sweep]"),
+]
+Pool = Annotated[
+    list[str] | None,
+    typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
+]
 ResultsDir = Annotated[
     Path | None,
     typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
@@ -142,10 +150,12 @@ class TableOptions:
         Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
     ] = "t"
     baseline: Annotated[
-        str | None,
+        Several,
         typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
     ] = None
     where: Where = None
+    sweep: Sweep = None
+    pool: Pool = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
     database: Database = DEFAULT_DATABASE
     form: Form = Format.RICH
@@ -190,6 +200,8 @@ class PlotOptions:
         ),
     ] = None
     where: Where = None
+    sweep: Sweep = None
+    pool: Pool = None
     output: Annotated[
         Path | None,
         typer.Option(

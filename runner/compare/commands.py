@@ -107,6 +107,8 @@ def plot(options: PlotOptions) -> None:
         facet=options.facet,
         log=options.log,
         where=options.where,
+        sweep=options.sweep,
+        pool=split(options.pool),
     )
     with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")

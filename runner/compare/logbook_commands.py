@@ -14,6 +14,7 @@ from seatrial.runner.compare.cli import (
     Form,
     ResultsDir,
     Several,
+    Sweep,
     Where,
     app,
     axes_of,
@@ -28,7 +29,7 @@ from seatrial.runner.compare.formats import Format
 @app.command()
 def report(
     database: Database = DEFAULT_DATABASE,
-    sweep: Annotated[int | None, typer.Option(help="Only the runs of this sweep.")] = None,
+    sweep: Sweep = None,
     where: Where = None,
     rows: Annotated[
         str | None, typer.Option("--rows", "-r", help="Factor of the rows.  [default: identifier]")

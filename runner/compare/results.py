@@ -16,7 +16,7 @@ from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import Expression, Names, flat
-from seatrial.runner.compare.where import Condition, parse
+from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
 from seatrial.runner.database.tables import Run as RunTable
@@ -39,6 +39,9 @@ class Run:
     status: str  # running, finished, diverged, failed or interrupted
     levels: Mapping[str, str] = field(repr=False)
     sweep: int | None = None
+    experiment: str | None = None  # equal for runs that differ in nothing but the seed
+    drawn: frozenset[str] | None = None  # random streams that its results depend on, if known
+    code: str | None = None  # digest of the code that computed it
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,7 @@ DiagnosticRow = sa.Row[*tuple[object, ...]]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
+MOST_VARIABLES = 5_000  # in one statement
 
 
 @contextmanager
@@ -127,6 +131,30 @@ class Results:
             self.names.clause(condition)
         return condition
 
+    def selected(self, where: str | None, sweep: str | None) -> tuple[Condition | None, str]:
+        """Return the condition of --where and --sweep, and the words for the sweep.
+
+        `sweep` is a number, a name, or `all`; None is the newest sweep. Raises ConfigurationError
+        for an unknown one. A logbook without sweeps, and a condition on the number of a run or of a
+        sweep, select from all runs.
+        """
+        condition = self.where(where)
+        sweeps = self.reader.sweeps()
+        if sweep == "all" or (sweep is None and (not sweeps or chooses(condition))):
+            return condition, ""
+        if sweep is None:
+            chosen = [sweeps[-1]]
+        else:
+            chosen = [one for one in sweeps if sweep in (str(one.id), one.name)]
+        if not chosen:
+            expected = ", ".join(dict.fromkeys(one.name for one in sweeps[-8:])) or "none yet"
+            raise ConfigurationError(
+                f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
+            )
+        own = Among("id", tuple(id_ for one in chosen for id_ in self.of_sweep(one.id)))
+        scope = f"sweep {', '.join(str(one.id) for one in chosen)} ({chosen[-1].name})"
+        return own if condition is None else Joined("and", (condition, own)), scope
+
     def runs(
         self,
         condition: Condition | None = None,
@@ -140,13 +168,31 @@ class Results:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         texts = [self.names.text(name) for name in names]
-        columns = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, *texts)
+        columns = (
+            *(
+                RUN.c.id,
+                run_overview.c.status,
+                RUN.c.sweep_id,
+                RUN.c.experiment,
+                RUN.c.drawn,
+                RUN.c.code,
+            ),
+            *texts,
+        )
         query = self._of_runs(sa.select(*columns), condition)
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = [
-            Run(id_, status, dict(zip(names, map(_text, levels), strict=True)), sweep)
-            for id_, status, sweep, *levels in map(
+            Run(
+                id_,
+                status,
+                dict(zip(names, map(_text, levels), strict=True)),
+                sweep,
+                experiment,
+                None if drawn is None else frozenset(drawn),
+                code,
+            )
+            for id_, status, sweep, experiment, drawn, code, *levels in map(
                 tuple, self.reader.select(query.order_by(RUN.c.id))
             )
         ]
@@ -241,6 +287,15 @@ class Results:
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
 
+    def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
+        """Return the configurations of the given runs by run number, with dotted names."""
+        configs: dict[int, Mapping[str, object]] = {}
+        for first in range(0, len(ids), MOST_VARIABLES):
+            query = sa.select(RUN.c.id, RUN.c.config)
+            query = query.where(RUN.c.id.in_(ids[first : first + MOST_VARIABLES]))
+            configs |= {row.id: flat(row.config) for row in self.reader.select(query)}
+        return configs
+
     def of_sweep(self, sweep: int) -> list[int]:
         """Return the numbers of a sweep's runs, including the finished runs that it reused."""
         own = sa.select(RUN.c.id).where(RUN.c.sweep_id == sweep)
@@ -268,6 +323,19 @@ class Results:
             return f"{self.reader.address}: no runs in the logbook yet"
         narrowed = any(item is not None for item in filters)
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
+
+
+def chooses(condition: Condition | None) -> bool:
+    """Return whether a condition is about the numbers of runs or sweeps."""
+    match condition:
+        case Comparison(name=name) | Among(name=name):
+            return name in ("id", "sweep_id")
+        case Not(condition=inner):
+            return chooses(inner)
+        case Joined(conditions=parts):
+            return any(map(chooses, parts))
+        case _:
+            return False
 
 
 def _text(value: object) -> str:

@@ -94,7 +94,8 @@ class RunStart:
     git_dirty: bool | None = None
     versions: Mapping[str, Any] = field(default_factory=dict)
     command: str = ""
-    sources: str | None = None  # digest of the code that computes results
+    code: str | None = None  # digest of the code that computes results, 16 characters
+    experiment: str | None = None  # the fingerprint without the seed
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ class RunDetail:
     host: str
     pid: int
     heartbeat_at: datetime | None
-    sources: str | None = None  # digest of the code that computed the results
+    code: str | None = None  # digest of the code that computed the results
     drawn: list[str] | None = None  # random streams that the results depend on, if known
 
 

@@ -138,7 +138,9 @@ class Run(Base):
     ]  # by the database's clock, because the clocks of hosts differ
     process: Mapped[str | None]  # see liveness.py
     # Since revision 0003.
-    sources: Mapped[str | None] = mapped_column(String(64))  # digest of the code that computes
+    code: Mapped[str | None] = mapped_column(String(16))  # digest of the code that computes
+    # The fingerprint without the seed: equal for the replicates of one experiment.
+    experiment: Mapped[str | None] = mapped_column(String(64))
     # Random streams that the results depend on; NULL if unknown.
     drawn: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
 

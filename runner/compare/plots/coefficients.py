@@ -57,7 +57,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one mark for each group and term."""
     missing = f"no finished run that matches has coefficients of model {request.model}"
     draw = partial(_drawing, results, request)
-    return each_facet(results, request, draw, f"plot coefficients: {missing}")
+    return each_facet(results, request, draw, f"plot coefficients: {missing}", averages=True)
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -70,7 +70,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     ]
     dofs = request.shown(lambda dof: any(observation.dof == dof for observation in numbers))
     by_dof = {
-        dof: _groups([observation for observation in numbers if observation.dof == dof], request)
+        dof: _groups(facet.likeness.distinct(o for o in numbers if o.dof == dof), request)
         for dof in dofs
     }
     by_dof = {dof: groups for dof, groups in by_dof.items() if any(groups.values())}

@@ -12,7 +12,8 @@ depends_on = None
 def upgrade() -> None:
     """Add the columns; of earlier runs they are unknown."""
     with op.batch_alter_table("run") as run:
-        run.add_column(sa.Column("sources", sa.String(64), nullable=True))
+        run.add_column(sa.Column("code", sa.String(16), nullable=True))
+        run.add_column(sa.Column("experiment", sa.String(64), nullable=True))
         run.add_column(sa.Column("drawn", sa.JSON(none_as_null=True), nullable=True))
     with op.batch_alter_table("sweep") as sweep:
         sweep.add_column(sa.Column("tags", sa.JSON(none_as_null=True), nullable=True))
