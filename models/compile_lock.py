@@ -15,6 +15,7 @@ import platform
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock, Thread
 
@@ -70,33 +71,85 @@ class CompileLock:
             _stopwatch.end()
 
 
-def seconds_compiled() -> float:
-    """Time [s] that this process has spent compiling or waiting for another process to compile."""
-    return _stopwatch.seconds()
-
-
 class _Stopwatch:
     """Total time during which this process held or waited for at least one lock."""
 
     def __init__(self) -> None:
         self._total_s, self._since_s, self._depth = 0.0, 0.0, 0
+        self._report: Path | None = None  # where other processes read the time
+        self._unreported_s = 0.0  # total time before this process joined
 
     def begin(self) -> None:
         if self._depth == 0:
             self._since_s = time.monotonic()
         self._depth += 1
+        self._write()
 
     def end(self) -> None:
         self._depth -= 1
         if self._depth == 0:
             self._total_s += time.monotonic() - self._since_s
+            self._write()
 
     def seconds(self) -> float:
         running = time.monotonic() - self._since_s if self._depth else 0.0
         return self._total_s + running
 
+    def report_to(self, file: Path) -> None:
+        if file != self._report:
+            self._report, self._unreported_s = file, self._total_s
+            self._write()
+
+    def _write(self) -> None:
+        if self._report is None:
+            return
+        since_s = self._since_s if self._depth else 0.0
+        temporary = self._report.with_suffix(".tmp")
+        with suppress(OSError):  # the folder is on another machine, or has been removed
+            temporary.write_text(f"{self._total_s - self._unreported_s} {since_s}")
+            temporary.replace(self._report)
+
 
 _stopwatch = _Stopwatch()
+
+
+@dataclass(frozen=True)
+class CompileTimes:
+    """Times that the processes of this machine spend compiling, as files in a folder.
+
+    The file of a process, named by its number, holds the time [s] of its compilations that have
+    ended, and the moment [s] when the current one began (0 if there is none). The moments are those
+    of the monotonic clock, which all processes of a machine share.
+    """
+
+    folder: Path
+
+    def join(self) -> None:
+        """Report the time that this process compiles, or waits for a compilation, from now on."""
+        _stopwatch.report_to(self.folder / str(os.getpid()))
+
+    def total_s(self) -> float:
+        """Time [s] of all processes that have joined, also of those that have ended."""
+        with suppress(OSError):
+            return sum(_reported_s(path) for path in self.folder.iterdir() if not path.suffix)
+        return 0.0
+
+
+def _reported_s(path: Path) -> float:
+    ended_s, since_s = map(float, path.read_text().split())
+    if since_s == 0.0 or not _is_alive(int(path.name)):
+        return ended_s
+    return ended_s + time.monotonic() - since_s
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _lock(descriptor: int) -> bool:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 MODELS = Path(__file__).parent
-KEPT_FILE = "sources-1.json"  # increase the number when `_text` or `Source` changes
+KEPT_FILE = "sources-2.json"  # increase the number when `_text` or `Source` changes
 MOST_KEPT = 2000  # in the cache file; the oldest are dropped
 TYPES_ONLY = ("TYPE_CHECKING", "typing.TYPE_CHECKING")
 _parsed: set[str] = set()  # keys that are not on disk yet
@@ -32,7 +32,8 @@ _parsed: set[str] = set()  # keys that are not on disk yet
 class Source:
     """A Python file: the SHA-256 of its syntax tree, and the modules that it imports.
 
-    `from a import b` counts as `a` and `a.b`; imports for type checking only are left out.
+    `from a import b` counts as `a` and `a.b`, `lazy_loader.load("a.b")` as `a.b`; imports for type
+    checking only are left out.
     """
 
     digest: str
@@ -148,8 +149,21 @@ def _imports(node: ast.AST) -> Iterator[str]:
         for inner in node.orelse:
             yield from _imports(inner)
     else:
+        if name := _lazily_loaded(node):
+            yield name
         for child in ast.iter_child_nodes(node):
             yield from _imports(child)
+
+
+def _lazily_loaded(node: ast.AST) -> str | None:
+    """The module that a node imports at its first use: `lazy_loader.load("a.b")`."""
+    match node:
+        case ast.Call(
+            func=ast.Attribute(value=ast.Name(id="lazy_loader"), attr="load"),
+            args=[ast.Constant(value=str() as name)],
+        ):
+            return name
+    return None
 
 
 def cache_home() -> Path:

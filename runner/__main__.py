@@ -33,7 +33,7 @@ FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 
 
-class Stopped(KeyboardInterrupt):
+class StopSignal(KeyboardInterrupt):
     """SIGTERM or SIGHUP, which end the program in the same way as Ctrl-C."""
 
     def __init__(self, number: int) -> None:
@@ -60,7 +60,7 @@ def _main() -> int:
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        number = stop.number if isinstance(stop, StopSignal) else signal.SIGINT
         return _complain(INTERRUPTED, 128 + number)
     except EXPECTED as error:
         if traceback_wanted:
@@ -99,7 +99,7 @@ def _refuse(message: str) -> NoReturn:
 
 @contextmanager
 def _stoppable() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP raise Stopped once; an ignored signal (nohup) stays ignored."""
+    """Make SIGTERM and SIGHUP raise StopSignal once; an ignored signal (nohup) stays ignored."""
     names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)}
     signals = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
@@ -107,7 +107,7 @@ def _stoppable() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         for other in signals:  # a second signal must not interrupt the clean-up
             signal.signal(other, signal.SIG_IGN)
-        raise Stopped(number)
+        raise StopSignal(number)
 
     for number in signals:
         signal.signal(number, stop)

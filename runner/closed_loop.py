@@ -45,7 +45,7 @@ class Design:
 
 
 @dataclass(frozen=True, eq=False)
-class Sailed:
+class SimulatedMission:
     """A simulated voyage, and the controller design it was simulated with."""
 
     voyage: Voyage
@@ -85,7 +85,7 @@ class Streams:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class MissionSetup:
     """A mission ready to be simulated: the plant, the weather and the built controller."""
 
     trial: Trial
@@ -103,7 +103,7 @@ class Prepared:
     ahead: Outlook
     design: Design
 
-    def sail(self, adaptive: bool = False) -> Sailed:
+    def sail(self, adaptive: bool = False) -> SimulatedMission:
         """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
         trial, adapter = self.trial, None
         if adaptive and self.controller is not None and isinstance(self.model, Vessel):
@@ -119,7 +119,7 @@ class Prepared:
             watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
         )  # fmt: skip
         controller, state = self.controller, self.control[1]
-        return Sailed(
+        return SimulatedMission(
             voyage, period, self.design,
             failures=0 if controller is None else controller.failures(state),
             adapter=adapter,
@@ -130,7 +130,7 @@ class Prepared:
 def prepare(
     trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
     deployed: bool = False,
-) -> Prepared:  # fmt: skip
+) -> MissionSetup:  # fmt: skip
     """Prepare a mission that starts at rest, with the controller built on `model`.
 
     In a deployment (`deployed`) the plant changes as the trial's `plant_change` says.
@@ -150,7 +150,7 @@ def prepare(
         parameters, state = controller.build(model, period)
         control = controller.foresee(parameters, ahead), state
         design = design_of(controller, model, period, design)
-    return Prepared(
+    return MissionSetup(
         trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
         start, added, ahead, design,
     )  # fmt: skip
@@ -183,7 +183,7 @@ def sail_mission(
     *,
     deployed: bool = False,
     adaptive: bool = False,
-) -> Sailed:
+) -> SimulatedMission:
     """Prepare a mission and simulate it; raises Diverged."""
     return prepare(trial, seeds, model, mission, deployed).sail(adaptive)
 
@@ -254,11 +254,11 @@ def wind_in_body(voyage: Voyage) -> Array | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Excited:
+class ExcitationData:
     """The recording of an excitation, its split, and the true model if it is known."""
 
     recording: Recording
     training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
     testing: NDArray[np.bool_]
     truth: Vessel | None  # coefficients of the plant, with those of the disturbance
-    sailed: Sailed | None = None  # the simulation that was recorded; None for a measured file
+    sailed: SimulatedMission | None = None  # what was recorded; None for a measured file

@@ -7,11 +7,12 @@ when a launcher runs its jobs, here or in workers.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import Any
+from typing import cast
 from uuid import uuid4
 
+from hydra.conf import HydraConf
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -23,20 +24,22 @@ from seatrial.runner.job import Order
 from seatrial.runner.vocabulary import GROUPS
 
 
-def order_of(task: DictConfig, hydra: Any, overrides: list[str] | None = None) -> Order:
+def order_of(
+    task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
+) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
-    config: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+    config = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
     choices = hydra.runtime.choices
     if overrides is None:
         overrides = list(hydra.overrides.task)
     return Order(
-        config=config,
+        config=cast(Mapping[str, object], config),
         names={group: _name(group, choices, overrides) for group in GROUPS},
         overrides=overrides,
     )
 
 
-def _name(group: str, choices: Any, overrides: list[str]) -> str:
+def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
     """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
     if choices.get(group):
         return str(choices[group])
@@ -117,7 +120,7 @@ def set_values(config: DictConfig, values: Sequence[Override]) -> None:
         OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
 
 
-def _dirname(overrides: Sequence[Override], form: Any) -> str:
+def _dirname(overrides: Sequence[Override], form: DictConfig) -> str:
     """Return the value of `hydra.job.override_dirname`."""
     items = [item for item in overrides if item.key_or_group not in form.exclude_keys]
     texts = sorted(str(item.input_line) for item in items)

@@ -9,13 +9,14 @@ Every error names the key, what was got and what was expected.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
+from seatrial.runner import database
 from seatrial.runner.vocabulary import GROUPS
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.control.controller import Controller
     from seatrial.models.excitation.missions import Evaluation, Mission
     from seatrial.models.identification.adaptive import Update
@@ -23,9 +24,15 @@ if TYPE_CHECKING:
     from seatrial.models.recording.readers import Reader
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
+    from seatrial.runner import options
     from seatrial.runner.record.own_metrics import OwnMetric
+else:
+    import lazy_loader
 
-Node = Mapping[str, Any]
+    options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
+
+T = TypeVar("T")
+Node = Mapping[str, object]
 
 
 @dataclass(frozen=True)
@@ -147,19 +154,16 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     settings = build_as(Settings, nodes, "")
-    from seatrial.runner.database.engine import file_url  # slow to import
-
     return Trial(
-        **{group: getattr(settings, group) for group in GROUPS},
+        **{name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")},
         sample_time_s=settings.sample_time_s,
         integration_step_s=settings.integration_step_s,
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
-        update=settings.update,
-        metrics=settings.metrics,
         seed=settings.seed,
         results_dir=settings.results_dir,
-        database_url=settings.database.url or file_url(settings.results_dir / "results.db"),
+        database_url=settings.database.url
+        or database.engine.file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
         dry_run=settings.dry_run,
         sweep=settings.sweep,
@@ -168,16 +172,14 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     )
 
 
-def build(node: Any, key: str) -> Any:
-    """Build the object of a node with a `_target_`; None for an empty node."""
-    return build_as(object, node, key)
+def build_as(cls: type[T], node: object, key: str) -> T:
+    """Build a `cls` from a node; errors are reported for the option `key`.
 
-
-def build_as(cls: type, node: Any, key: str) -> Any:
-    """Build a `cls` from a node; errors are reported for the option `key`."""
-    from seatrial.runner.options import Refused, part
-
+    Without a class (`object`) the node names one by `_target_`, and an empty node is None.
+    """
     try:
-        return part(cls, node)
-    except Refused as error:
+        result = options.part(cls, node)
+    except options.OptionError as error:
         raise ConfigurationError(error.at(key)) from error
+    assert isinstance(result, cls)
+    return result

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Protocol
 
-from seatrial.models.compile_lock import seconds_compiled
+from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
+from seatrial.runner import database
 from seatrial.runner.invocation import results_program
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -116,9 +117,7 @@ def compare(command: str, url: str, *arguments: str) -> str:
 
 
 def _shown(url: str) -> str:
-    from seatrial.runner.database import display_url
-
-    return display_url(url)
+    return database.display_url(url)
 
 
 def _number(count: int, noun: str) -> str:
@@ -159,11 +158,14 @@ class View(Protocol):
 
 
 @contextmanager
-def shown(url: str, sweep_id: int) -> Iterator[None]:
-    """Show the progress of a sweep while the block runs."""
-    stop = Event()
+def shown(url: str, sweep_id: int, compile_times: CompileTimes) -> Iterator[None]:
+    """Show the progress of a sweep while the block runs.
+
+    The time that its processes spend compiling is not counted into the estimate of the time left.
+    """
+    stop, pace = Event(), Pace(compile_times)
     with _view() as view:
-        thread = Thread(target=_watch, args=(url, sweep_id, view, stop), daemon=True)
+        thread = Thread(target=_watch, args=(url, sweep_id, view, pace, stop), daemon=True)
         thread.start()
         try:
             yield
@@ -180,13 +182,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
-    from seatrial.runner.database import Logbook
-
+def _watch(url: str, sweep_id: int, view: View, pace: "Pace", stop: Event) -> None:
     reported: set[int] = set()
-    pace = Pace()
     try:
-        with Logbook.read(url) as logbook:
+        with database.Logbook.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
                 start_s = time.monotonic()
@@ -206,30 +205,33 @@ def _done(status: "SweepStatus") -> int:
 
 
 def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
-    done = _done(status)
+    done, running = _done(status), status.counts.get("running", 0)
     return Standing(
         done=done,
         planned=status.planned,
-        running=status.counts.get("running", 0),
+        running=running,
         failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
-        left_s=pace.left_s(done, status.planned, _clock_s()),
+        left_s=pace.left_s(done, status.planned, running),
     )
 
 
-def _clock_s() -> float:
-    """Return a monotonic time [s] without the time that this process spent compiling."""
-    return time.monotonic() - seconds_compiled()
-
-
 class Pace:
-    """Estimates the time left from the rate of trials after the first one that ends."""
+    """Estimates the time left from the rate of trials after the first one that ends.
 
-    def __init__(self) -> None:
+    The time of compiling is left out: of several trials that run at once, the part of those whose
+    processes compile.
+    """
+
+    def __init__(self, compile_times: CompileTimes) -> None:
+        self._compile_times = compile_times
+        self._compiled_s = 0.0  # by all processes, until the last call
+        self._lost_s = 0.0
         self._before: int | None = None  # trials done at the start
         self._first: tuple[int, float] | None = None  # trials done and time [s] at the first end
 
-    def left_s(self, done: int, planned: int, now_s: float) -> float | None:
+    def left_s(self, done: int, planned: int, running: int) -> float | None:
         """Return the time [s] until all trials are done; None while it cannot be estimated."""
+        now_s = self._now_s(running)
         if self._before is None:
             self._before = done
         if self._first is None and done > self._before:
@@ -237,6 +239,13 @@ class Pace:
         if self._first is None or done == self._first[0] or now_s <= self._first[1]:
             return None
         return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
+
+    def _now_s(self, running: int) -> float:
+        """Return a monotonic time [s] that stands still while all running trials compile."""
+        compiled_s = max(self._compiled_s, self._compile_times.total_s())
+        self._lost_s += (compiled_s - self._compiled_s) / max(running, 1)
+        self._compiled_s = compiled_s
+        return time.monotonic() - self._lost_s
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 
@@ -23,7 +22,7 @@ NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run", "sweep"
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
-def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: str) -> str:
+def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources: str) -> str:
     """Return the SHA-256 of a resolved configuration, its option names and a digest of sources.
 
     The order of keys does not matter, and 1 equals 1.0. User-defined parts count with their files.
@@ -39,10 +38,10 @@ def fingerprint(config: Mapping[str, Any], names: Mapping[str, str], sources: st
     return hashlib.sha256(canonical(content).encode()).hexdigest()
 
 
-def _by_content(node: Any, key: str) -> Any:
+def _by_content(node: object, key: str) -> object:
     """Replace the path of a measured file by the digest of its content."""
     path = node.get(key) if isinstance(node, Mapping) else None
-    if not isinstance(path, str) or not Path(path).is_file():
+    if not isinstance(node, Mapping) or not isinstance(path, str) or not Path(path).is_file():
         return node
     stat = Path(path).stat()
     return {**node, key: _file_digest(path, stat.st_mtime_ns, stat.st_size)}
@@ -53,7 +52,7 @@ def _file_digest(path: str, _changed_ns: int, _size: int) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-def canonical(value: Any) -> str:
+def canonical(value: object) -> str:
     """Return JSON text that is equal for equal values; raises ValueError for NaN and infinity."""
     return json.dumps(
         _plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False
@@ -72,7 +71,7 @@ def computing_files(folder: Path = RUNNER) -> set[Path]:
     return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
 
 
-def _targets(node: Any) -> Iterator[str]:
+def _targets(node: object) -> Iterator[str]:
     """Yield the classes that a configuration names."""
     if isinstance(node, Mapping):
         if isinstance(node.get("_target_"), str):
@@ -95,7 +94,7 @@ def part_digest(target: str) -> str:
     return files_digest(file.parent, files)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

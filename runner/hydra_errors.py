@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -125,7 +124,7 @@ def _known_keys(overrides: Sequence[str]) -> list[str]:
 def _keys(node: DictConfig, prefix: str) -> list[str]:
     keys = []
     for name in map(str, node):
-        value: Any = node._get_node(name)
+        value = node._get_node(name)
         keys.append(f"{prefix}{name}")
         if isinstance(value, DictConfig) and not value._is_none() and not value._is_missing():
             keys += _keys(value, f"{prefix}{name}.")

@@ -3,19 +3,25 @@
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import Diverged
+from seatrial.runner import database
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
 
-if TYPE_CHECKING:
-    from seatrial.runner.database import Logbook
-    from seatrial.runner.database.records import Results, RunStart, RunSummary
+if TYPE_CHECKING:  # what is slow to import
+    import threadpoolctl
 
+    from seatrial.runner import trial as trials
+else:
+    import lazy_loader
+
+    threadpoolctl = lazy_loader.load("threadpoolctl")
+    trials = lazy_loader.load("seatrial.runner.trial", suppress_warning=True)
 
 State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
 
@@ -24,7 +30,7 @@ State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
 class Order:
     """What to run: a resolved configuration, its options' names, and the overrides it came from."""
 
-    config: Mapping[str, Any]
+    config: Mapping[str, object]
     names: Mapping[str, str]
     overrides: Sequence[str]
 
@@ -63,8 +69,6 @@ def shown(overrides: Sequence[str]) -> str:
 
 def prepare(order: Order) -> Trial:
     """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
-    from seatrial.runner import trial as trials
-
     trial = build_trial(order.config, order.names)
     trials.check(trial)
     return trial
@@ -77,23 +81,17 @@ def perform(
 
     Errors of the trial are stored in its row; errors of the logbook are raised.
     """
-    from seatrial.runner.database import Logbook
-
-    with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+    with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
         if begun.state != "new":
             return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
         return _run(trial, logbook, begun.run_id)
 
 
-def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
-    from threadpoolctl import threadpool_limits
-
-    from seatrial.runner import trial as trials
-
+def _run(trial: Trial, logbook: "database.Logbook", run_id: int) -> Outcome:
     try:
         # One thread per trial: workers share the cores, and sums are equal on every machine.
-        with threadpool_limits(1):
+        with threadpoolctl.threadpool_limits(1):
             results = trials.run(trial)
     except Diverged as error:
         partial = error.results if isinstance(error, trials.TrialDiverged) else None
@@ -105,11 +103,11 @@ def _run(trial: Trial, logbook: "Logbook", run_id: int) -> Outcome:
 
 
 def _store_failure(
-    logbook: "Logbook",
+    logbook: "database.Logbook",
     run_id: int,
     status: Literal["diverged", "failed"],
     error: Exception,
-    results: "Results | None" = None,
+    results: "database.Results | None" = None,
 ) -> Outcome:
     """Store a run that did not finish, with its error."""
     kind = "Diverged" if status == "diverged" else type(error).__name__
@@ -121,13 +119,11 @@ def _store_failure(
     return Outcome(status, run_id, kind, message)
 
 
-def _start(trial: Trial, order: Order, provenance: Provenance) -> "RunStart":
-    from seatrial.runner.database.records import RunStart
-
+def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunStart":
     # The address of the database may contain a password; the sweep has a row of its own.
     apart = ("database", "sweep")
     stored = {key: value for key, value in order.config.items() if key not in apart}
-    return RunStart(
+    return database.RunStart(
         fingerprint=order.fingerprint(provenance.sources),
         **{group: order.names[group] for group in GROUPS},
         seed=trial.seed,
@@ -165,7 +161,7 @@ class Refusal:
         return f"{self.asked}: {self.reason}"
 
 
-Known = dict[str, "RunSummary"]
+StoredRuns = dict[str, "database.RunSummary"]
 
 
 def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
@@ -173,30 +169,24 @@ def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
 
     Trials without an attempt are left out.
     """
-    from seatrial.runner.database import Logbook
-    from seatrial.runner.database.tables import Run
-
     fingerprints = {plan.fingerprint for plan in plans}
-    with Logbook.read(url) as logbook:
-        runs = logbook.runs(Run.sweep_id == sweep_id)  # in the order of their attempts
+    with database.Logbook.read(url) as logbook:
+        # In the order of their attempts.
+        runs = logbook.runs(database.tables.Run.sweep_id == sweep_id)
     return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
 
 
-def known(plans: Iterable[Plan]) -> Known:
+def known(plans: Iterable[Plan]) -> StoredRuns:
     """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
-    from seatrial.runner.database import Logbook
-    from seatrial.runner.database.engine import parse
-    from seatrial.runner.database.schema import Condition, inspect
-
     plans = list(plans)
     if not plans:
         return {}
     url = plans[0].trial.database_url
-    address = parse(url)
+    address, schema = database.engine.parse(url), database.schema
     absent = address.path is not None and not address.path.exists()
-    if absent or inspect(address) is Condition.EMPTY:
+    if absent or schema.inspect(address) is schema.Condition.EMPTY:
         return {}
-    with Logbook.read(url) as logbook:
+    with database.Logbook.read(url) as logbook:
         runs = {plan.fingerprint: logbook.trial(plan.fingerprint) for plan in plans}
     return {key: run for key, run in runs.items() if run is not None}
 
@@ -207,7 +197,7 @@ def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
     return [_listed(plan, runs) for plan in plans]
 
 
-def _listed(plan: Plan | Refusal, runs: Known) -> tuple[str, str, str]:
+def _listed(plan: Plan | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
     if isinstance(plan, Refusal):
         return "refused", plan.asked, plan.reason
     run = runs.get(plan.fingerprint)

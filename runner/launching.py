@@ -19,6 +19,7 @@ from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -34,7 +35,7 @@ AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
 
 
 @dataclass
-class Launched:
+class LaunchResult:
     """The outcomes of a sweep's trials that the launcher reported; the logbook holds the rest."""
 
     outcomes: list[Outcome] = field(default_factory=list)
@@ -44,8 +45,6 @@ class Launched:
 
 def check(choice: str, arguments: Sequence[str]) -> None:
     """Raise ConfigurationError if the launcher would write a password to its files."""
-    from seatrial.runner.database import without_passwords
-
     if choice.startswith("submitit") and any(
         without_passwords(argument) != argument for argument in arguments
     ):
@@ -61,12 +60,12 @@ def launch(
     plans: Sequence[Plan],
     sweep_id: int,
     size: int | None,
-) -> Launched:
+) -> LaunchResult:
     """Run the plans with the launcher that `make` creates, at most `size` of them at a time.
 
     Raises ConfigurationError if the launcher `choice` cannot be used here.
     """
-    launched = Launched()
+    launched = LaunchResult()
     if not plans:
         return launched
     launcher = make()
@@ -91,7 +90,7 @@ def launch(
 
 
 def _launch_batch(
-    launcher: Launcher, batch: Sequence[Plan], start: int, launched: Launched
+    launcher: Launcher, batch: Sequence[Plan], start: int, launched: LaunchResult
 ) -> bool:
     """Launch a batch; returns False if the launcher lost one of its workers."""
     overrides = [list(plan.order.overrides) for plan in batch]
@@ -114,7 +113,7 @@ def _is_loss(error: Exception) -> bool:
 
 
 def _relaunch_lost(
-    launcher: Launcher, batch: Sequence[Plan], start: int, sweep_id: int, launched: Launched
+    launcher: Launcher, batch: Sequence[Plan], start: int, sweep_id: int, launched: LaunchResult
 ) -> None:
     """Launch the lost trials of a batch once more, after the other trials have ended."""
     lost = _wait_for_end(batch, sweep_id)

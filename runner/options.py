@@ -51,7 +51,7 @@ EXPECTED = {
 }
 
 
-class Refused(ValueError):  # noqa: N818
+class OptionError(ValueError):
     """An invalid object, with the place of the error; pydantic passes ValueErrors on."""
 
     def __init__(self, place: Place, message: str) -> None:
@@ -68,31 +68,31 @@ class Refused(ValueError):  # noqa: N818
         return (key + message).removeprefix(": ")
 
 
-def part(cls: type, node: Any) -> Any:
-    """Build the object, a `cls`, that a node describes; raises Refused."""
+def part(cls: type, node: object) -> object:
+    """Build the object, a `cls`, that a node describes; raises OptionError."""
     if cls is object and node in (None, {}):
         return None
     if not isinstance(node, Mapping):
-        raise Refused((), f": got {_shown(node)}, expected a group of options")
+        raise OptionError((), f": got {_shown(node)}, expected a group of options")
     if "_target_" not in node and not is_dataclass(cls):
-        raise Refused(("_target_",), " is missing, expected the name of a class")
+        raise OptionError(("_target_",), " is missing, expected the name of a class")
     node_class = target(node["_target_"]) if "_target_" in node else cls
     if not (getattr(cls, "_is_protocol", False) or issubclass(node_class, cls)):
-        raise Refused((), f": got a {node_class.__name__}, expected a {cls.__name__}")
+        raise OptionError((), f": got a {node_class.__name__}, expected a {cls.__name__}")
     values = {name: value for name, value in node.items() if name != "_target_"}
     try:
         return node_class(**options(node_class).validate_python(values))
     except ValidationError as error:
-        raise _refused(error, values, node_class) from None
+        raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
-        raise Refused((), f": {error}") from error
+        raise OptionError((), f": {error}") from error
 
 
-def target(name: Any) -> type:
-    """Import the dataclass that a `_target_` names; raises Refused."""
+def target(name: object) -> type:
+    """Import the dataclass that a `_target_` names; raises OptionError."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
-        raise Refused(("_target_",), f": got {name!r}, expected the name of a class")
+        raise OptionError(("_target_",), f": got {name!r}, expected the name of a class")
     try:
         result = getattr(import_module(module_name), class_name, None)
     except ModuleNotFoundError as error:
@@ -100,12 +100,12 @@ def target(name: Any) -> type:
             raise  # the module exists, but one of its imports does not: a bug
         result = None
     if not (isinstance(result, type) and is_dataclass(result)):
-        raise Refused(("_target_",), f": got {name!r}, which is not a dataclass to build")
+        raise OptionError(("_target_",), f": got {name!r}, which is not a dataclass to build")
     return result
 
 
 @cache
-def options(cls: type) -> TypeAdapter[dict[str, Any]]:
+def options(cls: type) -> TypeAdapter[dict[str, object]]:
     """Return pydantic's checks of a dataclass's options; those with a default are optional."""
     hints = get_type_hints(cls, include_extras=True)
     declared = {}
@@ -143,19 +143,19 @@ def _strict(hint: Any) -> Any:
     return hint
 
 
-def _not_empty(value: Any) -> Any:
+def _not_empty(value: object) -> object:
     if value == "":
-        raise Refused((), ": got '', expected a path")
+        raise OptionError((), ": got '', expected a path")
     return value
 
 
-def _anything(value: Any) -> Any:
+def _anything(value: object) -> object:
     if isinstance(value, float) and not isfinite(value):
-        raise Refused((), f": got {value}, expected a finite number")
+        raise OptionError((), f": got {value}, expected a finite number")
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 
-def _refused(error: ValidationError, values: Mapping[str, Any], cls: type) -> Refused:
+def _option_error(error: ValidationError, values: Mapping[str, object], cls: type) -> OptionError:
     """Convert the first of pydantic's errors about an object to a message."""
     problems = error.errors(include_url=False)
     order = ("extra_forbidden", "missing")
@@ -168,22 +168,22 @@ def _refused(error: ValidationError, values: Mapping[str, Any], cls: type) -> Re
     errors = [item for item in errors if _place(values, item["loc"]) == place]
     for item in errors:
         inner = item.get("ctx", {}).get("error")
-        if isinstance(inner, Refused):
-            return Refused((*place, *inner.place), str(inner))
+        if isinstance(inner, OptionError):
+            return OptionError((*place, *inner.place), str(inner))
     first = errors[0]
     if first["type"] == "extra_forbidden":
-        return Refused(place, f": unknown option, {_hint(str(place[-1]), cls)}")
+        return OptionError(place, f": unknown option, {_hint(str(place[-1]), cls)}")
     if first["type"] == "missing" and not place:
-        return Refused((first["loc"][0],), " is missing")
+        return OptionError((first["loc"][0],), " is missing")
     if first["type"] in ("greater_than", "greater_than_equal"):
         context = first["ctx"]
         bound = Gt(context["gt"]) if "gt" in context else Ge(context["ge"])
         null = " or null" if "none_required" in [item["type"] for item in errors] else ""
-        return Refused(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
+        return OptionError(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
     expected = " or ".join(dict.fromkeys(map(_expected, errors)))
     if first["type"] == "missing":  # one error per missing number of a list of fixed length
         expected = f"a list of {int(errors[-1]['loc'][-1]) + 1}"
-    return Refused(place, f": got {_shown(first['input'])}, expected {expected}")
+    return OptionError(place, f": got {_shown(first['input'])}, expected {expected}")
 
 
 def _place(value: Any, location: Place) -> Place:
@@ -214,7 +214,7 @@ def _hint(name: str, cls: type) -> str:
     return f"expected one of {', '.join(known)}" if known else "expected no options here"
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """Format a value as in YAML, shortened to 80 characters."""
     words = {None: "null", True: "true", False: "false"}
     text = words[value] if value is None or isinstance(value, bool) else repr(value)

@@ -8,7 +8,9 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
@@ -21,8 +23,9 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner import console
+from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.hydra_errors import EXPECTED, one_line
@@ -37,16 +40,13 @@ from seatrial.runner.job import (
     prepare,
     shown,
 )
-from seatrial.runner.launching import Launched, check, launch
+from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.provenance import Provenance, collect
-
-if TYPE_CHECKING:
-    from seatrial.runner.database import Logbook
 
 # The jobs of a sweep: a grid of values, and variants that change several options together.
 
 
-Options = Mapping[str, Any]
+Options = Mapping[str, object]
 
 
 def jobs_of(
@@ -81,7 +81,7 @@ def _values(override: Override) -> list[str]:
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Format a YAML value in the grammar of the command line; text is not changed."""
     if value is None:
         return "null"
@@ -136,16 +136,16 @@ class SweepJob:
 
     sweep_id: int
     provenance: Provenance
+    compile_times: CompileTimes
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial; the outcome is `lost` if the logbook cannot store it."""
-        from seatrial.runner.database.engine import parse
-        from seatrial.runner.database.outage import expect
-
+        self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
-            expect(parse(trial.database_url).url)  # reached before: it holds the sweep
+            address = database.engine.parse(trial.database_url)
+            database.outage.expect(address.url)  # reached before: it holds the sweep
             return self.carry_out(trial, order)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
@@ -170,8 +170,9 @@ class SeatrialSweeper(Sweeper):
         variants: ListConfig | None = None,
     ) -> None:
         self.max_batch_size = max_batch_size
-        self.params: Any = OmegaConf.to_container(params) if params else {}
-        self.variants: Any = OmegaConf.to_container(variants) if variants else []
+        self.params = cast(Options, OmegaConf.to_container(params) if params else {})
+        listed = OmegaConf.to_container(variants) if variants else []
+        self.variants = cast(Sequence[Options], listed)
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
@@ -180,7 +181,7 @@ class SeatrialSweeper(Sweeper):
         self._loader = SharingLoader(hydra_context.config_loader)
         self._context = HydraContext(cast(ConfigLoader, self._loader), hydra_context.callbacks)
         self._config = config
-        self.session: Any = task_function
+        self.session = cast(Session, task_function)
 
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
@@ -195,16 +196,17 @@ class SeatrialSweeper(Sweeper):
             self._run(_accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
-        from seatrial.runner.database import Logbook
-
         check(self._choice, arguments)
         trial, provenance = plans[0].trial, collect()
         url = trial.database_url
-        with Logbook.open(url, results_dir=trial.results_dir) as logbook:
+        with (
+            database.Logbook.open(url, results_dir=trial.results_dir) as logbook,
+            TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
+        ):
             sweep_id = _begin_sweep(logbook, trial, provenance, arguments, len(plans))
-            job = SweepJob(sweep_id, provenance)
+            job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
             outcomes, remaining = _finished_before(plans, job)
-            with console.shown(url, sweep_id):
+            with console.shown(url, sweep_id, job.compile_times):
                 try:
                     launched = self._launch(remaining, job)
                 except KeyboardInterrupt:
@@ -224,7 +226,7 @@ class SeatrialSweeper(Sweeper):
         """The name of the launcher."""
         return str(self._config.hydra.runtime.choices["hydra/launcher"])
 
-    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> Launched:
+    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> LaunchResult:
         def make() -> Launcher:
             return Plugins.instance().instantiate_launcher(
                 hydra_context=self._context, task_function=job, config=self._config
@@ -234,7 +236,11 @@ class SeatrialSweeper(Sweeper):
 
 
 def _begin_sweep(
-    logbook: "Logbook", trial: Trial, provenance: Provenance, arguments: Sequence[str], planned: int
+    logbook: "database.Logbook",
+    trial: Trial,
+    provenance: Provenance,
+    arguments: Sequence[str],
+    planned: int,
 ) -> int:
     """Store the start of a sweep with its labels; returns its id."""
     labels = trial.sweep
@@ -250,12 +256,10 @@ def _begin_sweep(
 
 def _perform(plan: Plan, provenance: Provenance) -> Outcome:
     """Run a single trial; one with labels is a sweep of its own."""
-    from seatrial.runner.database import Logbook
-
     trial, order = plan.trial, plan.order
     if not trial.sweep:
         return perform(trial, order, provenance)
-    with Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+    with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         sweep_id = _begin_sweep(logbook, trial, provenance, order.overrides, 1)
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)

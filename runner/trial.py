@@ -22,7 +22,13 @@ from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
-from seatrial.runner.closed_loop import Excited, Prepared, Sailed, Streams, prepare
+from seatrial.runner.closed_loop import (
+    ExcitationData,
+    MissionSetup,
+    SimulatedMission,
+    Streams,
+    prepare,
+)
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
@@ -211,7 +217,7 @@ def excitation_report(problem: Problem, recording: Recording) -> list[Finding]:
     return excitation_results.excitation_report(reports)
 
 
-def unreached(excited: Excited) -> list[Metric]:
+def unreached(excited: ExcitationData) -> list[Metric]:
     """Compute the share of commands that the thrusters could not produce; warn if it is not 0."""
     if excited.sailed is None:
         return []
@@ -232,7 +238,7 @@ def skipped(trial: Trial) -> str | None:
     return trial.evaluation.skip_reason(trial.excitation)
 
 
-def excite(trial: Trial, seeds: Streams) -> Excited:
+def excite(trial: Trial, seeds: Streams) -> ExcitationData:
     """Simulate the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
     if isinstance(trial.excitation, Reader):
@@ -244,10 +250,10 @@ def excite(trial: Trial, seeds: Streams) -> Excited:
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = trial.excitation.split(recording.t)
     recording = recording.with_thruster(vessel.thruster)
-    return Excited(recording, split.train, split.test, truth, sailed)
+    return ExcitationData(recording, split.train, split.test, truth, sailed)
 
 
-def sailed_excitation(prepared: Prepared) -> Sailed:
+def sailed_excitation(prepared: MissionSetup) -> SimulatedMission:
     """Simulate the excitation, after the warnings of the controller's design are logged.
 
     Raises TrialDiverged with the results of the design.

@@ -82,8 +82,9 @@ def pivot(
     """Group observations of `runs` by the levels of the factors.
 
     `runs` are all runs of the table, finished or not; `flagged` holds (run id, dof) of those below
-    the true model, `diverged` the predictions that diverged with the time that they held
-    [s]; `name_order` is the order of the metrics in the request. With `likeness` every experiment counts once.
+    the true model, `diverged` the predictions that diverged with the time that they held [s];
+    `name_order` is the order of the metrics in the request. With `likeness` every experiment counts
+    once.
     """
     grouped: dict[tuple[Key, Key], list[Observation]] = defaultdict(list)
     for observation in observations:

@@ -1,65 +1,59 @@
 """The logbook: the database of results.
 
-The names below are imported at first use, because importing SQLAlchemy takes a third of a second.
+The modules and names below are imported at first use (SPEC 1 of Scientific Python), because
+importing SQLAlchemy takes a third of a second.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from seatrial.runner.database.engine import display_url
-    from seatrial.runner.database.logbook import Logbook
-    from seatrial.runner.database.mask import without_passwords
-    from seatrial.runner.database.reader import Reader
-    from seatrial.runner.database.records import (
-        Answer,
-        Begun,
-        Coefficient,
-        Metric,
-        Problem,
-        Pruned,
-        Results,
-        RunDetail,
-        RunStart,
-        RunSummary,
-        Series,
-        SeriesFile,
-        SweepStatus,
-        SweepSummary,
-        Verification,
+    from seatrial.runner.database import engine as engine
+    from seatrial.runner.database import outage as outage
+    from seatrial.runner.database import records as records
+    from seatrial.runner.database import schema as schema
+    from seatrial.runner.database import tables as tables
+    from seatrial.runner.database.engine import display_url as display_url
+    from seatrial.runner.database.logbook import Logbook as Logbook
+    from seatrial.runner.database.mask import without_passwords as without_passwords
+    from seatrial.runner.database.reader import Reader as Reader
+    from seatrial.runner.database.records import Answer as Answer
+    from seatrial.runner.database.records import Coefficient as Coefficient
+    from seatrial.runner.database.records import Metric as Metric
+    from seatrial.runner.database.records import Problem as Problem
+    from seatrial.runner.database.records import PruneResult as PruneResult
+    from seatrial.runner.database.records import Results as Results
+    from seatrial.runner.database.records import RunClaim as RunClaim
+    from seatrial.runner.database.records import RunDetail as RunDetail
+    from seatrial.runner.database.records import RunStart as RunStart
+    from seatrial.runner.database.records import RunSummary as RunSummary
+    from seatrial.runner.database.records import Series as Series
+    from seatrial.runner.database.records import SeriesFile as SeriesFile
+    from seatrial.runner.database.records import SweepStatus as SweepStatus
+    from seatrial.runner.database.records import SweepSummary as SweepSummary
+    from seatrial.runner.database.records import Verification as Verification
+else:
+    import lazy_loader
+
+    __getattr__, __dir__, __all__ = lazy_loader.attach(
+        __name__,
+        ["engine", "outage", "records", "schema", "tables"],
+        {
+            "engine": ["display_url"],
+            "logbook": ["Logbook"],
+            "mask": ["without_passwords"],
+            "reader": ["Reader"],
+            "records": [
+                *(
+                    "Answer",
+                    "RunClaim",
+                    "Coefficient",
+                    "Metric",
+                    "Problem",
+                    "PruneResult",
+                    "Results",
+                ),
+                *("RunDetail", "RunStart", "RunSummary", "Series", "SeriesFile", "SweepStatus"),
+                *("SweepSummary", "Verification"),
+            ],
+        },
     )
-
-
-_HOMES = {
-    "Logbook": "logbook",
-    "Reader": "reader",
-    "display_url": "engine",
-    "without_passwords": "mask",
-}
-__all__ = [
-    "Answer",
-    "Begun",
-    "Coefficient",
-    "Logbook",
-    "Metric",
-    "Problem",
-    "Pruned",
-    "Reader",
-    "Results",
-    "RunDetail",
-    "RunStart",
-    "RunSummary",
-    "Series",
-    "SeriesFile",
-    "SweepStatus",
-    "SweepSummary",
-    "Verification",
-    "display_url",
-    "without_passwords",
-]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'records')}"), name)

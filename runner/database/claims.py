@@ -8,12 +8,12 @@ that seems lost has finished in the meantime.
 
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import Any
+from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, Connection, Row, select, update
+from sqlalchemy import ColumnElement, Connection, Insert, select, update
 from sqlalchemy.dialects import sqlite
 
 from seatrial.models.errors import LogbookError
@@ -29,26 +29,39 @@ from seatrial.runner.database.mask import (
     without_address,
     without_passwords,
 )
-from seatrial.runner.database.records import Begun, RunStart, plain
+from seatrial.runner.database.records import RunClaim, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
 from seatrial.runner.vocabulary import GROUPS
 
 _TRIES = 10  # a try fails only if another process changed the rows at the same time
 
 
+class _Attempt(NamedTuple):
+    """The columns of an attempt at a trial that decide whether it counts."""
+
+    id: int
+    number: int
+    status: str
+    process: str | None
+    host: str
+    pid: int
+    started_at: datetime
+    stale: bool  # its heartbeat
+
+
 def claim(
     connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
-) -> Begun:
+) -> RunClaim:
     """Begin a run of the trial, unless it is running, or finished and `rerun` is False.
 
     A run that this process began at the same `moment` is returned as new: the server committed it,
     but the connection was lost before the reply. Raises LogbookError if no try succeeds.
     """
     for _ in range(_TRIES):
-        attempts = _attempts(connection, start.fingerprint)
+        attempts = _attempts(connection, Run.fingerprint == start.fingerprint)
         begun = _own(attempts, moment) or _existing(attempts, rerun)
         if begun is None and _lost_are_given_up(connection, attempts):
-            attempt = 1 + max((run.attempt for run in attempts), default=0)
+            attempt = 1 + max((run.number for run in attempts), default=0)
             begun = _insert(connection, _row(start, sweep_id, attempt, moment))
             lost = sum(run.status == "running" for run in attempts)
             begun = replace(begun, lost=lost) if begun is not None else None
@@ -72,50 +85,43 @@ def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElem
 
 def give_up_gone(connection: Connection, sweep_id: int) -> None:
     """Mark the runs of a sweep as interrupted whose processes on this machine have ended."""
-    columns: list[Any] = [Run.id, Run.process, Run.host, Run.pid]
-    running = select(*columns).where(Run.sweep_id == sweep_id, Run.status == "running")
-    for run in connection.execute(running).all():
+    for run in _attempts(connection, Run.sweep_id == sweep_id, Run.status == "running"):
         if is_gone(run.process):
             _is_given_up(connection, run)
 
 
-def _attempts(connection: Connection, fingerprint: str) -> Sequence[Row[Any]]:
-    stale = is_stale(Run.heartbeat_at).label("stale")
-    return connection.execute(
-        select(
-            *(Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, Run.started_at),
-            stale,
-        )
-        .where(Run.fingerprint == fingerprint)
-        .order_by(Run.attempt)
-    ).all()
+def _attempts(connection: Connection, *where: ColumnElement[bool]) -> list[_Attempt]:
+    stale = is_stale(Run.heartbeat_at)
+    columns = (Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, Run.started_at)
+    rows = connection.execute(select(*columns, stale).where(*where).order_by(Run.attempt)).all()
+    return [_Attempt(*row) for row in rows]
 
 
-def _own(attempts: Sequence[Row[Any]], moment: datetime) -> Begun | None:
+def _own(attempts: Sequence[_Attempt], moment: datetime) -> RunClaim | None:
     own = (socket.gethostname(), os.getpid(), moment, "running")
     for run in attempts:
         if (run.host, run.pid, run.started_at, run.status) == own:
-            return Begun(run.id, "new")
+            return RunClaim(run.id, "new")
     return None
 
 
-def _existing(attempts: Sequence[Row[Any]], rerun: bool) -> Begun | None:
+def _existing(attempts: Sequence[_Attempt], rerun: bool) -> RunClaim | None:
     """Return the finished or running run of the trial, if there is one."""
     finished = [run.id for run in attempts if run.status == "finished"]
     if finished and not rerun:
-        return Begun(finished[-1], "finished")
+        return RunClaim(finished[-1], "finished")
     for run in attempts:
         if run.status == "running" and not (run.stale or is_gone(run.process)):
-            return Begun(run.id, "busy")
+            return RunClaim(run.id, "busy")
     return None
 
 
-def _lost_are_given_up(connection: Connection, attempts: Sequence[Row[Any]]) -> bool:
+def _lost_are_given_up(connection: Connection, attempts: Sequence[_Attempt]) -> bool:
     """Mark the running attempts as interrupted; False if one has ended or is alive after all."""
     return all(_is_given_up(connection, run) for run in attempts if run.status == "running")
 
 
-def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
+def _is_given_up(connection: Connection, run: _Attempt) -> bool:
     process = f"process {run.pid} on {run.host}"
     if is_gone(run.process):
         return give_up(connection, run.id, f"{process} has ended")
@@ -123,14 +129,14 @@ def _is_given_up(connection: Connection, run: Row[Any]) -> bool:
     return give_up(connection, run.id, reason, is_stale(Run.heartbeat_at))
 
 
-def _insert(connection: Connection, row: dict[str, Any]) -> Begun | None:
+def _insert(connection: Connection, row: Mapping[str, object]) -> RunClaim | None:
     """Insert the new run; None if another process was first."""
     statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
     run_id = connection.execute(statement.returning(Run.id), row).scalar()
-    return Begun(run_id, "new") if run_id is not None else None
+    return RunClaim(run_id, "new") if run_id is not None else None
 
 
-def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
+def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:
     """Return an INSERT without values, so that SQLAlchemy compiles it only once."""
     if connection.dialect.name == "sqlite":
         return sqlite.insert(table).on_conflict_do_nothing()
@@ -139,7 +145,9 @@ def _insert_unless_there(connection: Connection, table: type[Base]) -> Any:
     return postgresql.insert(table).on_conflict_do_nothing()
 
 
-def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) -> dict[str, Any]:
+def _row(
+    start: RunStart, sweep_id: int | None, attempt: int, moment: datetime
+) -> dict[str, object]:
     pid = os.getpid()
     return {
         "sweep_id": sweep_id,
@@ -163,7 +171,7 @@ def _row(start: RunStart, sweep_id: int | None, attempt: int, moment: datetime) 
     }
 
 
-def clean(value: Any) -> Any:
+def clean(value: object) -> object:
     """Convert a value to plain JSON without passwords, as the database stores it."""
     value = plain(value)
     if isinstance(value, str):

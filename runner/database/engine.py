@@ -9,12 +9,12 @@ import json
 import os
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, create_engine, event
@@ -166,7 +166,7 @@ def one_line(error: Exception) -> str:
     return first.replace("unable to open database file", "cannot open the database file")
 
 
-def _sqlite(connect: Any, begin: str) -> Engine:
+def _sqlite(connect: Callable[[], sqlite3.Connection], begin: str) -> Engine:
     engine = create_engine(
         "sqlite://", creator=connect, poolclass=QueuePool, json_serializer=_to_json
     )
@@ -255,24 +255,23 @@ def _open_uri(path: Path, option: str) -> sqlite3.Connection:
 
 
 def _postgresql(address: Address, *, read_only: bool) -> Engine:
+    # JIT compilation takes longer than any query of this package.
+    options = {} if "options" in address.url.query else {"options": "-c jit=off"}
     try:
-        import psycopg  # noqa: F401 - an extra, and slow to import
+        engine = create_engine(
+            address.url,
+            pool_pre_ping=True,
+            json_serializer=_to_json,
+            connect_args={
+                "connect_timeout": CONNECT_TIMEOUT_S,
+                "application_name": "seatrial",
+                **options,
+            },
+            execution_options={"postgresql_readonly": True} if read_only else {},
+        )
     except ImportError as error:
         raise LogbookError(
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
-    # JIT compilation takes longer than any query of this package.
-    options = {} if "options" in address.url.query else {"options": "-c jit=off"}
-    engine = create_engine(
-        address.url,
-        pool_pre_ping=True,
-        json_serializer=_to_json,
-        connect_args={
-            "connect_timeout": CONNECT_TIMEOUT_S,
-            "application_name": "seatrial",
-            **options,
-        },
-        execution_options={"postgresql_readonly": True} if read_only else {},
-    )
     wait_for_server(engine)
     return engine

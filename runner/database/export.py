@@ -1,10 +1,14 @@
-"""Export of every table as Parquet and CSV, from one snapshot of the database."""
+"""Export of every table as Parquet and CSV, from one snapshot of the database.
+
+Slow to import, because pyarrow is.
+"""
 
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
+import pyarrow as pa
+from pyarrow import csv, parquet
 from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, select
 from sqlalchemy.types import TypeEngine
 
@@ -35,10 +39,7 @@ def export(connection: Connection, folder: Path) -> list[Path]:
 
 
 def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
-    import pyarrow as pa  # slow to import
-    from pyarrow import csv, parquet
-
-    schema = pa.schema([(column.name, _arrow(pa, column.type)) for column in table.columns])
+    schema = pa.schema([(column.name, _arrow(column.type)) for column in table.columns])
     paths = [folder / f"{table.name}.{suffix}" for suffix in FORMATS]
     unfinished = [path.with_name(f".{path.name}.tmp") for path in paths]
     try:
@@ -57,9 +58,7 @@ def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
     return paths
 
 
-def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]:
-    import pyarrow as pa
-
+def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterator[pa.Table]:
     order = list(table.primary_key)
     statement = select(table).order_by(*order).execution_options(yield_per=_BATCH)
     for rows in connection.execute(statement).partitions():
@@ -72,7 +71,7 @@ def _batches(connection: Connection, table: Table, schema: Any) -> Iterator[Any]
         yield pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _texts(column: TypeEngine[Any], values: Sequence[Any]) -> Sequence[Any]:
+def _texts(column: TypeEngine[object], values: Sequence[object]) -> Sequence[object]:
     """Convert JSON values to text, and mask passwords that older versions stored in text."""
     if isinstance(column, JSON):
         return [
@@ -80,11 +79,11 @@ def _texts(column: TypeEngine[Any], values: Sequence[Any]) -> Sequence[Any]:
             for value in values
         ]
     if isinstance(column, Text):
-        return [value and without_passwords(value) for value in values]
+        return [without_passwords(value) if isinstance(value, str) else value for value in values]
     return values
 
 
-def _arrow(pa: Any, column: TypeEngine[Any]) -> Any:
+def _arrow(column: TypeEngine[object]) -> pa.DataType:
     """Return the Arrow type of a column."""
     if isinstance(column, Utc):
         return pa.timestamp("us", tz="UTC")

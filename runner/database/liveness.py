@@ -6,14 +6,15 @@ process itself is checked, without waiting.
 """
 
 import logging
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import Any
 
-from sqlalchemy import ColumnElement, Engine, update
+from sqlalchemy import Engine, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import Boolean, DateTime
 
@@ -25,7 +26,7 @@ HEARTBEAT_S = 5.0
 STALE_AFTER_S = 60.0
 
 
-class database_now(FunctionElement[Any]):  # noqa: N801 - named as an SQL function
+class database_now(FunctionElement[datetime]):  # noqa: N801 - named as an SQL function
     """The time of the database's clock, UTC without a zone."""
 
     type = DateTime()
@@ -33,16 +34,16 @@ class database_now(FunctionElement[Any]):  # noqa: N801 - named as an SQL functi
 
 
 @compiles(database_now, "sqlite")
-def _sqlite_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str:
+def _sqlite_now(element: database_now, compiler: SQLCompiler, **_: object) -> str:
     return "strftime('%Y-%m-%d %H:%M:%f000', 'now')"
 
 
 @compiles(database_now, "postgresql")
-def _postgresql_now(element: ColumnElement[Any], compiler: Any, **_: Any) -> str:
+def _postgresql_now(element: database_now, compiler: SQLCompiler, **_: object) -> str:
     return "timezone('utc', clock_timestamp())"
 
 
-class is_stale(FunctionElement[Any]):  # noqa: N801
+class is_stale(FunctionElement[bool]):  # noqa: N801
     """Whether a heartbeat column is NULL, or differs by STALE_AFTER_S from the database's clock."""
 
     type = Boolean()
@@ -50,7 +51,7 @@ class is_stale(FunctionElement[Any]):  # noqa: N801
 
 
 @compiles(is_stale)
-def _is_stale(element: Any, compiler: Any, **options: Any) -> str:
+def _is_stale(element: is_stale, compiler: SQLCompiler, **options: object) -> str:
     return stale(compiler.process(element.clauses, **options), compiler.dialect.name)
 
 

@@ -9,12 +9,12 @@ with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) a
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from sqlalchemy import Connection, Engine, insert, select, update
 from sqlalchemy.engine import URL
@@ -30,9 +30,9 @@ from seatrial.runner.database.mask import command_without_address, without_addre
 from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
-    Begun,
-    Pruned,
+    PruneResult,
     Results,
+    RunClaim,
     RunStart,
     Series,
     SeriesFile,
@@ -143,7 +143,7 @@ class Logbook(Reader):
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
-    ) -> Begun:
+    ) -> RunClaim:
         """Claim a trial: `new` if the caller is to run it, else the run that finished or runs it.
 
         A new run has a heartbeat until it ends.
@@ -211,12 +211,12 @@ class Logbook(Reader):
             traceback=traceback,
         )
 
-    def prune(self, run_ids: Sequence[int]) -> Pruned:
+    def prune(self, run_ids: Sequence[int]) -> PruneResult:
         """Delete runs with their rows, then their files; running runs are not deleted."""
         with self._writing() as connection:
             deleted, paths = maintenance.delete_runs(connection, run_ids)
         failures = maintenance.remove(self.results_dir, paths)
-        return Pruned(deleted, len(paths) - len(failures), failures)
+        return PruneResult(deleted, len(paths) - len(failures), failures)
 
     def scrub(self) -> int:
         """Remove passwords that older versions stored; returns the number of changed rows."""
@@ -252,12 +252,12 @@ class Logbook(Reader):
         if not series:
             return []
         run = tables.Run
-        columns: list[Any] = [run.fingerprint, run.attempt, run.started_at]
-        rows = self.select(select(*columns).where(run.id == run_id))
+        columns = select(run.fingerprint, run.attempt, run.started_at)
+        rows = self.select(columns.where(run.id == run_id))
         if not rows:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = rows
-        run_mark = files.mark(row.fingerprint, row.attempt, row.started_at)
+        run_mark = files.mark(*row)
         return files.write(self.results_dir, run_id, run_mark, series)
 
     def _duration(self, run_id: int) -> float | None:
@@ -268,7 +268,7 @@ class Logbook(Reader):
         self,
         connection: Connection,
         run_id: int,
-        ending: dict[str, Any],
+        ending: Mapping[str, object],
         results: Results,
         written: Sequence[SeriesFile],
     ) -> None:
@@ -290,7 +290,7 @@ class Logbook(Reader):
             )
 
 
-def _insert_sweep(connection: Connection, row: dict[str, Any]) -> int:
+def _insert_sweep(connection: Connection, row: Mapping[str, object]) -> int:
     """Insert a sweep and return its id, also if the reply to an earlier insert was lost."""
     same = [getattr(tables.Sweep, name) == row[name] for name in ("host", "pid", "started_at")]
     sweep_id = connection.scalar(select(tables.Sweep.id).where(*same))
@@ -304,7 +304,7 @@ def _insert_sweep(connection: Connection, row: dict[str, Any]) -> int:
 def _insert_results(
     connection: Connection, run_id: int, results: Results, written: Sequence[SeriesFile]
 ) -> None:
-    rows: dict[type[tables.Base], list[dict[str, Any]]] = {
+    rows: dict[type[tables.Base], list[dict[str, object]]] = {
         tables.Metric: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
         tables.Coefficient: [
             vars(coefficient) | _numbers(coefficient, "value", "std_error", "true_value")
@@ -326,5 +326,5 @@ def _insert_results(
             )
 
 
-def _numbers(fact: Any, *names: str) -> dict[str, float | None]:
+def _numbers(fact: object, *names: str) -> dict[str, float | None]:
     return {name: number(getattr(fact, name)) for name in names}

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import (
     ColumnElement,
@@ -74,13 +73,13 @@ def _lost_parents(connection: Connection) -> Iterator[Problem]:
                 yield Problem(f"table {table.name}", f"{count} rows refer to no {parent}")
 
 
-def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[Any]:
+def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[int]:
     (column,), parent = key.columns, key.referred_table
     parent_row = select(parent.c.id).where(parent.c.id == column).exists()
     return select(func.count()).select_from(table).where(column.is_not(None), ~parent_row)
 
 
-def _wrong_file(row: Row[Any], results_dir: Path) -> Problem | None:
+def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> Problem | None:
     where = f"run {row.run_id}, series {row.kind}"
     file = SeriesFile(row.kind, row.path, row.format, row.n_rows, row.sha256, row.columns)
     try:

@@ -5,11 +5,13 @@ once. After a timeout it does not wait again until the server has been reached.
 """
 
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
-from sqlalchemy import URL, Engine, ExceptionContext, event
+from sqlalchemy import URL, Dialect, Engine, ExceptionContext, event
+from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import DBAPIError
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.mask import without_passwords
@@ -54,8 +56,14 @@ def wait_for_server(engine: Engine) -> None:
     """
 
     @event.listens_for(engine, "do_connect")
-    def _connect(dialect: Any, record: Any, args: list[Any], options: dict[str, Any]) -> Any:
-        connection = _connected(lambda: dialect.connect(*args, **options), engine.url)
+    def _connect(
+        dialect: Dialect,
+        record: ConnectionPoolEntry,
+        args: Sequence[object],
+        options: Mapping[str, object],
+    ) -> DBAPIConnection:
+        refusal = dialect.loaded_dbapi.OperationalError
+        connection = _connected(lambda: dialect.connect(*args, **options), engine.url, refusal)
         _worth_waiting[engine.url] = True
         return connection
 
@@ -67,13 +75,11 @@ def wait_for_server(engine: Engine) -> None:
             context.is_disconnect = True
 
 
-def _connected(connect: Callable[[], T], url: URL) -> T:
-    import psycopg
-
+def _connected(connect: Callable[[], T], url: URL, refusal: type[Exception]) -> T:
     for wait_s in _waits():
         try:
             return connect()
-        except psycopg.OperationalError as error:
+        except refusal as error:
             if not _worth_waiting.get(url):
                 raise
             message = without_passwords(str(error).strip().partition("\n")[0])

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
@@ -28,7 +28,6 @@ from seatrial.runner.database import maintenance, schema, scrub, sql_query, tabl
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.export import export
 from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
@@ -46,6 +45,16 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import LOST
+
+if TYPE_CHECKING:
+    from seatrial.runner.database import export as tables_export
+else:
+    import lazy_loader
+
+    tables_export = lazy_loader.load("seatrial.runner.database.export", suppress_warning=True)
+
+Fact = TypeVar("Fact", Metric, Coefficient, Finding, SeriesFile)
+Columns = TypeVarTuple("Columns")
 
 
 class Reader:
@@ -93,12 +102,12 @@ class Reader:
             answer = sql_query.ask(connection, query)
         return Answer(answer.columns, [tuple(map(_masked, row)) for row in answer.rows])
 
-    def select(self, statement: Select[Any]) -> Sequence[Row[Any]]:
+    def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
         with engines.explained(self.address):
             return repeated(partial(self._rows, statement))
 
-    def _rows(self, statement: Select[Any]) -> Sequence[Row[Any]]:
+    def _rows(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         with self._engine.connect() as connection:
             return connection.execute(statement).all()
 
@@ -111,10 +120,7 @@ class Reader:
     def sweeps(self) -> list[SweepSummary]:
         """Return the sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
-        return [
-            SweepSummary(**{name: _masked(value) for name, value in row._asdict().items()})
-            for row in rows
-        ]
+        return [SweepSummary(**_masked_cells(row)) for row in rows]
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
@@ -122,14 +128,9 @@ class Reader:
         if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
-        return RunDetail(
-            summary=summaries[0],
-            **{
-                name: _masked(getattr(row, name))
-                for name in RunDetail.__dataclass_fields__
-                if name != "summary"
-            },
-        )
+        names = RunDetail.__dataclass_fields__
+        cells = {name: cell for name, cell in _masked_cells(row).items() if name in names}
+        return RunDetail(summary=summaries[0], **cells)
 
     def trial(self, fingerprint: str) -> RunSummary | None:
         """Return the valid attempt at the trial of this fingerprint; None if there is none."""
@@ -148,7 +149,7 @@ class Reader:
         """Return the diagnostics of a run, in the order of storage."""
         return self._facts(Finding, tables.Diagnostic, run_id)
 
-    def _facts(self, record: type[Any], table: type[tables.Base], run_id: int) -> list[Any]:
+    def _facts(self, record: type[Fact], table: type[tables.Base], run_id: int) -> list[Fact]:
         columns = table.__table__.c
         names = record.__dataclass_fields__
         statement = select(*(columns[name] for name in names)).where(columns.run_id == run_id)
@@ -206,7 +207,7 @@ class Reader:
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return export(connection, folder)
+            return tables_export.export(connection, folder)
 
     def prunable(
         self,
@@ -220,7 +221,7 @@ class Reader:
 
 def _runs(
     where: Sequence[ColumnElement[bool]], newest_first: bool, limit: int | None
-) -> Select[Any]:
+) -> Select[*tuple[object, ...]]:
     names = RunSummary.__dataclass_fields__
     order = tables.Run.id.desc() if newest_first else tables.Run.id
     return (
@@ -232,7 +233,7 @@ def _runs(
     )
 
 
-def _trials(sweep_id: int) -> Select[Any]:
+def _trials(sweep_id: int) -> Select[*tuple[object, ...]]:
     """Select the runs of a sweep and those that it reuses, ordered by attempt."""
     run, reuse = tables.Run, tables.Reuse
     started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
@@ -252,28 +253,28 @@ def _trials(sweep_id: int) -> Select[Any]:
     )
 
 
-def _summary(row: Row[Any]) -> RunSummary:
+def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:
     values = row._asdict()
     del values["process"]
-    return RunSummary(
-        **values
-        | {
-            "status": _status(row),
-            "error": _masked(values["error"]),
-            "superseded": bool(values["superseded"]),
-            "started_at": _utc(values["started_at"]),
-            "finished_at": _utc(values["finished_at"]),
-        }
-    )
+    values["status"] = _status(row)
+    values["error"] = _masked(values["error"])
+    values["superseded"] = bool(values["superseded"])
+    for name in ("started_at", "finished_at"):
+        values[name] = _utc(values[name])
+    return RunSummary(**values)
 
 
-def _status(row: Row[Any]) -> str:
+def _status(row: Row[*tuple[object, ...]]) -> str:
     """Return the status of the view; `interrupted` if the process of a running run has ended."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
 
 
-def _masked(value: Any) -> Any:
+def _masked_cells(row: Row[*tuple[object, ...]]) -> dict[str, Any]:
+    return {name: _masked(cell) for name, cell in row._asdict().items()}
+
+
+def _masked(value: object) -> object:
     """Mask the passwords that older versions stored in a cell."""
     return clean(value) if isinstance(value, str | dict | list) else value
 

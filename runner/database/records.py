@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, SupportsFloat, SupportsInt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,18 +88,18 @@ class RunStart:
     controller: str
     evaluation: str
     seed: int
-    config: Mapping[str, Any]
+    config: Mapping[str, object]
     overrides: Sequence[str] = ()
     git_commit: str | None = None
     git_dirty: bool | None = None
-    versions: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, object] = field(default_factory=dict)
     command: str = ""
     code: str | None = None  # digest of the code that computes results, 16 characters
     experiment: str | None = None  # the fingerprint without the seed
 
 
 @dataclass(frozen=True)
-class Begun:
+class RunClaim:
     """The answer to `begin_run`.
 
     new: the caller is to run the trial as `run_id`; finished: the trial finished before as run
@@ -147,11 +147,11 @@ class RunDetail:
     summary: RunSummary
     traceback: str | None
     note: str | None
-    config: dict[str, Any]
+    config: dict[str, object]
     overrides: list[str]
     git_commit: str | None
     git_dirty: bool | None
-    versions: dict[str, Any]
+    versions: dict[str, object]
     command: str | None
     host: str
     pid: int
@@ -190,7 +190,7 @@ class Answer:
     """Rows of a query, with the names of their columns."""
 
     columns: tuple[str, ...]
-    rows: list[tuple[Any, ...]]
+    rows: list[tuple[object, ...]]
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class Verification:
 
 
 @dataclass(frozen=True)
-class Pruned:
+class PruneResult:
     """The number of deleted runs and files, and the files that could not be deleted."""
 
     runs: int
@@ -240,7 +240,7 @@ class Pruned:
 # Conversion to what a database can store: numbers without NaN, text without NUL.
 
 
-def number(value: Any) -> float | None:
+def number(value: SupportsFloat | None) -> float | None:
     """Convert `value` to a float; NaN and None become None (NULL)."""
     if value is None:
         return None
@@ -248,7 +248,7 @@ def number(value: Any) -> float | None:
     return None if math.isnan(result) else result
 
 
-def integer(value: Any) -> int | None:
+def integer(value: SupportsInt | None) -> int | None:
     """Convert `value` to a Python int; None stays None."""
     return None if value is None else int(value)
 
@@ -258,7 +258,7 @@ def text(value: str) -> str:
     return value.replace("\x00", "\\x00").encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> object:
     """Convert `value` to JSON types; NaN becomes null, infinity the text "inf" or "-inf"."""
     if value is None or isinstance(value, bool | int):
         return value

@@ -169,10 +169,10 @@ def _upgrade(connection: Connection, address: Address) -> None:
 
 def migrate(connection: Connection, revision: str) -> None:
     """Run the migrations up to `revision` in the transaction of `connection`."""
-    from alembic import command
-    from alembic.config import Config
+    from alembic import command  # slow to import
+    from alembic import config as alembic_config
 
-    config = Config()
+    config = alembic_config.Config()
     config.set_main_option("script_location", str(Path(__file__).with_name("migrations")))
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection

@@ -6,7 +6,6 @@ Only cells that contain `@` or `password` are read, because a logbook may be lar
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
-from typing import Any
 
 from sqlalchemy import JSON, Connection, Text, cast, or_, select, update
 
@@ -53,7 +52,9 @@ def reclaim(address: Address) -> None:
         engine.dispose()
 
 
-def _rows_with_password(connection: Connection) -> Iterator[tuple[type[Base], int, dict[str, Any]]]:
+def _rows_with_password(
+    connection: Connection,
+) -> Iterator[tuple[type[Base], int, dict[str, object]]]:
     """Yield each row with a password: its table, its id, and its corrected cells."""
     for table in _TABLES:
         columns = [column for column in table.__table__.c if isinstance(column.type, JSON | Text)]
@@ -71,7 +72,9 @@ def _rows_with_password(connection: Connection) -> Iterator[tuple[type[Base], in
                 yield table, key, cells
 
 
-def _scrubbed(name: str, value: Any) -> Any:
-    if name == "overrides":
+def _scrubbed(name: str, value: object) -> object:
+    if name == "overrides" and isinstance(value, list):
         return clean(without_address(value))
-    return command_without_address(value) if name == "command" else clean(value)
+    if name == "command" and isinstance(value, str):
+        return command_without_address(value)
+    return clean(value)

@@ -11,13 +11,20 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.records import Series, SeriesFile
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+else:
+    import lazy_loader
+
+    pa = lazy_loader.load("pyarrow")
 
 FOLDER = "series"
 FORMAT = "parquet"
@@ -84,13 +91,11 @@ def _write_series(results_dir: Path, run: str, run_mark: str, series: Series) ->
     )
 
 
-def _array(column: NDArray[Any]) -> Any:
+def _array(column: NDArray[np.generic]) -> "pa.Array":
     """Convert a column to pyarrow, without a copy if it holds floats.
 
     `pyarrow.array` is avoided for floats because it imports pandas.
     """
-    import pyarrow as pa
-
     if column.dtype != np.float64:
         return pa.array(column)
     return pa.Array.from_buffers(
@@ -99,8 +104,7 @@ def _array(column: NDArray[Any]) -> Any:
 
 
 def _parquet(series: Series) -> memoryview:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from pyarrow import parquet
 
     arrays = [_array(column) for column in series.columns.values()]
     fields = [
@@ -109,7 +113,7 @@ def _parquet(series: Series) -> memoryview:
     ]
     schema = pa.schema(fields, metadata={"kind": series.kind})
     sink = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, compression="zstd")
+    parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, compression="zstd")
     return memoryview(sink.getvalue())
 
 
@@ -162,11 +166,10 @@ def locate(results_dir: Path, relative: str) -> Path:
 
 def read(results_dir: Path, file: SeriesFile) -> Series:
     """Read a series; raises LogbookError if the file is missing or was changed."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from pyarrow import parquet
 
     content = checked(results_dir, file)
-    table: Any = pq.read_table(pa.BufferReader(content))
+    table = parquet.read_table(pa.BufferReader(content))
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     return Series(file.kind, columns, dict(file.columns))
 
@@ -176,11 +179,10 @@ def shape(content: bytes) -> tuple[int, list[str]]:
 
     Raises LogbookError if it is not a Parquet file.
     """
-    import pyarrow as pa  # slow to import
-    import pyarrow.parquet as pq
+    from pyarrow import parquet
 
     try:
-        metadata: Any = pq.read_metadata(pa.BufferReader(content))
+        metadata = parquet.read_metadata(pa.BufferReader(content))
     except pa.ArrowException as error:
         raise LogbookError(f"not a Parquet file: {error}") from error
     return metadata.num_rows, list(metadata.schema.names)

@@ -7,7 +7,6 @@ Times are UTC, to the microsecond, without a zone in the column.
 """
 
 from datetime import UTC, datetime
-from typing import Any
 
 from sqlalchemy import (
     JSON,
@@ -59,7 +58,8 @@ class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=_NAMES)
     type_annotation_map = {  # noqa: RUF012 - SQLAlchemy's own form
         datetime: Utc(),
-        dict[str, Any]: JSON(),
+        dict[str, object]: JSON(),
+        dict[str, str]: JSON(),
         list[str]: JSON(),
         str: Text(),
         float: Float(),
@@ -120,11 +120,11 @@ class Run(Base):
     controller: Mapped[str]
     evaluation: Mapped[str]
     seed: Mapped[int] = mapped_column(BigInteger)
-    config: Mapped[dict[str, Any]]
+    config: Mapped[dict[str, object]]
     overrides: Mapped[list[str]]
     git_commit: Mapped[str | None]
     git_dirty: Mapped[bool | None]
-    versions: Mapped[dict[str, Any]]
+    versions: Mapped[dict[str, object]]
     host: Mapped[str]
     pid: Mapped[int]
     started_at: Mapped[datetime]
@@ -208,7 +208,7 @@ class Series(Base):
     format: Mapped[str]
     n_rows: Mapped[int]
     sha256: Mapped[str] = mapped_column(String(64))
-    columns: Mapped[dict[str, Any]]  # name: unit
+    columns: Mapped[dict[str, str]]  # name: unit
 
 
 class Reuse(Base):

@@ -11,7 +11,7 @@ from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import Design, Sailed
+from seatrial.runner.closed_loop import Design, SimulatedMission
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
 from seatrial.runner.vocabulary import Stage
@@ -32,7 +32,7 @@ def design_metrics(design: Design, model: str) -> list[Metric]:
     return rows
 
 
-def response_metrics(sailed: Sailed, model: str) -> list[Metric]:
+def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     """Compute error, step response and effort of every axis, and the computation time."""
     voyage = sailed.voyage
     log, dofs = voyage.log, voyage.dofs
@@ -73,7 +73,7 @@ def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
     return wrapped
 
 
-def _step_metrics(sailed: Sailed) -> dict[str, Array]:
+def _step_metrics(sailed: SimulatedMission) -> dict[str, Array]:
     """Compute steady-state error and step response, if the mission has constant set-points."""
     log, ahead = sailed.voyage.log, sailed.design.ahead
     stretches = step_response.stands(log.setpoint, round(STAND_S / sailed.period_s))
@@ -86,7 +86,7 @@ def _step_metrics(sailed: Sailed) -> dict[str, Array]:
     return {"steady_state_error": steady_state} | (steps if has_steps else {})
 
 
-def _vessel_metrics(sailed: Sailed, model: str) -> list[Metric]:
+def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     """Compute the metrics that have no axis: energy, failures and time per step."""
     voyage = sailed.voyage
     log = voyage.log
@@ -139,7 +139,7 @@ def design_warnings(design: Design, model: str) -> list[str]:
     return warnings
 
 
-def losses(sailed: Sailed, model: str) -> list[str]:
+def losses(sailed: SimulatedMission, model: str) -> list[str]:
     """Return the problems of the simulation: forces that the thrusters could not produce."""
     shares = [row.value for row in unreached(sailed.voyage, "deployment", model)]
     return [f"{model} model: {UNREACHED.format(share)}" for share in shares if share]

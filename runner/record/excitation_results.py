@@ -21,7 +21,7 @@ from seatrial.runner.database.records import Metric, Results, Series
 from seatrial.runner.record.metric_rows import metric
 
 if TYPE_CHECKING:
-    from seatrial.runner.closed_loop import Excited
+    from seatrial.runner.closed_loop import ExcitationData
 
 
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
@@ -63,7 +63,7 @@ PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`
 ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
-def mix_results(mix: object, excited: "Excited") -> Results:
+def mix_results(mix: object, excited: "ExcitationData") -> Results:
     """Return the results of a mix of manoeuvres; empty for any other excitation."""
     if not isinstance(mix, Mix):
         return Results()

@@ -23,12 +23,12 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.closed_loop import Excited, Sailed
+from seatrial.runner.closed_loop import ExcitationData, SimulatedMission
 from seatrial.runner.database.records import Series
 from seatrial.runner.record.deployment_metrics import is_allocated
 
 
-def voyage_series(sailed: Sailed, model: str) -> Series:
+def voyage_series(sailed: SimulatedMission, model: str) -> Series:
     """Return a deployment over time, with the set-points and, if there is wind, its force."""
     series = deployment_series(sailed.voyage, model)
     dofs, log = sailed.voyage.dofs, sailed.voyage.log
@@ -101,7 +101,9 @@ def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
     return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
 
 
-def recording_series(recording: Recording, training: Mask, sailed: Sailed | None) -> Series:
+def recording_series(
+    recording: Recording, training: Mask, sailed: SimulatedMission | None
+) -> Series:
     """Return the recording as measured; for a simulation, with the realised weather."""
     dofs = recording.dofs
     columns = {"t": recording.t, "train": training.astype(np.float64)}
@@ -127,7 +129,7 @@ def _requested_forces(voyage: Voyage) -> dict[str, Array]:
     return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
 
 
-def residual_series(excited: Excited, nominal: Vessel, identified: Identified) -> Series:
+def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identified) -> Series:
     """Return the commanded force, and its residual for every model, over the recording."""
     recording = excited.recording
     dofs = recording.dofs

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models import compiled
+from seatrial.models.compile_lock import CompileTimes
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = compiled.__name__.rpartition(".")[0]
@@ -135,7 +136,7 @@ def test_a_waiting_process_says_for_whom_and_then_loads(place: Path, holder: Pro
 
 def test_compiling_is_said_once(place: Path) -> None:
     (place / "go").touch()
-    program = "report(slow)\nreport(quick)\nprint(compile_lock.seconds_compiled())"
+    program = "report(slow)\nreport(quick)\nprint(compile_lock._stopwatch.seconds())"
     out = Process(place, program).finish()
     assert out.splitlines()[0] == "compiling (first run on this machine)"
     assert out.count("compiling") == 1
@@ -148,7 +149,7 @@ def test_compiling_is_said_once(place: Path) -> None:
 def test_a_suspended_process_is_named_and_not_waited_for(place: Path, holder: Process) -> None:
     os.kill(holder.pid, signal.SIGSTOP)
     (place / "go").touch()
-    out = Process(place, "report(slow)\nprint(compile_lock.seconds_compiled())", 1.0).finish()
+    out = Process(place, "report(slow)\nprint(compile_lock._stopwatch.seconds())", 1.0).finish()
     assert "result 7.0" in out
     assert f"process {holder.pid} on" in out
     assert "kernels.slow, has not responded for 1 s: compiling without the lock" in out
@@ -180,9 +181,9 @@ def test_a_suspended_process_delays_by_one_wait_in_all(place: Path, holder: Proc
         "other.flush()\n"
         "fcntl.flock(other, fcntl.LOCK_EX)\n"
         "report(slow)\n"
-        "before = compile_lock.seconds_compiled()\n"
+        "before = compile_lock._stopwatch.seconds()\n"
         "report(quick)\n"
-        "print(compile_lock.seconds_compiled() - before)\n"
+        "print(compile_lock._stopwatch.seconds() - before)\n"
     )
     out = Process(place, program, 1.0).finish()
     assert out.count("has not responded") == 1
@@ -283,3 +284,50 @@ def test_a_cut_off_index_is_written_again(place: Path) -> None:
     index.write_bytes(b"")
     assert "result 9.0 misses 1" in Process(place, "report(quick)").finish()
     assert "result 9.0 misses 0" in Process(place, "report(quick)").finish()
+
+
+JOINED = "compile_lock.CompileTimes(place / 'times').join()\n"
+
+
+def test_other_processes_read_how_long_one_compiles(place: Path) -> None:
+    (place / "times").mkdir()
+    times = CompileTimes(place / "times")
+    first = Process(place, f"{JOINED}report(slow)")
+    try:
+        first.wait_until_compiling()
+        before_s, start_s = times.total_s(), time.monotonic()
+        time.sleep(0.5)
+        elapsed_s = time.monotonic() - start_s
+        assert times.total_s() - before_s == pytest.approx(elapsed_s, abs=0.2)  # while it compiles
+        second = Process(place, f"{JOINED}report(slow)")
+        second.line()  # it waits for the first
+        before_s, start_s = times.total_s(), time.monotonic()
+        time.sleep(0.5)
+        elapsed_s = time.monotonic() - start_s
+        assert times.total_s() - before_s == pytest.approx(2.0 * elapsed_s, abs=0.2)
+        (place / "go").touch()
+        first.finish()
+        second.finish()
+        total_s = times.total_s()
+        time.sleep(0.1)
+        assert times.total_s() == total_s  # nobody compiles any more, and nothing is forgotten
+        assert total_s > 1.5
+    finally:
+        first.kill()
+
+
+def test_a_killed_process_compiles_no_longer(place: Path) -> None:
+    (place / "times").mkdir()
+    times = CompileTimes(place / "times")
+    process = Process(place, f"{JOINED}report(slow)")
+    process.wait_until_compiling()
+    assert times.total_s() > 0.0
+    process.kill()
+    assert times.total_s() == 0.0
+
+
+def test_times_without_a_folder_are_no_error(place: Path) -> None:
+    """As on another machine than that of the sweep."""
+    (place / "go").touch()
+    assert "result 7.0" in Process(place, f"{JOINED}report(slow)").finish()
+    assert CompileTimes(place / "times").total_s() == 0.0

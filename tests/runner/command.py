@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from seatrial import runner
 from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.runner import job
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.provenance import collect
@@ -76,8 +76,7 @@ class Command:
         module = SimpleNamespace(
             check=self.fake.check, run=self.fake.run, TrialDiverged=TrialDiverged
         )
-        self._monkeypatch.setattr(runner, "trial", module, raising=False)
-        self._monkeypatch.setitem(sys.modules, "seatrial.runner.trial", module)
+        self._monkeypatch.setattr(job, "trials", module)
         return self.fake
 
     def __call__(self, *arguments: str) -> Answer:

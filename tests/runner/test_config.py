@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.config import build, build_trial
+from seatrial.runner.config import build_as, build_trial
 from seatrial.runner.vocabulary import GROUPS
 
 LAG = {
@@ -58,22 +58,22 @@ def configuration(**changes: Any) -> dict[str, Any]:
 
 def refusal(node: Any, key: str = "thruster") -> str:
     with pytest.raises(ConfigurationError) as caught:
-        build(node, key)
+        build_as(object, node, key)
     return str(caught.value)
 
 
 def test_builds_an_object() -> None:
-    lag = build(LAG, "thruster")
+    lag = build_as(object, LAG, "thruster")
     assert lag == SecondOrderLag(natural_frequency_rad_s=2.0, damping=0.8)
 
 
 def test_an_empty_node_is_none() -> None:
-    assert build({}, "controller") is None
-    assert build(None, "controller") is None
+    assert build_as(object, {}, "controller") is None
+    assert build_as(object, None, "controller") is None
 
 
 def test_a_node_inside_a_node() -> None:
-    vessel = build(VESSEL | {"thruster": LAG}, "vessel")
+    vessel = build_as(object, VESSEL | {"thruster": LAG}, "vessel")
     assert isinstance(vessel.thruster, SecondOrderLag)
 
 

@@ -125,7 +125,7 @@ def test_every_file_that_computes_matters(checkout: Path) -> None:
     package = trial.__name__.rpartition(".")[0]
     program = (
         f"import sys, {trial.__name__}\n"
-        "for name, module in sys.modules.items():\n"
+        "for name, module in list(sys.modules.items()):\n"
         f"    if name.startswith('{package}.') and not name.startswith('{package}.database'):\n"
         "        print(module.__file__)"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.runner import closed_loop
-from seatrial.runner.closed_loop import Sailed
+from seatrial.runner.closed_loop import SimulatedMission
 from tests.trials import composed
 
 DAY_S = 86400.0
@@ -23,7 +23,7 @@ OPTIONS: dict[str, tuple[str, ...]] = {
 }
 
 
-def keep_station(controller: str, duration_s: float) -> Sailed:
+def keep_station(controller: str, duration_s: float) -> SimulatedMission:
     one = composed(
         "vessel=supply_vessel", f"controller={controller}", "disturbance=rough",
         "evaluation=station_keeping", f"evaluation.duration_s={duration_s}", "sample_time_s=1.0",

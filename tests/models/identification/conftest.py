@@ -15,7 +15,7 @@ from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.config import build
+from seatrial.runner.config import build_as
 
 VESSELS = Path(__file__).parents[3] / "conf" / "vessel"
 STEP_S = 0.1
@@ -73,7 +73,7 @@ def vessel() -> Callable[[str], Vessel]:
 
     def nominal(name: str) -> Vessel:
         node = OmegaConf.to_container(OmegaConf.load(VESSELS / f"{name}.yaml"), resolve=True)
-        found: Vessel = build(node, "vessel").nominal()
+        found: Vessel = build_as(object, node, "vessel").nominal()
         return found
 
     return nominal

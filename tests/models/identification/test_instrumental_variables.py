@@ -25,7 +25,7 @@ from seatrial.models.weather.current import Current
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise, first_order
 from seatrial.models.weather.wind import Wind
-from seatrial.runner.config import build
+from seatrial.runner.config import build_as
 
 CONF = Path(__file__).parents[3] / "conf"
 DATA = os.environ.get("SEATRIAL_DATA")
@@ -130,7 +130,7 @@ def surge(**options: Any) -> Any:
 def of_conf(group: str, name: str, **changes: Any) -> Any:
     """The object of a configuration file that takes nothing from the vessel."""
     node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
-    return build(OmegaConf.to_container(node, resolve=True), group)
+    return build_as(object, OmegaConf.to_container(node, resolve=True), group)
 
 
 @data

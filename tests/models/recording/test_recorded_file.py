@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.runner.config import build
+from seatrial.runner.config import build_as
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 PLANAR = ("surge", "sway", "yaw")
@@ -37,7 +37,7 @@ def beluga() -> Path:
 def excitation(path: Path | str | None, **options: Any) -> RecordedFile:
     """The excitation as configured, with some options changed."""
     node = OmegaConf.merge(OmegaConf.load(CONF), {"path": None if path is None else str(path)})
-    made = build(OmegaConf.to_container(OmegaConf.merge(node, options)), "excitation")
+    made = build_as(object, OmegaConf.to_container(OmegaConf.merge(node, options)), "excitation")
     assert isinstance(made, RecordedFile)
     return made
 

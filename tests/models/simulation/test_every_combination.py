@@ -16,7 +16,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.runner.config import build
+from seatrial.runner.config import build_as
 
 CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
@@ -49,7 +49,7 @@ def objects(vessel: str, group: str, name: str) -> Any:
         chosen = [f"vessel={vessel}", f"{group}={name}"]
         config = OmegaConf.to_container(compose("trial", chosen), resolve=False)
         resolved = OmegaConf.create(config)
-        return build(OmegaConf.to_container(resolved[group], resolve=True), group)
+        return build_as(object, OmegaConf.to_container(resolved[group], resolve=True), group)
 
 
 def suits(vessel: str, group: str, name: str) -> bool:

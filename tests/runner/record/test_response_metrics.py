@@ -7,13 +7,13 @@ from seatrial.models.findings import Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.closed_loop import Design, Sailed
+from seatrial.runner.closed_loop import Design, SimulatedMission
 from seatrial.runner.record import deployment_metrics
 
 N, H = 6, 0.5
 
 
-def sailed() -> Sailed:
+def sailed() -> SimulatedMission:
     """Six instants of three axes; what is not set is zero."""
     log = Log(*(np.zeros((N, 3)) for _ in Log._fields))
     log.eta_d[:, 0] = 3.0
@@ -33,7 +33,7 @@ def sailed() -> Sailed:
         PLANAR, needed=np.array([50.0, 500.0, 1.0]), limits=(100.0, 400.0, 8.0), every=2,
         remarks=remarks,
     )  # fmt: skip
-    return Sailed(voyage, H, design, failures=4)
+    return SimulatedMission(voyage, H, design, failures=4)
 
 
 def values() -> dict[tuple[str, str], tuple[float, str]]:
@@ -88,7 +88,7 @@ def test_a_mission_with_stands_has_the_figures_of_its_steps() -> None:
     calm = Weather(*(np.zeros((n, 3)) for _ in range(4)))
     voyage = Voyage(H * np.arange(n), log, PLANAR, calm)
     found = deployment_metrics.response_metrics(
-        Sailed(voyage, H, Design(PLANAR, np.zeros(3))), "identified"
+        SimulatedMission(voyage, H, Design(PLANAR, np.zeros(3))), "identified"
     )
     surge = {m.name: (m.value, m.unit) for m in found if m.dof == "surge"}
     assert surge["early_share"] == (pytest.approx(10.0), "%")
