@@ -22,23 +22,28 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import config
+from numba.core.base import BaseContext
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
     IndexDataCacheFile,
     _CacheLocator,
 )
+from numba.core.codegen import Codegen
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
-from numba.core.types import BaseNamedTuple, BaseTuple
+from numba.core.types import BaseNamedTuple, BaseTuple, NamedTuple, NamedUniTuple, Type
+from numba.core.typing.templates import Signature as TypingSignature
 
 from seatrial.models.compile_lock import CompileLock
 from seatrial.models.source_digest import MODELS, cache_home, folder_digest, source
 
 numba_config: Any = config
 log = logging.getLogger(__name__)
-F = TypeVar("F", bound=Callable[..., Any])
+Signature = tuple[Type, ...]  # types of the arguments
+F = TypeVar("F", bound=Callable[..., object])
 LEAN: Any = {"_nrt": False, "forceinline": True}  # options of a `lean_kernel`
 
 
@@ -62,14 +67,15 @@ class _Files(IndexDataCacheFile):
     two signatures. Here every name is unique, and the index lists a file only once it is complete.
     """
 
-    def save(self, key: Any, data: Any) -> None:
+    def save(self, key: object, data: object) -> None:
         name = self._data_name(uuid.uuid4().int)
         self._save_data(name, data)
         self._save_index({**self._load_index(), key: name})
 
-    def _load_index(self) -> Any:
+    def _load_index(self) -> dict[object, str]:
         try:
-            return super()._load_index()
+            index: dict[object, str] = super()._load_index()
+            return index
         except (EOFError, pickle.UnpicklingError, ImportError, AttributeError):
             return {}
 
@@ -117,7 +123,7 @@ def _constant(value: object) -> object:
 
 
 class _Storage(CompileResultCacheImpl):
-    _locator_classes: Any = [_Locator]  # noqa: RUF012 - read by numba
+    _locator_classes: list[type[object]] = [_Locator]  # noqa: RUF012 - read by numba
 
 
 class _Cache(FunctionCache):
@@ -133,10 +139,10 @@ class _Cache(FunctionCache):
         kernel = f"{function.__module__}.{function.__qualname__}"
         self.lock = CompileLock(cache_folder() / f"{name}.lock", kernel)
 
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
+    def _index_key(self, sig: Signature, codegen: Codegen) -> tuple[object, ...]:
         return (*super()._index_key(sig, codegen), self._options)
 
-    def _choose_files(self, sig: Any) -> None:
+    def _choose_files(self, sig: Signature) -> None:
         """Files of their own for a signature with types of modules outside `models/`.
 
         The index holds the types of its signatures: a program without these modules could not
@@ -150,10 +156,10 @@ class _Cache(FunctionCache):
             name += f".{hashlib.sha256(repr(parts).encode()).hexdigest()[:16]}"
         self._cache_file = _Files(self._cache_path, name, stamp)
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(self, sig: Signature, target_context: BaseContext) -> CompileResult | None:
         """The machine code from disk; None if this process has to compile it."""
         self._choose_files(sig)
-        result = super().load_overload(sig, target_context)
+        result: CompileResult | None = super().load_overload(sig, target_context)
         if result is None:
             self.lock.acquire()
             result = super().load_overload(sig, target_context)
@@ -161,7 +167,7 @@ class _Cache(FunctionCache):
                 _announce()
         return result
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: Signature, data: CompileResult) -> None:
         """Write the machine code, unless the sources have changed since the folder was named."""
         with suppress(OSError):  # a full disk only makes the next start slower
             if _folder_name() == cache_folder().name:
@@ -169,7 +175,7 @@ class _Cache(FunctionCache):
                 super().save_overload(sig, data)
 
 
-def _outside(kind: Any) -> Iterator[Path]:
+def _outside(kind: Type) -> Iterator[Path]:
     """The files of the modules outside `models/` that define the named tuples of a type."""
     if isinstance(kind, BaseNamedTuple):
         file = getattr(sys.modules.get(tuple_of(kind).__module__), "__file__", None)
@@ -192,7 +198,7 @@ class _Kernel(CPUDispatcher):
 
     _cache: _Cache
 
-    def compile(self, sig: Any) -> Any:
+    def compile(self, sig: str | Signature | TypingSignature) -> Callable[..., object]:
         with global_compiler_lock, self._cache.lock.scope():
             return super().compile(sig)
 
@@ -211,13 +217,14 @@ def lean_kernel(function: F) -> F:
     return _compile(function, **LEAN)
 
 
-def tuple_of(numba_type: Any) -> type:
+def tuple_of(numba_type: object) -> type:
     """The named-tuple class of a numba type, for use in an `overload`."""
+    assert isinstance(numba_type, NamedTuple | NamedUniTuple)
     tuple_class: type = numba_type.instance_class
     return tuple_class
 
 
-def is_compiled(function: Callable[..., Any]) -> bool:
+def is_compiled(function: Callable[..., object]) -> bool:
     """Whether a step is machine code; always False when numba is disabled."""
     return isinstance(function, Dispatcher)
 

@@ -14,26 +14,33 @@ as an array of packs, shape (...).
 # mypy: allow-untyped-calls, allow-untyped-decorators
 # (numba's extension interface is not typed)
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
+from numba.core.base import BaseContext
 from numba.core.datamodel import models
+from numba.core.datamodel.manager import DataModelManager
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.core.typing.context import BaseContext as TypingContext
+from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, lower_cast, overload, register_model
 from numba.np.arrayobj import make_array, populate_array
+from numpy.typing import NDArray
 
 from seatrial.models.compiled import LEAN
 from seatrial.models.elementary import angle_of, cosine_and_sine, where
 
+Array = NDArray[np.float64]
 WIDTH = 32
 VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 FLAGS = ir.VectorType(ir.IntType(1), WIDTH)
+Emitter = Callable[..., ir.Value]  # of a builder and the values of the arguments
+Typed = tuple[Signature, Callable[..., ir.Value]]  # what an `intrinsic` function gives
 
 
 class Pack(types.Type):
@@ -42,11 +49,11 @@ class Pack(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Pack{WIDTH}")
 
-    def can_convert_from(self, typingctx: Any, other: Any) -> Conversion | None:
+    def can_convert_from(self, typingctx: TypingContext, other: types.Type) -> Conversion | None:
         """A number can be used where a pack is expected."""
         return Conversion.safe if isinstance(other, types.Number) else None
 
-    def unify(self, typingctx: Any, other: Any) -> "Pack | None":
+    def unify(self, typingctx: TypingContext, other: types.Type) -> "Pack | None":
         """A variable that is assigned both a number and a pack is a pack."""
         return self if isinstance(other, types.Number) else None
 
@@ -63,18 +70,20 @@ PACK, MASK = Pack(), Mask()
 
 @register_model(Pack)
 class _PackModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, pack: Any) -> None:
+    def __init__(self, manager: DataModelManager, pack: Pack) -> None:
         super().__init__(manager, pack, VECTOR)
 
 
 @register_model(Mask)
 class _MaskModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, mask: Any) -> None:
+    def __init__(self, manager: DataModelManager, mask: Mask) -> None:
         super().__init__(manager, mask, FLAGS)
 
 
 @lower_cast(types.Number, Pack)
-def _broadcast(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
+def _broadcast(
+    context: BaseContext, builder: ir.IRBuilder, source: types.Number, target: Pack, value: ir.Value
+) -> ir.Value:
     """Copy a number to every lane of a vector."""
     number = context.cast(builder, value, source, types.float64)
     index = ir.IntType(32)
@@ -84,16 +93,19 @@ def _broadcast(context: Any, builder: Any, source: Any, target: Any, value: Any)
     return builder.shuffle_vector(first, undefined, lanes)
 
 
-def _define(function: Any, result: Any, count: int, emit: Callable[..., Any]) -> None:
+def _define(function: Callable[..., object], result: types.Type, count: int, emit: Emitter) -> None:
     """Define a function of `count` packs, or packs and numbers, by LLVM instructions."""
 
     class Template(AbstractTemplate):
         key = function
 
-        def generic(self, args: Any, kws: Any) -> Any:
+        def generic(
+            self, args: tuple[types.Type, ...], kws: dict[str, types.Type]
+        ) -> Signature | None:
             packs = all(arg == PACK or isinstance(arg, types.Number) for arg in args)
             if len(args) == count and packs and PACK in args:
-                return signature(result, *([PACK] * count))
+                typed: Signature = signature(result, *([PACK] * count))
+                return typed
             return None
 
     infer_global(function)(Template)
@@ -102,10 +114,10 @@ def _define(function: Any, result: Any, count: int, emit: Callable[..., Any]) ->
     )
 
 
-def _of_llvm(name: str) -> Callable[..., Any]:
+def _of_llvm(name: str) -> Emitter:
     """Emitter of an LLVM intrinsic function of one pack."""
 
-    def emit(builder: Any, value: Any) -> Any:
+    def emit(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
         kind = ir.FunctionType(VECTOR, [VECTOR])
         full = f"llvm.{name}.v{WIDTH}f64"
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), [value])
@@ -113,7 +125,7 @@ def _of_llvm(name: str) -> Callable[..., Any]:
     return emit
 
 
-def _comparison(sign: str) -> Callable[..., Any]:
+def _comparison(sign: str) -> Emitter:
     """Emitter of a comparison; as for numbers, every comparison with NaN but `!=` is false."""
     ordered = sign != "!="
     return lambda builder, a, b: (
@@ -131,11 +143,13 @@ for _function, _name in ((abs, "fabs"), (np.sqrt, "sqrt"), (np.floor, "floor")):
     _define(_function, PACK, 1, _of_llvm(_name))
 
 
-def _typed_select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
+def _typed_select(
+    typingctx: TypingContext, mask: types.Type, a: types.Type, b: types.Type
+) -> Typed:
     return PACK(MASK, PACK, PACK), lambda context, builder, sig, args: builder.select(*args)
 
 
-_select: Any = intrinsic(_typed_select)
+_select = cast(Callable[..., Array], intrinsic(_typed_select))
 _overload = partial(overload, jit_options=LEAN)
 _overload(where)(
     lambda mask, a, b: (lambda mask, a, b: _select(mask, a, b)) if mask == MASK else None
@@ -145,10 +159,12 @@ _overload(np.sin)(lambda x: (lambda x: cosine_and_sine(x)[1]) if x == PACK else 
 _overload(np.arctan2)(lambda y, x: (lambda y, x: angle_of(y, x)) if PACK in (y, x) else None)
 
 
-def _typed_view(typingctx: Any, numbers: Any) -> Any:
+def _typed_view(typingctx: TypingContext, numbers: types.Array) -> Typed:
     packs = types.Array(PACK, numbers.ndim - 1, "C", aligned=False)
 
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def emit(
+        context: BaseContext, builder: ir.IRBuilder, sig: Signature, args: Sequence[ir.Value]
+    ) -> ir.Value:
         source = make_array(numbers)(context, builder, args[0])
         view = make_array(packs)(context, builder)
         populate_array(
@@ -165,7 +181,7 @@ def _typed_view(typingctx: Any, numbers: Any) -> Any:
     return packs(numbers), emit
 
 
-as_packs: Any = intrinsic(_typed_view)
+as_packs = cast(Callable[[Array], Array], intrinsic(_typed_view))
 """View a contiguous array of numbers, shape (..., WIDTH), as an array of packs, shape (...).
 
 The view holds a reference to the buffer so that it is not freed while it is in use.

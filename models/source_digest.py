@@ -19,7 +19,6 @@ from contextlib import suppress
 from dataclasses import astuple, dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
 
 MODELS = Path(__file__).parent
 KEPT_FILE = "sources-2.json"  # increase the number when `_text` or `Source` changes
@@ -117,7 +116,7 @@ def parse(content: bytes) -> Source:
     return Source(digest, tuple(sorted(set(_imports(tree)))))
 
 
-def _text(node: Any) -> str:
+def _text(node: object) -> str:
     """A syntax tree as text that does not depend on the version of Python."""
     if isinstance(node, ast.AST):
         fields = ((name, getattr(node, name, None)) for name in node._fields)
@@ -128,7 +127,7 @@ def _text(node: Any) -> str:
     return repr(node)
 
 
-def _is_docstring(node: Any) -> bool:
+def _is_docstring(node: object) -> bool:
     """Whether a node is a statement that consists of a string only."""
     return (
         isinstance(node, ast.Expr)

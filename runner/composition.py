@@ -21,6 +21,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
+from seatrial.runner.tuning_values import check_tuning
 from seatrial.runner.vocabulary import GROUPS
 
 
@@ -28,12 +29,19 @@ def order_of(
     task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
 ) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
-    config = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+    config = cast(
+        dict[str, object], OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+    )
     choices = hydra.runtime.choices
     if overrides is None:
         overrides = list(hydra.overrides.task)
+    vessel = config.get("vessel")
+    tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
+    if isinstance(tuning, dict):
+        folders = [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
+        check_tuning(tuning, folders, [*map(str, hydra.overrides.task), *overrides])
     return Order(
-        config=cast(Mapping[str, object], config),
+        config=config,
         names={group: _name(group, choices, overrides) for group in GROUPS},
         overrides=overrides,
     )

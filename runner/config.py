@@ -8,6 +8,7 @@ Every error names the key, what was got and what was expected.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -31,8 +32,26 @@ else:
 
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
 
+LARGEST_INTEGER = 2**63 - 1  # that databases hold
 T = TypeVar("T")
 Node = Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The most that a trial may take, judged before any work (seatrial.runner.budget).
+
+    `samples` are simulated with one integration step, predicted for a candidate or drawn by a
+    bootstrap, at about a million in a second. `memory` [GB] null is 80 % of what is available.
+    `trials` is the largest number in one sweep.
+    """
+
+    samples: Positive = 1e11
+    memory: Positive | None = None
+    trials: Positive = 1e6
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -63,6 +82,7 @@ class Trial:
     metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
+    limits: Limits = Limits()  # of work and memory
 
     def __post_init__(self) -> None:
         for group, part in (
@@ -135,6 +155,7 @@ class Settings:
     database: Database
     update: object = None
     metrics: tuple[object, ...] = ()
+    limits: Limits = Limits()
     rerun: bool = False
     dry_run: bool = False
     sweep: SweepLabels = field(default_factory=SweepLabels)
@@ -150,6 +171,7 @@ class Settings:
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
+    check_finite(config)
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
         nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
@@ -160,6 +182,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         integration_step_s=settings.integration_step_s,
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
+        limits=settings.limits,
         seed=settings.seed,
         results_dir=settings.results_dir,
         database_url=settings.database.url
@@ -170,6 +193,20 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         names=dict(names),
         config=config,
     )
+
+
+def check_finite(value: object, key: str = "") -> None:
+    """Raise ConfigurationError for an infinite number or NaN, in keys that are not used as well."""
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            check_finite(item, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            check_finite(item, f"{key}[{i}]")
+    elif isinstance(value, float) and not isfinite(value):
+        raise ConfigurationError(f"{key}: got {value}, expected a finite number")
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise ConfigurationError(f"{key}: got an integer of {value.bit_length()} bits, expected 64")
 
 
 def build_as(cls: type[T], node: object, key: str) -> T:

@@ -8,14 +8,15 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import cast
+from typing import Any, cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
@@ -25,9 +26,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner import console, database
+from seatrial.runner import budget, console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.config import Limits, Trial, build_as, build_trial, check_finite
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
@@ -59,16 +60,39 @@ def jobs_of(
 
     A variant replaces the params of the same name; the command line replaces both.
     """
-    keys = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
+    given = parser.parse_overrides(list(arguments))
+    keys = {override.key_or_group for override in given}
+    limits = _limits(given)
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
         options = {str(key): value for key, value in {**params, **variant}.items()}
         texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in keys]
         overrides = parser.parse_overrides([*texts, *arguments])
+        budget.check_sweep([_count(override) for override in overrides], limits)
         # Of several overrides of one option the last counts, at the position of the first.
         values = {override.get_key_element(): _values(override) for override in overrides}
         jobs += map(list, product(*values.values()))
     return jobs
+
+
+def _count(override: Override) -> tuple[str, float]:
+    """Return the option of an override and the number of its values, without listing them."""
+    value: Any = override.value()
+    if isinstance(value, RangeSweep):
+        start, stop, step = value.start or 0.0, value.stop or 0.0, float(value.step)
+        first, last = float(start), float(stop)
+        return override.key_or_group, max(0.0, (last - first) / step) if step else inf
+    count = len(value.list) if isinstance(value, ChoiceSweep) else 1
+    return override.key_or_group, float(count)
+
+
+def _limits(overrides: Sequence[Override]) -> Limits:
+    """Return the limits with the number of trials that the command line allows."""
+    for override in reversed(overrides):
+        if override.key_or_group == "limits.trials" and not override.is_sweep_override():
+            limits: Limits = build_as(Limits, {"trials": override.value()}, "limits")
+            return limits
+    return Limits()
 
 
 def _values(override: Override) -> list[str]:
@@ -113,6 +137,7 @@ class Session:
         """Run the one trial of a command without -m."""
         self.started = True
         try:
+            _check_hydra(HydraConfig.get())
             self._run(_plan(order_of(config, HydraConfig.get())))
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
@@ -186,6 +211,7 @@ class SeatrialSweeper(Sweeper):
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
         self.session.started = True
+        _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         jobs = jobs_of(parser, self.params, self.variants, arguments)
         composer = Composer(self._loader, self._config)
@@ -264,6 +290,11 @@ def _perform(plan: Plan, provenance: Provenance) -> Outcome:
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
     return outcome
+
+
+def _check_hydra(hydra: Any) -> None:
+    """Refuse numbers that are not finite in Hydra's own options."""
+    check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
 def _plan(order: Order) -> Plan:

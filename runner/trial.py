@@ -10,11 +10,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from seatrial.models.control.controller import Controller
-from seatrial.models.errors import ConfigurationError, Diverged
+from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Evaluation, Mission
 from seatrial.models.findings import Finding
-from seatrial.models.identification.problem import Identified, Identifier, Problem, check_needs
+from seatrial.models.identification.problem import (
+    FEWEST,
+    Identified,
+    Identifier,
+    Problem,
+    check_needs,
+)
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
@@ -22,6 +28,7 @@ from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner import budget
 from seatrial.runner.closed_loop import (
     ExcitationData,
     MissionSetup,
@@ -57,12 +64,15 @@ class TrialDiverged(Diverged):
 def check(trial: Trial) -> None:
     """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
     _check_roles(trial)
+    budget.check(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
     recording, period = None, trial.sample_time_s
     if isinstance(excitation, Reader):  # a damaged file is a configuration error
         recording = excitation.read(dofs)
         period = recording.period_s
+        budget.check(trial, len(recording))
+        _check_samples(trial.identifier, excitation, recording)
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
@@ -74,6 +84,23 @@ def check(trial: Trial) -> None:
     thruster = trial.vessel.thruster
     trial.identifier.check(trial.vessel.nominal(), thruster, recording is not None)
     check_needs(needs, trial.vessel.name, thruster, recording)
+
+
+def _check_samples(identifier: Identifier, file: Reader, recording: Recording) -> None:
+    """Check that a recording has enough samples to train and to test; raises RecordingError."""
+    name = ", ".join(map(str, file.files().values())) or type(file).__name__
+    split, needs = file.split(recording.t), identifier.needs()
+    parts = (("training", split.train, needs.samples), ("testing", split.test, FEWEST))
+    for purpose, mask, fewest in parts:
+        count = int(np.count_nonzero(mask))
+        if count < fewest:
+            raise RecordingError(
+                f"{name}: got {count} samples for {purpose}, expected at least {fewest}"
+            )
+    try:
+        recording.part(split.train).lowpass(needs.lowpass_hz)
+    except RecordingError as error:
+        raise RecordingError(f"{name}: {error}") from error
 
 
 def _check_roles(trial: Trial) -> None:

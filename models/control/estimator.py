@@ -27,12 +27,13 @@ from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
+from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.table import ForceTable, fill_air_kernel, weighted_sum_kernel
 
 CONSTANT = INDEX["1"]
 
 
-class Believed(NamedTuple):
+class Observer(NamedTuple):
     """The design model and its filter, for the kernels; inputs in SI."""
 
     A: Array  # (n, n)
@@ -78,7 +79,7 @@ def memory(n: int, m: int, r: int) -> Memory:
 
 
 @lean_kernel
-def seen(turning: bool, psi: float, vector: Array, out: Array) -> None:
+def to_axes(turning: bool, psi: float, vector: Array, out: Array) -> None:
     """Transform a vector to axes turned by psi [rad]: rotate (x, y) of every triple by R(psi)'."""
     for i in range(vector.shape[0]):
         out[i] = vector[i]
@@ -90,21 +91,21 @@ def seen(turning: bool, psi: float, vector: Array, out: Array) -> None:
 
 
 @lean_kernel
-def heading(believed: Believed, x: Array) -> float:
+def heading(observer: Observer, x: Array) -> float:
     """Heading of the axes in which the model holds [rad]."""
-    return x[2] if believed.turning else 0.0
+    return x[2] if observer.turning else 0.0
 
 
 @lean_kernel
 def known_force(
-    believed: Believed, psi: float, velocity: Array, outlook: Outlook, k: int, noise: bool,
+    observer: Observer, psi: float, velocity: Array, outlook: Outlook, k: int, noise: bool,
     out: Array,
 ) -> None:  # fmt: skip
     """Write the known disturbance at rest, d = -F(0, 0, psi, nu_q), in body axes [N, Nm]."""
-    z = believed.z
+    z = observer.z
     z[COS_PSI], z[SIN_PSI] = np.cos(psi), np.sin(psi)
     z[N_VARIABLES + COS_PSI], z[N_VARIABLES + SIN_PSI] = abs(z[COS_PSI]), abs(z[SIN_PSI])
-    if outlook.wind_ned.shape[0] > 0 and believed.still.aerodynamic:
+    if outlook.wind_ned.shape[0] > 0 and observer.still.aerodynamic:
         row = min(k, outlook.wind_ned.shape[0] - 1)
         north, east = outlook.wind_ned[row, 0], outlook.wind_ned[row, 1]
         ahead = z[COS_PSI] * north + z[SIN_PSI] * east
@@ -112,19 +113,19 @@ def known_force(
         if noise and row < outlook.wind_noise.shape[0]:
             ahead += outlook.wind_noise[row, 0]
             aside += outlook.wind_noise[row, 1]
-        u = velocity[believed.north] if believed.north >= 0 else 0.0
-        v = velocity[believed.east] if believed.east >= 0 else 0.0
+        u = velocity[observer.north] if observer.north >= 0 else 0.0
+        v = velocity[observer.east] if observer.east >= 0 else 0.0
         fill_air_kernel(
-            z, u - ahead if believed.north >= 0 else 0.0, v - aside if believed.east >= 0 else 0.0
+            z, u - ahead if observer.north >= 0 else 0.0, v - aside if observer.east >= 0 else 0.0
         )
-    features_kernel(believed.still.codes, z, believed.phi)
-    weighted_sum_kernel(believed.still.theta, believed.phi, out)
+    features_kernel(observer.still.codes, z, observer.phi)
+    weighted_sum_kernel(observer.still.theta, observer.phi, out)
     for i in range(out.shape[0]):
         out[i] = -out[i]
 
 
 @lean_kernel
-def estimate(believed: Believed, past: Memory, eta: Array, nu: Array) -> None:
+def estimate(observer: Observer, past: Memory, eta: Array, nu: Array) -> None:
     """Update the state to this instant: predict and correct it, or take the measured one."""
     m = eta.shape[0]
     for i in range(past.x.shape[0]):
@@ -133,81 +134,81 @@ def estimate(believed: Believed, past: Memory, eta: Array, nu: Array) -> None:
         for i in range(past.x.shape[0]):
             past.x[i] = 0.0
             for j in range(m):
-                past.x[i] += believed.start[i, j] * eta[j]
-    elif not believed.measured:
-        _predict(believed, past)
-    if believed.measured:
-        psi = eta[2] if believed.turning else 0.0
+                past.x[i] += observer.start[i, j] * eta[j]
+    elif not observer.measured:
+        _predict(observer, past)
+    if observer.measured:
+        psi = eta[2] if observer.turning else 0.0
         for i in range(m):
-            past.x[i], believed.error[i] = eta[i], nu[i]
-        seen(believed.turning, -psi, believed.error, past.x[m:])
+            past.x[i], observer.error[i] = eta[i], nu[i]
+        to_axes(observer.turning, -psi, observer.error, past.x[m:])
     elif past.instant[0] > 0:
-        _correct(believed, past, eta)
+        _correct(observer, past, eta)
 
 
 @lean_kernel
-def _correct(believed: Believed, past: Memory, eta: Array) -> None:
+def _correct(observer: Observer, past: Memory, eta: Array) -> None:
     """x <- x + M (y - C x), with the innovation in the predicted body axes."""
-    x, error, change = past.x, believed.error, believed.moved
+    x, error, change = past.x, observer.error, observer.moved
     for i in range(error.shape[0]):
         change[i] = eta[i]
         for j in range(x.shape[0]):
-            change[i] -= believed.C[i, j] * x[j]
+            change[i] -= observer.C[i, j] * x[j]
         if not np.isfinite(change[i]):
             return
-    psi = heading(believed, x)
-    seen(believed.turning, psi, change[: error.shape[0]], error)
-    if believed.turning:
-        error[2] = np.pi - (np.pi - error[2]) % (2.0 * np.pi)
+    psi = heading(observer, x)
+    to_axes(observer.turning, psi, change[: error.shape[0]], error)
+    if observer.turning:
+        error[2] = wrap_kernel(error[2])
     for i in range(x.shape[0]):
-        believed.local[i] = 0.0
+        observer.local[i] = 0.0
         for j in range(error.shape[0]):
-            believed.local[i] += believed.M[i, j] * error[j]
-    seen(believed.turning, -psi, believed.local, change)
+            observer.local[i] += observer.M[i, j] * error[j]
+    to_axes(observer.turning, -psi, observer.local, change)
     for i in range(x.shape[0]):
         x[i] += change[i]
     for i in range(past.bias.shape[0]):
-        believed.force[i] = 0.0
+        observer.force[i] = 0.0
         for j in range(error.shape[0]):
-            believed.force[i] += believed.bias_gain[i, j] * error[j]
-    seen(believed.turning, -psi, believed.force, believed.local[: past.bias.shape[0]])
+            observer.force[i] += observer.bias_gain[i, j] * error[j]
+    to_axes(observer.turning, -psi, observer.force, observer.local[: past.bias.shape[0]])
     for i in range(past.bias.shape[0]):
-        past.bias[i] += believed.local[i]
+        past.bias[i] += observer.local[i]
 
 
 @lean_kernel
-def _predict(believed: Believed, past: Memory) -> None:
+def _predict(observer: Observer, past: Memory) -> None:
     """x <- A x + B (u + d + b + a), in the body axes of the last sample, relative to its pose."""
-    x, local, moved, force = past.x, believed.local, believed.moved, believed.force
+    x, local, moved, force = past.x, observer.local, observer.moved, observer.force
     n, r = x.shape[0], past.command.shape[0]
-    psi = heading(believed, x)
-    seen(believed.turning, psi, past.bias, force)
+    psi = heading(observer, x)
+    to_axes(observer.turning, psi, past.bias, force)
     for i in range(r):
         force[i] += past.command[i] + past.known[i] + past.added[i]
-    seen(believed.turning, psi, x, local)
-    if believed.turning:
+    to_axes(observer.turning, psi, x, local)
+    if observer.turning:
         local[0] = local[1] = local[2] = 0.0
     for i in range(n):
         moved[i] = 0.0
         for j in range(n):
-            moved[i] += believed.A[i, j] * local[j]
+            moved[i] += observer.A[i, j] * local[j]
         for j in range(r):
-            moved[i] += believed.B[i, j] * force[j]
-    seen(believed.turning, -psi, moved, local)
+            moved[i] += observer.B[i, j] * force[j]
+    to_axes(observer.turning, -psi, moved, local)
     for i in range(n):
-        x[i] = local[i] + (x[i] if believed.turning and i < 3 else 0.0)
+        x[i] = local[i] + (x[i] if observer.turning and i < 3 else 0.0)
 
 
 @lean_kernel
 def remember(
-    believed: Believed, past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook
+    observer: Observer, past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook
 ) -> None:
     """Store the pose, the known disturbance and the added force for the next sample."""
     for i in range(eta.shape[0]):
-        if believed.smooth:
+        if observer.smooth:
             past.y_last[i] = 0.0
             for j in range(past.x.shape[0]):
-                past.y_last[i] += believed.C[i, j] * past.x[j]
+                past.y_last[i] += observer.C[i, j] * past.x[j]
         elif np.isfinite(eta[i]):
             past.y_last[i] = eta[i]
     k = past.instant[0]
@@ -302,7 +303,7 @@ def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
 Estimator = Literal["kalman", "measured"]
 
 
-def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
+def observer_of(design: DesignModel, kind: Estimator, kalman: Kalman) -> Observer:
     """Table of a design model and its estimator, for the kernels.
 
     Raises ConfigurationError for an estimator that does not fit the model.
@@ -325,7 +326,7 @@ def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
     north, east = (
         design.dofs.index(dof) if dof in design.dofs else -1 for dof in ("surge", "sway")
     )
-    return Believed(
+    return Observer(
         _contiguous(model.A), _contiguous(model.B / design.limits), _contiguous(model.C),
         _contiguous(M), _contiguous(design.limits[:, None] * bias), _contiguous(design.start()),
         design.limits.copy(), design.turning, kind == "measured", kalman.estimate_bias, still,
@@ -334,7 +335,7 @@ def believed(design: DesignModel, kind: Estimator, kalman: Kalman) -> Believed:
     )  # fmt: skip
 
 
-def estimator_remarks(table: Believed) -> list[Finding]:
+def estimator_remarks(table: Observer) -> list[Finding]:
     """Spectral radius of the estimation error, A - A M C, without the bias."""
     if table.measured:
         return []

@@ -26,8 +26,8 @@ zero at every feasible point, so the solution is the same.
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
+import daqp
 import numpy as np
 
 from seatrial.models.vessel.basis import Array
@@ -202,8 +202,6 @@ class Solver:
     """Solve a quadratic program repeatedly, for different parameters theta."""
 
     def __init__(self, problem: Quadratic) -> None:
-        import daqp
-
         equal = problem.equal
         E, e = problem.rows[equal[problem.simple :]], problem.shift[equal]
         rho = float(np.max(np.abs(problem.H))) / max(float(np.linalg.norm(E, 2)) ** 2, 1.0)
@@ -215,7 +213,7 @@ class Solver:
         self.moving = bool(np.any(self.shift != 0.0))
         self.rows = np.ascontiguousarray(problem.rows)
         sense = np.where(equal, EQUALITY, 0).astype(np.int32)
-        self.model: Any = daqp.Model()
+        self.model = daqp.Model()
         self.model.settings = {"primal_tol": TOLERANCE}
         flag, _ = self.model.setup(
             self.H, np.zeros(len(self.H)), self.rows, self.bound, -self.bound, sense

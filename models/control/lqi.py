@@ -16,19 +16,19 @@ from scipy.linalg import solve_discrete_are
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.estimator import (
-    Believed,
     Estimator,
     Kalman,
     Memory,
+    Observer,
     accept,
-    believed,
     estimate,
     estimator_remarks,
     heading,
     known_force,
     memory,
+    observer_of,
     remember,
-    seen,
+    to_axes,
 )
 from seatrial.models.control.linear_design import (
     DesignModel,
@@ -43,13 +43,14 @@ from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.weather.wind import WindForce
 
 
 class LqiTable(NamedTuple):
     """Parameters of the compiled step."""
 
-    believed: Believed
+    observer: Observer
     outlook: Outlook
     gain: Array  # (r, n + m) [N, Nm] of (Delta x, y_{k-1} - r)
     limited: bool
@@ -78,31 +79,31 @@ def _step(
 def _command(lqi: LqiTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
     """Compute the command of one sample and store it in the memory."""
     n, m, r = past.x.shape[0], eta.shape[0], past.command.shape[0]
-    turning, tau = lqi.believed.turning, lqi.command
-    estimate(lqi.believed, past, eta, nu)
-    psi = heading(lqi.believed, past.x)
-    seen(turning, psi, past.x, lqi.now)
-    known_force(lqi.believed, psi, lqi.now[n - m :], lqi.outlook, past.instant[0], True, lqi.known)
+    turning, tau = lqi.observer.turning, lqi.command
+    estimate(lqi.observer, past, eta, nu)
+    psi = heading(lqi.observer, past.x)
+    to_axes(turning, psi, past.x, lqi.now)
+    known_force(lqi.observer, psi, lqi.now[n - m :], lqi.outlook, past.instant[0], True, lqi.known)
     if past.instant[0] == 0:
         for i in range(r):
             tau[i] = -lqi.known[i]
     else:
         for i in range(n):
             lqi.now[i] = past.x[i] - past.x_last[i]
-        seen(turning, psi, lqi.now, lqi.change)
+        to_axes(turning, psi, lqi.now, lqi.change)
         for i in range(m):
             lqi.now[i] = past.y_last[i] - eta_d[i]
-        seen(turning, psi, lqi.now[:m], lqi.error)
+        to_axes(turning, psi, lqi.now[:m], lqi.error)
         if turning:
-            lqi.error[2] = np.pi - (np.pi - lqi.error[2]) % (2.0 * np.pi)
-        seen(turning, psi - past.axes[0], past.command, tau)
+            lqi.error[2] = wrap_kernel(lqi.error[2])
+        to_axes(turning, psi - past.axes[0], past.command, tau)
         for i in range(r):
             for j in range(n):
                 tau[i] += lqi.gain[i, j] * lqi.change[j]
             for j in range(m):
                 tau[i] += lqi.gain[i, n + j] * lqi.error[j]
-    remember(lqi.believed, past, psi, eta, lqi.known, lqi.outlook)
-    accept(past, tau, lqi.believed.limits, lqi.limited)
+    remember(lqi.observer, past, psi, eta, lqi.known, lqi.outlook)
+    accept(past, tau, lqi.observer.limits, lqi.limited)
 
 
 CONTROLLERS[LqiTable] = _step
@@ -164,7 +165,7 @@ class Lqi(Controller):
         m = len(design.model.C)
         work = (np.zeros(size) for size in (n, n, m, r, r))
         table = LqiTable(
-            believed(design, self.estimator, self.kalman), NO_OUTLOOK,
+            observer_of(design, self.estimator, self.kalman), NO_OUTLOOK,
             np.ascontiguousarray(design.limits[:, None] * gain), self.limited,
             samples(self.period_s, period_s), *work,
         )  # fmt: skip
@@ -191,7 +192,7 @@ class Lqi(Controller):
         radius = closed_loop_radius(augmented.A, augmented.B, gain)
         return [
             *design.remarks(),
-            *estimator_remarks(table.believed),
+            *estimator_remarks(table.observer),
             Finding("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]

@@ -19,19 +19,19 @@ from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.control import horizon
 from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.estimator import (
-    Believed,
     Estimator,
     Kalman,
     Memory,
+    Observer,
     accept,
-    believed,
     estimate,
     estimator_remarks,
     heading,
     known_force,
     memory,
+    observer_of,
     remember,
-    seen,
+    to_axes,
 )
 from seatrial.models.control.horizon import Horizon, Quadratic, Solver
 from seatrial.models.control.linear_design import (
@@ -41,6 +41,7 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
+from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.ranges import PositiveInt, check_ranges
@@ -55,7 +56,7 @@ Preview = Literal["none", "setpoint", "setpoint_and_wind"]
 class MpcTable(NamedTuple):
     """Parameters of the compiled step."""
 
-    believed: Believed
+    observer: Observer
     outlook: Outlook
     gain: Array  # (r, width): unconstrained command, as a fraction of the limits, per parameter
     steps: int  # of the horizon
@@ -88,7 +89,7 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
     """
     n, m = past.x.shape[0], eta.shape[0]
     r, k = past.command.shape[0], past.instant[0]
-    table, theta, limits = mpc.believed, mpc.theta, mpc.believed.limits
+    table, theta, limits = mpc.observer, mpc.theta, mpc.observer.limits
     estimate(table, past, eta, nu)
     psi = heading(table, past.x)
     _state(mpc, past, eta, psi)
@@ -106,11 +107,11 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
             if table.turning and j == 2 and i == 0:
                 shift = 2.0 * np.pi * np.round((target - psi) / (2.0 * np.pi))
             mpc.now[j] = target - mpc.error[j] - (shift if j == 2 and table.turning else 0.0)
-        seen(table.turning, psi, mpc.now[:m], theta[at + i * m : at + (i + 1) * m])
+        to_axes(table.turning, psi, mpc.now[:m], theta[at + i * m : at + (i + 1) * m])
     at += mpc.steps * m
     _disturbance(mpc, past, psi, at)
     at += mpc.steps * r
-    seen(table.turning, psi - past.axes[0], past.command, mpc.last)
+    to_axes(table.turning, psi - past.axes[0], past.command, mpc.last)
     for i in range(r):
         mpc.last[i] /= limits[i]
         if k == 0:  # the first command compensates the known disturbance
@@ -125,7 +126,7 @@ def write_parameters(mpc: MpcTable, past: Memory, eta: Array, nu: Array, eta_d: 
 def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
     """Write x_0 to theta, and to `error` the pose that the reference is relative to."""
     n, m = past.x.shape[0], eta.shape[0]
-    turning, theta = mpc.believed.turning, mpc.theta
+    turning, theta = mpc.observer.turning, mpc.theta
     for i in range(m):
         mpc.error[i] = 0.0
     for i in range(n):
@@ -134,7 +135,7 @@ def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
             mpc.now[i] = past.x[i] - past.x_last[i] if past.instant[0] > 0 else 0.0
         elif turning and i < m:
             mpc.now[i], mpc.error[i] = 0.0, past.x[i]
-    seen(turning, psi, mpc.now, theta[:n])
+    to_axes(turning, psi, mpc.now, theta[:n])
     if mpc.increments:
         for i in range(m):
             mpc.error[i] = past.y_last[i] if past.instant[0] > 0 else eta[i]
@@ -145,11 +146,11 @@ def _state(mpc: MpcTable, past: Memory, eta: Array, psi: float) -> None:
 def _disturbance(mpc: MpcTable, past: Memory, psi: float, at: int) -> None:
     """Write d_0 ... d_{N-1} to theta: known disturbance plus bias, or its increments."""
     n, r, k = past.x.shape[0], past.command.shape[0], past.instant[0]
-    table, theta, limits = mpc.believed, mpc.theta, mpc.believed.limits
-    seen(table.turning, psi, past.x, mpc.change)
+    table, theta, limits = mpc.observer, mpc.theta, mpc.observer.limits
+    to_axes(table.turning, psi, past.x, mpc.change)
     velocity = mpc.change[n - r :]
     known_force(table, psi, velocity, mpc.outlook, k, True, mpc.known)
-    seen(table.turning, psi, past.bias, mpc.tau)
+    to_axes(table.turning, psi, past.bias, mpc.tau)
     for j in range(r):
         theta[at + j] = (mpc.known[j] + mpc.tau[j]) / limits[j]
     for i in range(1, mpc.steps):
@@ -164,7 +165,7 @@ def _disturbance(mpc: MpcTable, past: Memory, psi: float, at: int) -> None:
         for i in range(mpc.steps - 1, 0, -1):
             for j in range(r):
                 theta[at + i * r + j] -= theta[at + (i - 1) * r + j]
-        seen(table.turning, psi - past.axes[0], past.known, mpc.last)
+        to_axes(table.turning, psi - past.axes[0], past.known, mpc.last)
         for j in range(r):
             before = mpc.last[j] if k > 0 else mpc.known[j]
             theta[at + j] = (mpc.known[j] - before) / limits[j]
@@ -185,8 +186,8 @@ def _linear_step(
             total = 0.0
             for j in range(mpc.theta.shape[0]):
                 total += mpc.gain[i, j] * mpc.theta[j]
-            mpc.tau[i] = (total + mpc.increments * mpc.last[i]) * mpc.believed.limits[i]
-        accept(past, mpc.tau, mpc.believed.limits, False)
+            mpc.tau[i] = (total + mpc.increments * mpc.last[i]) * mpc.observer.limits[i]
+        accept(past, mpc.tau, mpc.observer.limits, False)
     for i in range(tau.shape[0]):
         tau[i] = tau_fb[i] = past.command[i]
     past.instant[0] += 1
@@ -211,7 +212,7 @@ def _quadratic_step(
             share = z[: len(tau)]
             if table.increments:
                 share = share + table.last
-            np.multiply(np.clip(share, -1.0, 1.0), table.believed.limits, out=past.command)
+            np.multiply(np.clip(share, -1.0, 1.0), table.observer.limits, out=past.command)
     tau[:] = tau_fb[:] = past.command
     past.instant[0] += 1
 
@@ -226,6 +227,12 @@ FORMULATIONS: dict[Formulation, Callable[[Horizon], Quadratic]] = {
     "condensed": horizon.condensed,
     "integral": horizon.increments,
 }
+
+# Unknowns and equations of a program, for each sample of the horizon and degree of freedom: the
+# model has at most three states for each, in the formulation of increments they are eliminated.
+UNKNOWNS: dict[Formulation, int] = {"standard": 11, "reduced": 7, "condensed": 1, "integral": 1}
+MATRICES = 8  # of this size
+SOLVE = 4  # operations for each number of the matrix, to find a command
 
 
 @dataclass(frozen=True)
@@ -303,7 +310,7 @@ class Mpc(Controller):
         m = len(design.model.C)
         work = (np.zeros(size) for size in (problem.width, n, n, m, r, r, r))
         table = MpcTable(
-            believed(design, self.estimator, self.kalman), NO_OUTLOOK,
+            observer_of(design, self.estimator, self.kalman), NO_OUTLOOK,
             horizon.unconstrained_gain(problem, quadratic), self.horizon, self.incremental,
             self.limited, self.preview != "none", self.preview == "setpoint_and_wind",
             samples(self.period_s, period_s), *work,
@@ -334,13 +341,23 @@ class Mpc(Controller):
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
 
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The matrices of the quadratic program, and its solution for every command."""
+        size = float(self.horizon) * extent.n_dof * UNKNOWNS[self.formulation]
+        commands = extent.samples / self.command_rows(extent.period_s)
+        solved = commands * SOLVE * size**2 if self.limited else 0.0
+        work = (size**3 + solved) / FLOPS
+        detail = f"matrices of {amount(size)} x {amount(size)} numbers"
+        memory = MATRICES * NUMBER * size**2
+        return [Demand("horizon", self.horizon, detail, work, memory)]
+
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""
         design = self.design(model, period_s)
         problem = self.problem(design)
         gain = horizon.unconstrained_gain(problem, self.write(problem))
         radius = closed_loop_radius(problem.A, problem.B, gain[:, problem.parameters[0]])
-        table = believed(design, self.estimator, self.kalman)
+        table = observer_of(design, self.estimator, self.kalman)
         return [
             *design.remarks(),
             *estimator_remarks(table),

@@ -20,7 +20,12 @@ from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import Log, Outlook
 from seatrial.models.vessel.basis import N_VARIABLES, Array, features_kernel
-from seatrial.models.vessel.kinematics import SPATIAL, fill_angles_kernel, spatial_error_kernel
+from seatrial.models.vessel.kinematics import (
+    SPATIAL,
+    fill_angles_kernel,
+    spatial_error_kernel,
+    wrap_kernel,
+)
 from seatrial.models.vessel.table import (
     ForceTable,
     Vessel,
@@ -60,7 +65,7 @@ def body_error(planar: bool, eta_d: Array, eta: Array, e: Array) -> None:
         north, east = e[0], e[1]
         e[0] = c * north + s * east
         e[1] = c * east - s * north
-        e[2] = np.pi - (np.pi - e[2]) % (2.0 * np.pi)
+        e[2] = wrap_kernel(e[2])
     elif e.shape[0] == SPATIAL:
         spatial_error_kernel(eta_d, eta, e)
 

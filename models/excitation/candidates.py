@@ -34,7 +34,7 @@ STEP_S = 0.1  # longest integration step of the design's simulations
 
 
 @dataclass(frozen=True)
-class Believed:
+class UncertainModel:
     """The model for the design of a mix; `error` is the relative error of its coefficients."""
 
     error: float
@@ -78,7 +78,7 @@ class Design:
         dofs = self.plant.vessel.dofs
         return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
 
-    def sailed(self, name: str) -> Voyage:
+    def voyage(self, name: str) -> Voyage:
         """Simulate a candidate and its stop in calm water, from rest at the origin."""
         plan = self.schedule(self.sub_experiment(name, "training"))
         n, n_dof = len(plan), len(plan.dofs)
@@ -99,7 +99,7 @@ class Design:
     @cached_property
     def voyages(self) -> dict[str, Voyage]:
         """The simulation of every candidate with the believed model."""
-        return {name: self.sailed(name) for name in self.candidates}
+        return {name: self.voyage(name) for name in self.candidates}
 
     @cached_property
     def gammas(self) -> Array:

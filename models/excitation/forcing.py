@@ -6,10 +6,18 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from seatrial.models.demand import Demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import Mission, check_fraction, check_offset, steady_force
+from seatrial.models.excitation.missions import (
+    Length,
+    Mission,
+    check_fraction,
+    check_offset,
+    steady_force,
+)
 from seatrial.models.excitation.signals import Signal
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.registry import Timetable
@@ -41,6 +49,9 @@ class Forcing(Mission):
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        unknown = [axis for axis in self.amplitude if axis not in DOFS]
+        if unknown:
+            raise ConfigurationError(f"amplitude.{unknown[0]}: expected some of {', '.join(DOFS)}")
         missing = [axis for axis in self.axes if axis not in self.amplitude]
         if not self.axes or missing:
             raise ConfigurationError(
@@ -72,6 +83,23 @@ class Forcing(Mission):
     def duration_s(self) -> float:
         """Length of all parts [s]."""
         return self.parts * self.part_s
+
+    def length(self) -> Length:
+        """The length of all parts, set by the signal or by the base mission."""
+        if self.base is not None:
+            base = self.base.length()
+            return base._replace(option=f"base.{base.option}")
+        option = "length_s" if self.length_s >= self.time_scale else "time_scale"
+        return Length(option, getattr(self, option), self.duration_s)
+
+    def demands(self, period_s: float) -> list[Demand]:
+        """What the signal takes on every axis."""
+        length = self.length().seconds / self.parts / self.time_scale
+        samples = self.length().seconds / period_s
+        signal = self.signal.demands(length, samples)
+        own = (demand.of("signal", len(self.axes)) for demand in signal)
+        base = () if self.base is None else self.base.demands(period_s)
+        return [*own, *(demand.of("base") for demand in base)]
 
     @property
     def reference_filter(self) -> Reference:

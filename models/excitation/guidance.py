@@ -13,6 +13,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import GUIDANCE, FilterTable
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap_kernel
 
 
 class Reference(ABC):
@@ -83,8 +84,7 @@ def _sight_step(table: SightTable, state: Array, k: int, eta: Array, setpoint: A
     else:  # arrived: stand at the last way-point, along the last leg
         setpoint[0], setpoint[1] = goal[0], goal[1]
         heading = np.arctan2(east, north)
-    turn = heading - state[1]
-    state[1] += np.pi - (np.pi - turn) % (2.0 * np.pi)
+    state[1] += wrap_kernel(heading - state[1])
     setpoint[2] = state[1]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import (
+    Length,
     Mission,
     check_fraction,
     check_offset,
@@ -16,6 +17,7 @@ from seatrial.models.excitation.missions import (
     within,
 )
 from seatrial.models.excitation.open_loop import ZigZag
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
@@ -128,6 +130,10 @@ class ConstantVelocity(Mission):
     def __post_init__(self) -> None:
         check_ranges(self)
         for names, values in self.velocities.items():
+            if unknown := [name for name in names.split("+") if name not in DOFS]:
+                raise ConfigurationError(
+                    f"velocities.{names}: got {unknown[0]!r}, expected some of {', '.join(DOFS)}"
+                )
             for value in values:
                 if isinstance(value, tuple) and len(value) != len(names.split("+")):
                     raise ConfigurationError(
@@ -157,6 +163,11 @@ class ConstantVelocity(Mission):
     def duration_s(self) -> float:
         """Length of all runs [s]."""
         return len(self.runs) * self.pair_s
+
+    def length(self) -> Length:
+        """The length of all runs, set by the longer of run and rest."""
+        option = "run_s" if self.run_s >= self.rest_s else "rest_s"
+        return Length(option, getattr(self, option), self.duration_s)
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The set-points as a timetable, from a level vessel that heads north."""

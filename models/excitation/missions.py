@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from seatrial.models.demand import Demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import (
     LineOfSight,
@@ -39,6 +40,14 @@ class Evaluation(ABC):
         return None
 
 
+class Length(NamedTuple):
+    """Length [s] of a mission, and the option that sets it."""
+
+    option: str
+    got: float
+    seconds: float
+
+
 class Mission(Evaluation):
     """A mission: a guidance law with a reference model, and forces added to the command.
 
@@ -57,6 +66,14 @@ class Mission(Evaluation):
         def reference_filter(self) -> Reference:
             """The reference model between set-point and controller."""
             ...
+
+    def length(self) -> Length:
+        """The length, known before a plan: at least `duration_s`, but for passages of a plan."""
+        return Length("duration_s", self.duration_s, self.duration_s)
+
+    def demands(self, period_s: float) -> Sequence[Demand]:
+        """What the mission takes beside its simulation with a control period [s]."""
+        return ()
 
     @abstractmethod
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
@@ -169,6 +186,10 @@ class Waypoints(Mission):
     def duration_s(self) -> float:
         """Length of the lap [s]."""
         return len(self.waypoints) * self.interval_s
+
+    def length(self) -> Length:
+        """The length of the lap."""
+        return Length("interval_s", self.interval_s, self.duration_s)
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The set-points as a timetable; `start` is not used, the lap begins at the origin."""

@@ -125,11 +125,11 @@ class Setpoints(Mission):
             raise ConfigurationError(
                 f"schedule: got {self.schedule!r}, expected one of {', '.join(self.schedules)}"
             )
-        points = self.schedules[self.schedule]
-        if not points or any(len(point) != 3 for point in points):
-            raise ConfigurationError(
-                f"schedules.{self.schedule}: expected a list of (north, east, heading)"
-            )
+        for name, points in self.schedules.items():  # those that are not sailed as well
+            if not points or any(len(point) != 3 for point in points):
+                raise ConfigurationError(
+                    f"schedules.{name}: expected a list of (north, east, heading)"
+                )
 
     def poses(self, n_dof: int) -> Array:
         """The poses of the schedule, shape (n, n_dof) [m, rad]: in the plane, or north alone."""

@@ -21,9 +21,11 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
+from seatrial.models.demand import Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
+    FEWEST,
     Identified,
     Identifier,
     Needs,
@@ -70,7 +72,21 @@ class Auto(Identifier):
 
     def needs(self) -> Needs:
         """The force of the simulation."""
-        return Needs(self.force, thruster_lag=self.force == "filtered")
+        return Needs(self.force, thruster_lag=self.force == "filtered", samples=FEWEST * self.folds)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """Every candidate on every fold, and the one that is chosen."""
+        read = float(self.folds) * len(self.candidates) * extent.samples
+        detail = f"{amount(self.folds)} fits of {len(self.candidates)} candidates"
+        demands = [Demand("folds", self.folds, detail, read)]
+        for name, candidate in self.candidates.items():
+            each = [(candidate.without_bootstrap(), self.folds), (candidate, 1)]
+            demands += [
+                demand.of(f"candidates.{name}", times)
+                for identifier, times in each
+                for demand in identifier.demands(extent)
+            ]
+        return demands
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify with the candidate that cross-validation chooses.

@@ -10,7 +10,7 @@ that no candidate overflows; the number of limited rates is counted.
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -21,7 +21,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.dynamics import scratch_in, scratch_size, step
+from seatrial.models.simulation.dynamics import Scratch, scratch_in, scratch_size, step
 from seatrial.models.vessel.basis import ATTITUDE, N_VARIABLES, VARIABLES, Array, Term
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, layout
 from seatrial.models.vessel.pose import (
@@ -60,7 +60,7 @@ class Course(NamedTuple):
     step_s: float
     limit: float  # of eta_dot [m/s, rad/s] and nu_dot [m/s^2, rad/s^2]
 
-    def begun(self, offset: Array) -> "Course":
+    def with_offset(self, offset: Array) -> "Course":
         """The course with an offset of the initial states from the measured ones.
 
         `offset` (n, 2 n_dof) is added to the initial states of the n predictions; attitudes are
@@ -116,15 +116,11 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
     """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
     By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
-    the recorded acting force, else the command. If the recorded force equals the command of the
-    sample before, the thruster has no lag and the command is used. After the last sample the force
-    is zero.
+    the command if the thrusters are known to have no lag, else the recorded acting force, else the
+    command. An acting force is constant after the last sample.
     """
-    actual = recording.tau_actual
-    follows = ~recording.piece_starts[1:]
-    if thruster is None and actual is not None and kind is None:
-        same = np.array_equal(actual[1:][follows], recording.tau[:-1][follows])
-        kind = "commanded" if same else None
+    if thruster is None and recording.without_lag and kind is None:
+        kind = "commanded"
     held = recording.held_force(kind)
     if thruster is not None and recording.force(kind) is recording.tau_filtered:
         start, end = held[:, 0], held[:, 2]
@@ -161,7 +157,7 @@ def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flag
 
 @lean_kernel
 def _follow(
-    plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Any
+    plant: PlantTable, course: Course, k: int, euler: bool, eta: Array, nu: Array, work: Scratch
 ) -> None:
     """Integrate from sample k - 1 to sample k, or set the initial state of a new prediction."""
     if course.restart[k]:

@@ -12,6 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pymoo.operators.crossover.sbx import cross_sbx
+from pymoo.operators.mutation.pm import mut_pm
+from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from seatrial.models.vessel.basis import Array
 
@@ -45,17 +49,17 @@ class Nsga2Search:
     def __init__(self, operators: Operators, m: int, rng: np.random.Generator) -> None:
         self.operators, self.rng = operators, rng
         self.population: Population | None = None
-        self.asked = rng.random((operators.population, m))
+        self.individuals = rng.random((operators.population, m))
 
     def ask(self) -> Array:
         """Individuals to evaluate, shape (n, m)."""
         if self.population is not None:
-            self.asked = offspring(self.population, self.operators, self.rng)
-        return self.asked
+            self.individuals = offspring(self.population, self.operators, self.rng)
+        return self.individuals
 
     def tell(self, values: Array) -> None:
         """Objectives of the individuals asked for, shape (n, n_objectives)."""
-        units, size = self.asked, self.operators.population
+        units, size = self.individuals, self.operators.population
         if self.population is not None:
             units = np.vstack([self.population.units, units])
             values = np.vstack([self.population.values, values])
@@ -79,9 +83,6 @@ def survivors(units: Array, values: Array, size: int) -> Population:
 
     units (n, m), values (n, n_objectives).
     """
-    from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
-    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
-
     indices, ranks, crowdings = [], [], []
     remaining = size
     for rank, front in enumerate(NonDominatedSorting().do(values, n_stop_if_ranked=size)):
@@ -135,8 +136,6 @@ def tournament(population: Population, children: int, rng: np.random.Generator) 
 
 def crossed(parents: Array, operators: Operators, rng: np.random.Generator) -> Array:
     """Children of pairs of parents (2, n, m) by simulated binary crossover, shape (2 n, m)."""
-    from pymoo.operators.crossover.sbx import cross_sbx
-
     _, n, m = parents.shape
     eta, half = np.full((n, 1), operators.crossover_eta), np.full((n, 1), 0.5)
     # pymoo's defaults: half of the variables are crossed, half of these are exchanged
@@ -147,8 +146,6 @@ def crossed(parents: Array, operators: Operators, rng: np.random.Generator) -> A
 
 def mutated(units: Array, operators: Operators, rng: np.random.Generator) -> Array:
     """Individuals after polynomial mutation, shape (n, m)."""
-    from pymoo.operators.mutation.pm import mut_pm
-
     n, m = units.shape
     eta = np.full(n, operators.mutation_eta)
     probability = np.full(n, operators.mutation_probability)

@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from seatrial.models.demand import Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.linear import qr
@@ -206,6 +207,13 @@ class InstrumentalVariables(ResidualOptions):
         _check_inertia(problem.nominal + residual)
         errors = estimate.table(self._errors(estimate, rng), np.nan)
         return Identified(problem.nominal + residual, residual, errors, estimate.findings)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The simulations and the replicates."""
+        restarts = self.iterations * extent.samples
+        detail = f"{self.iterations} simulations of {amount(extent.samples)} samples"
+        simulated = Demand("iterations", self.iterations, detail, restarts)
+        return [simulated, *bootstrap_demand(self.bootstrap, extent)]
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.linear import (
@@ -98,6 +99,10 @@ class LeastSquares(ResidualOptions):
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
         return Identified(problem.nominal + residual, residual, errors, findings)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The replicates of the bootstrap."""
+        return bootstrap_demand(self.bootstrap, extent)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -8,10 +8,24 @@ generation is evaluated in one call.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import comb
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pymoo.algorithms.moo.nsga3 import NSGA3
+from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
+from pymoo.config import Config
+from pymoo.core.algorithm import Algorithm as PymooAlgorithm
+from pymoo.core.evaluator import Evaluator
+from pymoo.core.population import Population
+from pymoo.core.problem import Problem
+from pymoo.core.termination import NoTermination
+from pymoo.operators.crossover.sbx import SBX
+from pymoo.operators.mutation.pm import PM
+from pymoo.operators.selection.rnd import RandomSelection
+from pymoo.problems.static import StaticProblem
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+from pymoo.util.ref_dirs import get_reference_directions
 from scipy.spatial import cKDTree
 
 from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
@@ -103,7 +117,7 @@ class Space:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchResult:
     """The result of a search; the front has no duplicates and no dominated point."""
 
     points: Array  # (n, m)
@@ -142,7 +156,7 @@ def search(
     metric: RunningMetric,
     searcher: Searcher,
     generations: int,
-) -> Searched:
+) -> SearchResult:
     """Search until the running metric converges, a point reaches the floor, or for `generations`.
 
     `floor` (n_objectives,) are the values of the objectives that count as zero.
@@ -160,7 +174,7 @@ def search(
             reason = "running_metric"
         elif searcher.ended:
             reason = "algorithm"
-    return Searched(space.points(units), front, metric, generation, reason)
+    return SearchResult(space.points(units), front, metric, generation, reason)
 
 
 def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
@@ -168,8 +182,6 @@ def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
 
     units (n, m), values (n, n_objectives).
     """
-    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
-
     _, first = np.unique(values, axis=0, return_index=True)
     best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
     indices = first[np.sort(best)]
@@ -199,40 +211,33 @@ class PymooSearch:
     """
 
     def __init__(
-        self, algorithm: Any, m: int, objectives: int, scale: Array | None, seed: int
+        self, algorithm: PymooAlgorithm, m: int, objectives: int, scale: Array | None, seed: int
     ) -> None:
-        from pymoo.config import Config
-        from pymoo.core.problem import Problem
-        from pymoo.core.termination import NoTermination
-
         Config.warnings["not_compiled"] = False
         self.cube = Problem(n_var=m, n_obj=objectives, xl=0.0, xu=1.0)
         self.algorithm, self.scale = algorithm, scale
         self.algorithm.setup(self.cube, seed=seed, termination=NoTermination())
-        self.asked: Any = None
+        self.individuals = Population()
         self.best: tuple[Array, Array] | None = None
 
     def ask(self) -> Array:
         """Individuals to evaluate, within the cube."""
-        self.asked = self.algorithm.ask()
+        self.individuals = self.algorithm.ask()
         return self._candidates()
 
     def tell(self, values: Array) -> None:
         """Pass the objectives to pymoo, and store the best of all individuals."""
-        from pymoo.core.evaluator import Evaluator
-        from pymoo.problems.static import StaticProblem
-
         units, objectives = self._candidates(), values
         if self.scale is not None:
             objectives = np.sum(values / self.scale, axis=1, keepdims=True)
-        Evaluator().eval(StaticProblem(self.cube, F=objectives), self.asked)
-        self.algorithm.tell(infills=self.asked)
+        Evaluator().eval(StaticProblem(self.cube, F=objectives), self.individuals)
+        self.algorithm.tell(infills=self.individuals)
         if self.best is not None:
             units, values = np.vstack([self.best[0], units]), np.vstack([self.best[1], values])
         self.best = nondominated(units, values)
 
     def _candidates(self) -> Array:
-        return np.clip(np.asarray(self.asked.get("X"), dtype=np.float64), 0.0, 1.0)
+        return np.clip(np.asarray(self.individuals.get("X"), dtype=np.float64), 0.0, 1.0)
 
     @property
     def front(self) -> tuple[Array, Array]:
@@ -249,14 +254,8 @@ class PymooSearch:
         return bool(self.algorithm.termination.force_termination)
 
 
-def _nsga3(operators: Operators, objectives: int) -> Any:
+def _nsga3(operators: Operators, objectives: int) -> NSGA3:
     """NSGA-III with at most as many reference directions (Das and Dennis) as individuals."""
-    from pymoo.algorithms.moo.nsga3 import NSGA3
-    from pymoo.operators.crossover.sbx import SBX
-    from pymoo.operators.mutation.pm import PM
-    from pymoo.operators.selection.rnd import RandomSelection
-    from pymoo.util.ref_dirs import get_reference_directions
-
     partitions = 1
     while comb(objectives + partitions, partitions + 1) <= operators.population:
         partitions += 1
@@ -270,8 +269,6 @@ def _nsga3(operators: Operators, objectives: int) -> Any:
     )
 
 
-def _cmaes(operators: Operators) -> Any:
+def _cmaes(operators: Operators) -> SimpleCMAES:
     """CMA-ES with its default settings except for the population size."""
-    from pymoo.algorithms.soo.nonconvex.cmaes import SimpleCMAES
-
     return SimpleCMAES(sigma=CMAES_STEP, opts={"popsize": operators.population})

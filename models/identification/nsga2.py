@@ -15,6 +15,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from seatrial.models.demand import NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
@@ -22,7 +23,7 @@ from seatrial.models.identification.genetic_algorithm import Operators
 from seatrial.models.identification.multiobjective_search import (
     Algorithm,
     RunningMetric,
-    Searched,
+    SearchResult,
     Space,
     search,
     searcher,
@@ -120,6 +121,9 @@ def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) 
         distance = np.linalg.norm(normalised(front)[indices], axis=1)
         return int(indices[np.argmin(distance)]), "knee"
     return nearest_to_ideal(front), "ideal"
+
+
+USUAL_POPULATION, USUAL_GENERATIONS = 1000, 60  # a search beyond them is long
 
 
 @dataclass(frozen=True)
@@ -223,6 +227,20 @@ class Nsga2(PredictionOptions):
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The predictions of all candidates of all generations, and their comparison in pairs."""
+        size = float(self.population or self.population_cap)
+        predicted = size * self.generations * extent.samples
+        many = size / USUAL_POPULATION > self.generations / USUAL_GENERATIONS
+        size_option = "population" if self.population else "population_cap"
+        option = size_option if many else "generations"
+        detail = (
+            f"{amount(size * self.generations)} candidates of {amount(extent.samples)} samples each"
+        )
+        memory = 2 * NUMBER * size * (size + extent.n_terms * extent.n_dof)
+        search = Demand(option, getattr(self, option), detail, predicted, memory)
+        return [search, *bootstrap_demand(self.bootstrap, extent)]
+
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""
         return replace(self, bootstrap=None)
@@ -243,7 +261,9 @@ class Nsga2(PredictionOptions):
         listed = np.isin(predictor.free.labels, self.log_scale)
         return Space(lower, upper, one_sign if "all" in self.log_scale else listed)
 
-    def _search(self, objectives: Objectives, space: Space, rng: np.random.Generator) -> Searched:
+    def _search(
+        self, objectives: Objectives, space: Space, rng: np.random.Generator
+    ) -> SearchResult:
         m = len(space.lower)
         size = self.population or min(10 ** min(m, 9), self.population_cap)
         probability = 1.0 / m if self.mutation_probability is None else self.mutation_probability
@@ -257,7 +277,9 @@ class Nsga2(PredictionOptions):
         return search(objectives, space, floor, metric, algorithm, self.generations)
 
 
-def front_findings(predictor: Predictor, objectives: Objectives, result: Searched) -> list[Finding]:
+def front_findings(
+    predictor: Predictor, objectives: Objectives, result: SearchResult
+) -> list[Finding]:
     """All points of the Pareto set, and the history of the running metric."""
     free = predictor.free
     findings = []

@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
+from seatrial.models.demand import NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
@@ -103,6 +104,7 @@ def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
 
 
 AXES = ("topology_first", "topology_second")
+FINDING = 60  # numbers that take as much memory as a finding
 MOST_NAMED = 6  # of the parameters in an error message
 
 
@@ -128,6 +130,13 @@ class Grid(PredictionOptions):
                 raise ConfigurationError(
                     f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
                 )
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """A prediction and a finding for every point of the grid."""
+        count = float(self.points) ** len(AXES)
+        detail = f"{amount(count)} points of {amount(extent.samples)} samples each"
+        memory = FINDING * NUMBER * count
+        return [Demand("points", self.points, detail, count * extent.samples, memory)]
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the lowest grid point, with the grid as findings."""

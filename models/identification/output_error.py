@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.prediction_fit import (
@@ -110,6 +111,10 @@ class OutputError(PredictionOptions):
         findings = [Finding("condition_number", "all", condition), *covariance]
         findings += fit_findings(predictor, fit_result)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The replicates of the bootstrap."""
+        return bootstrap_demand(self.bootstrap, extent)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -13,7 +13,6 @@ that responds with a delay, as with a thruster lag, has C B_c = -delay M^-1.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.linalg import logm
@@ -98,7 +97,7 @@ def continuous(model: StateSpace) -> tuple[Array, Array]:
             f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
             f"which a sampled continuous model cannot have"
         )
-    logarithm: Any = logm(model.A)
+    logarithm = np.asarray(logm(model.A))
     if np.max(np.abs(np.imag(logarithm))) > REAL * np.max(np.abs(logarithm)):
         raise IdentificationError("no physical form: the logarithm of A is not real")
     A = np.asarray(np.real(logarithm), dtype=np.float64) / period

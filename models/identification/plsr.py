@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
 from seatrial.models.identification.cross_validation import (
     Selection,
@@ -25,7 +26,7 @@ from seatrial.models.identification.kernel_pls import (
     mean_squares,
     output_moment,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
@@ -52,6 +53,19 @@ class PartialLeastSquares(ResidualOptions):
         super().__post_init__()
         check_folds(self.folds)
         check_bootstrap(self.bootstrap, self.block_s)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The moments of every fold, which each replicate of the bootstrap sums again."""
+        sums = float(self.folds) ** 2 * extent.n_terms**2
+        work = (1 + (self.bootstrap or 0)) * sums / FLOPS
+        memory = 4 * NUMBER * self.folds * extent.n_terms**2
+        detail = f"{amount(sums)} sums of moments for each choice of an order"
+        folds = Demand("folds", self.folds, detail, work, memory)
+        return [folds, *bootstrap_demand(self.bootstrap, extent)]
+
+    def needs(self) -> Needs:
+        """The data of the residual, and two samples for each fold."""
+        return super().needs()._replace(samples=2 * self.folds)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

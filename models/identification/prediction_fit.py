@@ -16,9 +16,10 @@ fit, not a new fit.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+import scipy
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
@@ -182,7 +183,9 @@ def fit(
     return Fit(x * size, start, jacobian, rest, weights, evaluations)
 
 
-def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float) -> Any:
+def _solve(
+    misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float
+) -> "scipy.optimize.OptimizeResult":
     """Trust-region least squares of scipy on a compressed problem of m + 1 residuals.
 
     With (e, J) = Q R the residual e is |e| times the first column of Q. The residual
@@ -190,7 +193,6 @@ def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float)
     solves the same subproblems with a matrix that does not grow with the recording. It rejects a
     step to a point where the residual is NaN.
     """
-    from scipy.optimize import least_squares
 
     def residuals(x: Array) -> Array:
         _, rest = misfit.best(x)
@@ -202,7 +204,7 @@ def _solve(misfit: Misfit, x: Array, box: tuple[Array, Array], tolerance: float)
         triangle = np.asarray(np.linalg.qr(columns, mode="r"))
         return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))
 
-    return least_squares(
+    return scipy.optimize.least_squares(
         residuals, x, jacobian, box, x_scale="jac", ftol=tolerance, xtol=tolerance,
         gtol=tolerance, max_nfev=200,
     )  # fmt: skip

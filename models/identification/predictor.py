@@ -72,7 +72,7 @@ class Predictor:
         `offset` (n, 2 n_dof) is added to the measured initial states of the n predictions. The
         result is NaN if the inertia is not positive definite.
         """
-        course = self.course if offset is None else self.course.begun(offset)
+        course = self.course if offset is None else self.course.with_offset(offset)
         tables = self.free.tables(point[None])
         inverses, realistic = self.plan.inverse_inertia(tables)
         if not realistic[0]:

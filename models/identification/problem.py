@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.notation import PLANAR
@@ -45,12 +46,16 @@ class Identified:
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
 
 
+FEWEST = 2  # samples of a recording
+
+
 class Needs(NamedTuple):
     """Data that an identifier needs in addition to the motion and the command."""
 
     force: str | None = None  # commanded, filtered or actual; None: the best available one
     thruster_lag: bool = False  # whether the thruster lag has to be known
     lowpass_hz: float | None = None  # must be below the Nyquist frequency
+    samples: int = FEWEST  # least number of them for training
 
 
 class Identifier(ABC):
@@ -75,6 +80,10 @@ class Identifier(ABC):
     def model_period_s(self, sample_time_s: float) -> float | None:
         """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None
+
+    def demands(self, extent: Extent) -> Sequence[Demand]:
+        """What its options take beside reading the samples of the training part."""
+        return ()
 
     def without_bootstrap(self) -> "Identifier":
         """This identifier without bootstrap standard errors, for a cross-validation."""

@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
@@ -225,12 +226,10 @@ def estimate(
 
     Raises IdentificationError when the training part is too short.
     """
-    from scipy.optimize import minimize  # slow to import
-
     search = _prepare(options, problem)
     grid = np.array([(np.log(w), np.log(d)) for w in FREQUENCIES for d in DAMPINGS])
     start = grid[int(np.argmin([search.unexplained(point) for point in grid]))]
-    optimum = minimize(
+    optimum = scipy.optimize.minimize(
         lambda logs: np.log(search.unexplained(np.clip(logs, -5.0, 6.0)) + NOTHING_LEFT),
         start,
         method="Nelder-Mead",

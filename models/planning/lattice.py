@@ -11,7 +11,7 @@ nearest pose of the lattice is appended.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from seatrial.models.planning.a_star import Integers
 from seatrial.models.planning.waters import Waters, clear, inside, simplified
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned
+
+if TYPE_CHECKING:
+    import shapely
 
 HEADINGS = 8
 STEP = 2.0 * np.pi / HEADINGS
@@ -130,10 +133,7 @@ class Lattice:
         n0, n1, e0, e1 = waters.bounds
         corners = np.array([(n, e) for n in (n0, n1) for e in (e0, e1)])
         corners_m = in_body(corners - anchor[:2], anchor[2]) / cell_m
-        low, high = (
-            np.ceil(corners_m.min(axis=0)).astype(int),
-            np.floor(corners_m.max(axis=0)).astype(int),
-        )
+        low, high = np.ceil(corners_m.min(axis=0)), np.floor(corners_m.max(axis=0))
         shape = (int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
         if shape[0] * shape[1] > MOST_CELLS:
             raise ConfigurationError(
@@ -211,7 +211,9 @@ def placed(
     )
 
 
-def _valid(lattice: Lattice, free: Any, path: Array, margin: float) -> NDArray[np.bool_]:
+def _valid(
+    lattice: Lattice, free: "shapely.Geometry", path: Array, margin: float
+) -> NDArray[np.bool_]:
     """Whether a path from each cell is clear and ends on the lattice, shape (I, J)."""
     i, j, _ = nearest(path[-1], lattice.cell_m)
     rows, columns = np.indices(lattice.shape)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,13 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
+
+if TYPE_CHECKING:
+    import shapely
+else:
+    import lazy_loader
+
+    shapely = lazy_loader.load("shapely")  # slow to import
 
 Corners = tuple[tuple[float, ...], ...]
 QUARTER = 16  # sides of the polygon in a quarter of a circle
@@ -48,13 +55,11 @@ class Waters:
             f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)
         }
 
-    def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> Any:
+    def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> "shapely.Geometry":
         """The positions with the clearance and a margin [m], as a shapely geometry.
 
         The obstacles with an index in `without` are ignored.
         """
-        import shapely  # slow to import
-
         distance = (self.clearance_m + margin_m) * OUTSIDE
         area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
         obstacles = [corners for i, corners in enumerate(self.obstacles) if i not in without]
@@ -74,8 +79,6 @@ class Waters:
 
     def in_the_way(self, point: Sequence[float]) -> str | None:
         """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
-        import shapely
-
         at = shapely.Point(point[0], point[1])
         if not _polygon(self.area).contains(at):
             return "it lies outside area"
@@ -94,8 +97,6 @@ class Waters:
 
     def distance(self, points: Array) -> Array:
         """Distance [m], (N,), of points (N, 2) to the nearest obstacle or edge; 0 if not free."""
-        import shapely
-
         area = _polygon(self.area)
         at = shapely.points(points)
         occupied = shapely.union_all([_polygon(corners) for corners in self.obstacles])
@@ -122,39 +123,29 @@ class Waters:
     def _connected(
         self, start: Sequence[float], goal: Sequence[float], without: Sequence[int]
     ) -> bool:
-        import shapely
-
         points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
         free = self.free(without=without)
         return any(all(part.covers(at) for at in points) for part in shapely.get_parts(free))
 
 
-def _polygon(corners: Corners) -> Any:
-    import shapely
-
+def _polygon(corners: Corners) -> "shapely.Polygon":
     return shapely.Polygon(corners)
 
 
 def simplified(path: Array, tolerance_m: float) -> Array:
     """The corners (n, 2) of a path (N, 2) [m] simplified within a tolerance [m]."""
-    import shapely
-
     if not np.any(path != path[0]):
         return path[:1]
     return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(tolerance_m)))
 
 
-def inside(free: Any, points: Array) -> NDArray[np.bool_]:
+def inside(free: "shapely.Geometry", points: Array) -> NDArray[np.bool_]:
     """Whether points (..., 2) [m] lie in a free geometry, shape (...)."""
-    import shapely
-
     return np.asarray(shapely.intersects_xy(free, points[..., 0], points[..., 1]))
 
 
-def clear(free: Any, path: Array, origins: Array) -> NDArray[np.bool_]:
+def clear(free: "shapely.Geometry", path: Array, origins: Array) -> NDArray[np.bool_]:
     """Whether a path (n, 2) from each of the origins (M, 2) stays in a free geometry, (M,)."""
-    import shapely
-
     if len(path) == 1:
         return inside(free, origins + path[0])
     lines = shapely.linestrings(origins[:, None, :] + path)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import shorten
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from seatrial.models.notation import DOFS
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, unroll
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 LARGEST_BLOCK = 2**31 - 1  # bytes that pyarrow parses at once
 LARGEST = 1e30  # larger numbers are not measurements, and their squares could overflow
@@ -65,7 +68,9 @@ def read_table(
     return table
 
 
-def _texts(path: Path, text: str, header_line: int, width: int, indices: Sequence[int]) -> Any:
+def _texts(
+    path: Path, text: str, header_line: int, width: int, indices: Sequence[int]
+) -> "list[pa.ChunkedArray]":
     """The columns at the given indices, below the header, as text without surrounding spaces."""
     import pyarrow as pa  # slow to import
     from pyarrow import compute as pc
@@ -102,7 +107,7 @@ def _not_a_row(path: Path, text: str, width: int, reason: str) -> RecordingError
     return RecordingError(f"{path}: {shorten(reason, 600)}, expected comma-separated values")
 
 
-def _numbers(table: Table, name: str, cells: Any, gaps: bool) -> Array:
+def _numbers(table: Table, name: str, cells: "pa.ChunkedArray", gaps: bool) -> Array:
     """Cells as numbers, shape (N,); NaN for a missing number if `gaps` allows it."""
     from pyarrow import compute as pc
 

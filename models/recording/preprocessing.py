@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.errors import ConfigurationError, RecordingError
@@ -129,10 +130,10 @@ class Differentiation:
                 f"excitation.differentiation.window_s must span more than {self.polynomial} and at "
                 f"most {len(values)} samples of {period_s:g} s, got {self.window_s:g}"
             )
-        from scipy.signal import savgol_filter  # slow to import
-
         return np.asarray(
-            savgol_filter(values, length, self.polynomial, deriv=1, delta=period_s, axis=0)
+            scipy.signal.savgol_filter(
+                values, length, self.polynomial, deriv=1, delta=period_s, axis=0
+            )
         )
 
     def _smooth(self, values: Array, period_s: float) -> Array:
@@ -144,10 +145,8 @@ class Differentiation:
             )
         if len(values) < 6 * (self.order + 1):
             raise RecordingError(f"got {len(values)} samples, too few for a low-pass filter")
-        from scipy.signal import butter, sosfiltfilt  # slow to import
-
-        sections = butter(self.order, self.cutoff_hz / nyquist, output="sos")
-        return np.asarray(sosfiltfilt(sections, values, axis=0))
+        sections = scipy.signal.butter(self.order, self.cutoff_hz / nyquist, output="sos")
+        return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))
 
 
 def without_sign_flips(quaternions: Array) -> Array:
@@ -254,14 +253,13 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     without angles. In any other set the missing velocities (such as heave, which pitch would
     rotate forward) are taken as zero.
     """
-    from scipy.integrate import cumulative_trapezoid  # slow to import
-
     turning = pose_jacobian(attitude_of(recording.dofs, recording.eta))
     index = [DOFS.index(dof) for dof in recording.dofs]
     turning = turning[:, index][:, :, index]
     rate = np.einsum("nij,nj->ni", turning, recording.nu)
     start = recording.eta[0]
-    pose = start + cumulative_trapezoid(rate, dx=recording.period_s, axis=0, initial=0.0)
+    way = scipy.integrate.cumulative_trapezoid(rate, dx=recording.period_s, axis=0, initial=0.0)
+    pose = start + way
     measured_rate = central_difference(recording.eta, recording.period_s)
     nu = np.einsum("nij,nj->ni", np.linalg.pinv(turning), measured_rate)
     checks = []

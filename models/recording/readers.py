@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from pathlib import Path
 
 from seatrial.models.recording.preprocessing import Description
 from seatrial.models.recording.recording import Recording, Split, half
@@ -13,6 +14,10 @@ class Reader(ABC):
 
     def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - every vessel is accepted
         """Raise ConfigurationError if the recording does not suit a vessel; does not read it."""
+
+    def files(self) -> dict[str, Path]:
+        """Paths of the files that are read, by option."""
+        return {}
 
     @abstractmethod
     def read(self, dofs: Sequence[str]) -> Recording:

@@ -27,6 +27,7 @@ from seatrial.models.recording.recording import Mask, Recording, Split, by_trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
+MOST_RESAMPLED = 100  # samples for each recorded one
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
@@ -102,6 +103,10 @@ class RecordedFile(Reader):
     def file(self) -> Path:
         """Path of the file, with `~` replaced by the home folder."""
         return Path(self.path or "").expanduser()
+
+    def files(self) -> dict[str, Path]:
+        """The recorded file."""
+        return {"path": self.file}
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
@@ -189,6 +194,12 @@ class RecordedFile(Reader):
 
     def _resampled(self, table: Table, rate_hz: float) -> Table:
         t = table.columns[self.columns.time]
+        rows = float(t[-1] - t[0]) * rate_hz
+        if rows > MOST_RESAMPLED * len(t):
+            raise ConfigurationError(
+                f"excitation.resample_hz: got {rate_hz:g} Hz, {rows:.2g} samples from the "
+                f"{len(t)} of {table.path}; expected at most {MOST_RESAMPLED} times as many"
+            )
         channels = {}
         for name, values in table.columns.items():
             valid = ~np.isnan(values)

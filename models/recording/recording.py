@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from seatrial.models import notation
@@ -40,6 +41,7 @@ class Recording:
     tau_filtered: Array | None = None
     tau_actual: Array | None = None
     wind: Array | None = None  # (N, 2) velocity of the air in body axes [m/s]
+    without_lag: bool = False  # the thrusters are known to follow the command immediately
 
     def __post_init__(self) -> None:
         if len(self.t) < 2:
@@ -136,12 +138,12 @@ class Recording:
         drop = round(drop_s / self.period_s)
         if len(self) < 2 * drop + 30:
             raise RecordingError(f"got {len(self)} samples, too few for a low-pass filter")
-        from scipy.signal import butter, sosfiltfilt  # slow to import
-
-        sections = butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos")
+        sections = scipy.signal.butter(
+            LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos"
+        )
 
         def smooth(values: Array) -> Array:
-            return np.asarray(sosfiltfilt(sections, values, axis=0))
+            return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))
 
         smoothed = replace(
             self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),
@@ -173,7 +175,7 @@ def _joined(pieces: Sequence[Recording]) -> Recording:
         parts = [getattr(piece, name) for piece in pieces]
         return None if parts[0] is None else np.concatenate(parts)
 
-    names = [field.name for field in fields(Recording) if field.name != "dofs"]
+    names = [field.name for field in fields(Recording) if field.name not in ("dofs", "without_lag")]
     return replace(pieces[0], **{name: join(name) for name in names})
 
 

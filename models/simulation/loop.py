@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ from seatrial.models.vessel.thruster import LagTable, lag_table
 from seatrial.models.weather.weather import Weather
 
 BLOCK = 2000  # control instants of the compiled loop that are timed as one block
+# added force, thrust, pose, velocity and its limits, step [s], steps in a period, by Euler
+Craft = tuple[Array, Array, Array, Array, Array, float, int, bool]
 
 
 @lean_kernel
@@ -177,7 +179,8 @@ def sail(
     loop, edges = _loop(steps, plant, watch, n, period_s)
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
     t = period_s * np.arange(n, dtype=np.float64)
-    return Voyage(t, log, plant.vessel.dofs, weather, np.array(times[1:]))
+    without_lag = plant.thruster is None
+    return Voyage(t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]))
 
 
 def _vessel_state(
@@ -195,7 +198,7 @@ def _vessel_state(
 
 def _run_blocks(
     loop: Callable[..., int], edges: Sequence[int], plant: Plant, watch: Watch | None,
-    controller: tuple[Parameters, State], before: tuple[Any, ...], craft: tuple[Any, ...],
+    controller: tuple[Parameters, State], before: tuple[object, ...], craft: Craft,
     log: Log, period_s: float,
 ) -> list[float]:  # fmt: skip
     """Run the loop between the edges; returns the mean time of a step in each block [s]."""

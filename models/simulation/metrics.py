@@ -1,9 +1,21 @@
-"""Metrics of sampled signals, with units. Jervan (2020), section 3.5."""
+"""Metrics of sampled signals, with units. Jervan (2020), section 3.5.
+
+For the metrics of set-point steps a mission is divided into stands, intervals of constant
+set-point. A step is where one stand immediately follows another. Positions are compared by axis;
+the caller wraps headings.
+"""
+
+from itertools import pairwise
 
 import numpy as np
 
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
+
+SETTLED = 0.05  # of the step: the band of the settling time
+STEADY_S = 60.0  # length of the mean that is the steady-state error [s]
+EARLY_S = 10.0  # interval before the step in which a controller with preview may act [s]
+RISE = (0.1, 0.9)
 
 
 def mean_square(error: Array) -> Array:
@@ -56,3 +68,111 @@ def below_true_model(mse: Array, plant_mse: Array, force_variance: Array) -> Arr
     """
     meaningful = plant_mse > 1e-6 * force_variance
     return np.asarray(meaningful & (mse < 0.99 * plant_mse))
+
+
+def stands(setpoint: Array, least: int) -> list[slice]:
+    """Intervals of at least `least` rows in which the set-point (N, n_dof) is constant."""
+    moves = np.flatnonzero(np.any(np.diff(setpoint, axis=0) != 0.0, axis=1)) + 1
+    edges = [0, *moves.tolist(), len(setpoint)]
+    runs = [slice(a, b) for a, b in pairwise(edges)]
+    return [run for run in runs if run.stop - run.start >= least]
+
+
+def steady_state_error(error: Array, where: list[slice], period_s: float, ahead: int) -> Array:
+    """Largest |mean error| of a stand, over the 60 s before the preview of the next step starts.
+
+    `error` has shape (N, n_dof), the result (n_dof,); `ahead` is the number of rows of the
+    preview, which ends a stand only if another one follows. NaN if no stand is long enough: the
+    mean must be in its last two thirds.
+    """
+    rows = round(STEADY_S / period_s)
+    means = []
+    for stand in where:
+        end = stand.stop - (ahead if stand.stop < len(error) else 0)
+        if end - rows >= stand.start + (stand.stop - stand.start) // 3:
+            means.append(np.abs(np.mean(error[end - rows : end], axis=0)))
+    undefined = np.full(error.shape[1], np.nan)
+    return np.max(means, axis=0) if means else undefined
+
+
+def step_responses(
+    setpoint: Array, pose: Array, where: list[slice], period_s: float, ahead: int
+) -> dict[str, Array]:
+    """Overshoot, rise time, settling time and early share of every axis, shape (n_dof,).
+
+    Overshoot is the largest over all steps [%]; the others are means: rise from 10 to 90 % [s],
+    settling within 5 % [s], and the share of the change made in the 10 s before the step [%]. NaN
+    if an axis has no step, or does not settle after one of them.
+    """
+    n_dof = setpoint.shape[1]
+    responses: dict[str, list[list[float]]] = {
+        name: [[] for _ in range(n_dof)]
+        for name in ("overshoot", "rise_time", "settling_time", "early_share")
+    }
+    for before, stand in pairwise(where):
+        if before.stop != stand.start:
+            continue
+        end = stand.stop - (ahead if stand.stop < len(pose) else 0)
+        for i in range(n_dof):
+            first, last = setpoint[before.start, i], setpoint[stand.start, i]
+            if first == last:
+                continue
+            share = (pose[stand.start : end, i] - first) / (last - first)
+            start = max(stand.start - round(EARLY_S / period_s), before.start)
+            early = (pose[stand.start, i] - pose[start, i]) / (last - first)
+            responses["overshoot"][i].append(100.0 * max(0.0, float(np.max(share)) - 1.0))
+            responses["rise_time"][i].append(_rise(share) * period_s)
+            responses["settling_time"][i].append(_settling(share) * period_s)
+            responses["early_share"][i].append(100.0 * float(early))
+    combine = {"overshoot": np.max}
+    return {
+        name: np.array([combine.get(name, np.mean)(v) if v else np.nan for v in values])
+        for name, values in responses.items()
+    }
+
+
+def _rise(share: Array) -> float:
+    """Rows from the first above 10 % to the first above 90 %; NaN if 90 % is not reached."""
+    low, high = (np.flatnonzero(share >= level) for level in RISE)
+    return float(high[0] - low[0]) if len(high) else float("nan")
+
+
+def _settling(share: Array) -> float:
+    """Rows until the share stays within 5 % of one; NaN if it is outside at the end."""
+    outside = np.flatnonzero(np.abs(share - 1.0) > SETTLED)
+    if not len(outside):
+        return 0.0
+    return float(outside[-1] + 1) if outside[-1] + 1 < len(share) else float("nan")
+
+
+def integral_absolute_error(error: Array, period_s: float) -> Array:
+    """IAE, shape (n_dof,), in the error's unit times seconds."""
+    return np.asarray(np.sum(np.abs(error), axis=0) * period_s)
+
+
+def integral_time_absolute_error(error: Array, setpoint: Array, period_s: float) -> Array:
+    """ITAE with the time counted from the last move of the set-point; unit times s^2."""
+    rows = np.arange(len(error))
+    moved = np.any(np.diff(setpoint, axis=0, prepend=setpoint[:1]) != 0.0, axis=1)
+    since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
+    return np.asarray(np.sum(np.abs(error) * since[:, None], axis=0) * period_s**2)
+
+
+def root_mean_square(signal: Array) -> Array:
+    """RMS along the first axis, in the signal's unit."""
+    return np.asarray(np.sqrt(np.mean(np.square(signal), axis=0)))
+
+
+def total_variation(signal: Array) -> Array:
+    """Sum of |changes| along the first axis, in the signal's unit."""
+    return np.asarray(np.sum(np.abs(np.diff(signal, axis=0)), axis=0))
+
+
+def hits(command: Array, limits: Array) -> Array:
+    """Number of samples at which a command (N, n_dof) is at its limit (n_dof,), (n_dof,)."""
+    return np.asarray(np.sum(np.abs(command) >= limits * (1.0 - 1e-9), axis=0))
+
+
+def energy(power: Array, period_s: float) -> float:
+    """Work [J] of a power [W] that is never recovered."""
+    return float(np.sum(np.abs(power)) * period_s)

@@ -57,13 +57,15 @@ class Voyage:
     """A simulated voyage: time [s], shape (N,), its log and its weather.
 
     `step_times` [s] are wall-clock times of one iteration of the loop: for every instant if the
-    controller runs in Python, else means over blocks of the compiled loop.
+    controller runs in Python, else means over blocks of the compiled loop. `without_lag` is true
+    for a vessel whose thrusters follow the command immediately.
     """
 
     t: Array
     log: Log
     dofs: tuple[str, ...]
     weather: Weather
+    without_lag: bool
     step_times: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -83,6 +85,7 @@ def recording_of(voyage: Voyage, weather: Weather) -> Recording:
         attitude=attitude_of(voyage.dofs, log.eta_measured),
         tau_actual=log.tau_actual,
         wind=measured_wind(voyage, weather),
+        without_lag=voyage.without_lag,
     )
 
 

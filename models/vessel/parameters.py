@@ -8,9 +8,12 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.vessel.allocation import Allocation
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+
+LARGEST_CONDITION = 1e15  # of an inertia matrix, that an inverse in 64 bits bears
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,12 @@ class VesselParameters:
     sources: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_dofs(self.dofs)
+        unknown = [name for name in self.sources if name not in self.__dataclass_fields__]
+        if unknown:
+            raise ConfigurationError(
+                f"sources.{unknown[0]}: got a source of an option that a vessel does not have"
+            )
         if (self.parameters is None) == bool(self.parameter_sets) or (
             self.parameters is not None and self.parameters not in self.parameter_sets
         ):
@@ -87,16 +96,25 @@ class VesselParameters:
             self.thrusters.matrix(self.dofs)
         if (self.inertia is None) == (self.body is None):
             raise ConfigurationError("inertia and body: expected exactly one of them")
-        self.nominal().plant_table()
+        if self.inertia is not None:
+            check_inertia(self.inertia, len(self.dofs))
+        for name in self.parameter_sets or (None,):  # those that are not chosen as well
+            nominal = self._with_parameters(name)
+            check_condition("inertia, with the added mass,", nominal.inertia)
+            nominal.plant_table()
 
     def nominal(self) -> Vessel:
         """The nominal model F0."""
+        return self._with_parameters(self.parameters)
+
+    def _with_parameters(self, name: str | None) -> Vessel:
+        """The nominal model with a set of parameters."""
         rows = [DOFS.index(dof) for dof in self.dofs]
         if self.body is not None:
             inertia = self.body.inertia()[np.ix_(rows, rows)]
         else:
             inertia = np.array(self.inertia, dtype=np.float64)
-        derivatives = self.derivatives | self.parameter_sets.get(self.parameters or "", {})
+        derivatives = self.derivatives | self.parameter_sets.get(name or "", {})
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
         return replace(table, attitude=self.attitude)
@@ -124,3 +142,35 @@ class VesselParameters:
     def planar(self) -> bool:
         """Whether the vessel moves in surge, sway and yaw."""
         return self.dofs == PLANAR
+
+
+def check_dofs(dofs: tuple[str, ...]) -> None:
+    """Raise ConfigurationError unless these are different degrees of freedom."""
+    unknown = [dof for dof in dofs if dof not in DOFS]
+    if unknown or not dofs or len(set(dofs)) < len(dofs):
+        shown = unknown[0] if unknown else ", ".join(dofs) or "none"
+        raise ConfigurationError(f"dofs: got {shown}, expected different ones of {', '.join(DOFS)}")
+
+
+def check_inertia(rows: tuple[tuple[float, ...], ...], n: int) -> None:
+    """Raise ConfigurationError unless an inertia matrix is (n, n), finite and regular."""
+    lengths = [len(row) for row in rows]
+    if lengths != [n] * n:
+        raise ConfigurationError(
+            f"inertia: got rows of {', '.join(map(str, lengths)) or 'no'} numbers, "
+            f"expected {n} rows of {n}"
+        )
+    check_condition("inertia", np.array(rows, dtype=np.float64))
+
+
+def check_condition(name: str, matrix: Array) -> None:
+    """Raise ConfigurationError for a matrix that is not finite or nearly singular."""
+    if not np.all(np.isfinite(matrix)):
+        raise ConfigurationError(f"{name} must be finite, got {matrix.tolist()}")
+    with np.errstate(all="ignore"):
+        condition = float(np.linalg.cond(matrix))
+    if not condition <= LARGEST_CONDITION:
+        raise ConfigurationError(
+            f"{name} has a condition number of {condition:.1e}, expected at most "
+            f"{LARGEST_CONDITION:g}"
+        )

@@ -17,7 +17,7 @@ from seatrial.runner.compare.results import OWN_FACTORS, Observation, Results, R
 from seatrial.runner.vocabulary import GROUPS
 
 # Where results are stored, and how they are labelled and measured.
-STORAGE = ("results_dir", "database", "rerun", "dry_run", "sweep", "metrics", "seed")
+STORAGE = ("results_dir", "database", "rerun", "dry_run", "limits", "sweep", "metrics", "seed")
 AFTER_VALIDATION = ("evaluation", "plant.change", "update")
 WITHOUT_IDENTIFIER = ("mean_motion", "nominal", "plant")
 MOST_SPLITS = 3

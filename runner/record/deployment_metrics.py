@@ -7,10 +7,10 @@ import numpy as np
 from seatrial.models.findings import Finding
 from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
 from seatrial.models.simulation import metrics as measure
-from seatrial.models.simulation import step_response
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.closed_loop import Design, SimulatedMission
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
@@ -37,19 +37,19 @@ def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     voyage = sailed.voyage
     log, dofs = voyage.log, voyage.dofs
     error = _in_degrees(log.eta_d - log.eta, dofs)
-    itae = step_response.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
+    itae = measure.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
     values = {
         "error_mae": measure.mean_absolute(error),
         "error_mse": measure.mean_square(error),
-        "iae": step_response.integral_absolute_error(error, sailed.period_s),
+        "iae": measure.integral_absolute_error(error, sailed.period_s),
         "itae": itae,
         **_step_metrics(sailed),
         "tau_max_abs": np.max(np.abs(log.tau), axis=0),
-        "tau_rms": step_response.root_mean_square(log.tau),
-        "tau_tv": step_response.total_variation(log.tau),
+        "tau_rms": measure.root_mean_square(log.tau),
+        "tau_tv": measure.total_variation(log.tau),
     }
     if sailed.design.limits is not None:
-        values["limit_hits"] = step_response.hits(log.tau, np.array(sailed.design.limits))
+        values["limit_hits"] = measure.hits(log.tau, np.array(sailed.design.limits))
     rows = [
         row
         for name, by_dof in values.items()
@@ -61,27 +61,22 @@ def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
 def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
     """Return the pose error with angles in degrees and the heading wrapped; shape (N, n_dof)."""
     scale = [1.0 if POSE_UNIT[dof] == "m" else 180.0 / np.pi for dof in dofs]
-    return np.asarray(_wrapped(error, dofs) * np.array(scale))
-
-
-def _wrapped(error: Array, dofs: Sequence[str]) -> Array:
-    """Return the pose error [m, rad] with the heading wrapped to (-pi, pi]."""
     wrapped = np.array(error)
     if "yaw" in dofs:
-        column = wrapped[:, dofs.index("yaw")]
-        wrapped[:, dofs.index("yaw")] = np.pi - (np.pi - column) % (2.0 * np.pi)
-    return wrapped
+        yaw = dofs.index("yaw")
+        wrapped[:, yaw] = wrap(wrapped[:, yaw])
+    return np.asarray(wrapped * np.array(scale))
 
 
 def _step_metrics(sailed: SimulatedMission) -> dict[str, Array]:
     """Compute steady-state error and step response, if the mission has constant set-points."""
     log, ahead = sailed.voyage.log, sailed.design.ahead
-    stretches = step_response.stands(log.setpoint, round(STAND_S / sailed.period_s))
+    stretches = measure.stands(log.setpoint, round(STAND_S / sailed.period_s))
     if not stretches:
         return {}
     error = _in_degrees(log.setpoint - log.eta, sailed.voyage.dofs)
-    steady_state = step_response.steady_state_error(error, stretches, sailed.period_s, ahead)
-    steps = step_response.step_responses(log.setpoint, log.eta, stretches, sailed.period_s, ahead)
+    steady_state = measure.steady_state_error(error, stretches, sailed.period_s, ahead)
+    steps = measure.step_responses(log.setpoint, log.eta, stretches, sailed.period_s, ahead)
     has_steps = any(np.any(~np.isnan(values)) for values in steps.values())
     return {"steady_state_error": steady_state} | (steps if has_steps else {})
 
@@ -90,10 +85,10 @@ def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     """Compute the metrics that have no axis: energy, failures and time per step."""
     voyage = sailed.voyage
     log = voyage.log
-    work = step_response.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
+    work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
     values = [("energy", "position", work)]
     if voyage.dofs == PLANAR:
-        work = step_response.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
+        work = measure.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
         values.append(("energy", "heading", work))
     values.append(("failures", "all", float(sailed.failures)))
     values.append(("held_commands", "all", float(np.sum(np.any(log.held != 0.0, axis=1)))))

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from seatrial.models.identification.free_run import deviations, predict
-from seatrial.models.identification.multiobjective_search import RunningMetric, Searched, Space
+from seatrial.models.identification.multiobjective_search import RunningMetric, SearchResult, Space
 from seatrial.models.identification.nsga2 import Nsga2
 from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.predictor import Predictor
@@ -192,7 +192,9 @@ def test_packs_of_ferries(in_turn: Any) -> None:
 class ByPymoo(Nsga2):
     """The same identification, searched by pymoo's NSGA2 with pymoo's defaults."""
 
-    def _search(self, objectives: Objectives, space: Space, rng: np.random.Generator) -> Searched:
+    def _search(
+        self, objectives: Objectives, space: Space, rng: np.random.Generator
+    ) -> SearchResult:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.problem import Problem as PymooProblem
         from pymoo.optimize import minimize
@@ -209,7 +211,7 @@ class ByPymoo(Nsga2):
             prediction, NSGA2(pop_size=self.population), ("n_gen", self.generations), seed=seed
         )
         metric = RunningMetric(scale, self.window, self.threshold)
-        return Searched(found.X, found.F, metric, self.generations, "generations")
+        return SearchResult(found.X, found.F, metric, self.generations, "generations")
 
 
 def front_of(found: Identified) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import SeatrialError
-from seatrial.models.excitation.candidates import Believed
+from seatrial.models.excitation.candidates import UncertainModel
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording
@@ -96,7 +96,7 @@ def error(chosen: list[int], believed: Vessel) -> float:
 def compare(seed: int) -> tuple[float, float]:
     """Median free-run error of designed and of random mixes, for one wrong nominal model."""
     trial = low_wind()
-    believed = Believed(0.2, seed).model(trial.vessel.nominal())
+    believed = UncertainModel(0.2, seed).model(trial.vessel.nominal())
     design = replace(trial.excitation.information, plant=trial.vessel.plant(believed))
     rng, counts = np.random.default_rng(seed), design.counts(6)
     designed, drawn = [], []

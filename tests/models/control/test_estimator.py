@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from seatrial.models.control.estimator import Kalman, believed, filter_gain
+from seatrial.models.control.estimator import Kalman, filter_gain, observer_of
 from seatrial.models.control.linear_design import design_model
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.statespace import StateSpace
@@ -155,4 +155,4 @@ def test_what_does_not_fit_the_vessel_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="got 1 numbers, expected 3"):
         Kalman((1.0,), (1.0,), (1.0,), False).gains(design)
     with pytest.raises(ConfigurationError, match="expected false with estimator=measured"):
-        believed(design, "measured", replace(KALMAN, estimate_bias=True))
+        observer_of(design, "measured", replace(KALMAN, estimate_bias=True))

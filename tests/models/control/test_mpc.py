@@ -194,5 +194,5 @@ def test_every_step_is_registered_and_only_the_program_runs_in_python() -> None:
     assert hasattr(CONTROLLERS[module.MpcTable], "py_func")
     assert not hasattr(CONTROLLERS[module.QpTable], "py_func")
     assert REFERENCES
-    assert lqi(wind=None).build(ship(), 1.0)[0].believed.still.theta.shape == (0, len(PLANAR))
+    assert lqi(wind=None).build(ship(), 1.0)[0].observer.still.theta.shape == (0, len(PLANAR))
     assert WINDAGE.table(PLANAR).terms

@@ -311,12 +311,24 @@ def test_a_thruster_without_lag_acts_as_commanded(make, signal):
     """The simulation records the force before the new command: last sample's command."""
     recording = make.forced(signal("triple_ramp"), ("surge",))
     before = np.vstack([np.zeros((1, 1)), recording.tau[:-1]])
-    direct = Recording(**{**vars(recording), "tau_actual": before})
+    direct = replace(recording, tau_actual=before, without_lag=True)
     np.testing.assert_array_equal(held_force(direct, None, None)[:, 1], recording.tau)
     parted = direct.part(np.delete(np.arange(len(direct)), slice(300, 500)))
     np.testing.assert_array_equal(held_force(parted, None, None)[:, 1], parted.tau)
-    measured = Recording(**{**vars(recording), "tau_actual": 0.9 * recording.tau})
-    np.testing.assert_array_equal(held_force(measured, None, None)[:, 0], 0.9 * recording.tau)
+    measured = replace(direct, without_lag=False)  # whether the thrusters lag is not known
+    np.testing.assert_array_equal(held_force(measured, None, None)[:, 0], before)
+    np.testing.assert_array_equal(held_force(direct, None, "actual")[:, 0], before)
+
+
+@pytest.mark.parametrize(("name", "without"), [("modulus_ship", True), ("milliampere", False)])
+def test_a_simulation_records_whether_its_thrusters_lag(name, without):
+    trial = composed(f"vessel={name}", "excitation=prbs")
+    assert (trial.vessel.thruster is None) == without
+    recording = excite(trial, streams(0)).recording
+    assert recording.without_lag == without
+    assert all(
+        piece.without_lag == without for piece in (recording.lowpass(1.0), *recording.pieces())
+    )
 
 
 def test_predictions_begin_anew_at_the_horizon_and_where_samples_are_missing(make, signal):

@@ -1,9 +1,11 @@
-"""Metrics against hand-worked numbers."""
+"""Metrics against hand-worked numbers and signals whose figures are known."""
 
 import numpy as np
 import pytest
 
 from seatrial.models.simulation import metrics
+
+H = 0.1
 
 
 def test_means() -> None:
@@ -39,3 +41,105 @@ def test_a_fit_better_than_the_truth_is_told_from_an_exact_one() -> None:
     variance = np.full(4, 1000.0)
     found = metrics.below_true_model(mse, plant, variance)
     assert found.tolist() == [True, False, False, False]
+
+
+def second_order(damping: float, omega: float, t: np.ndarray) -> np.ndarray:
+    """Step response of omega^2 / (s^2 + 2 zeta omega s + omega^2)."""
+    root = np.sqrt(1.0 - damping**2)
+    angle = omega * root * t + np.arccos(damping)
+    return np.where(
+        t < 0.0, 0.0, 1.0 - np.exp(-damping * omega * np.maximum(t, 0)) / root * np.sin(angle)
+    )
+
+
+def mission(steps: list[float], seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    rows = round(seconds / H)
+    setpoint = np.repeat(steps, rows)[:, None]
+    return H * np.arange(len(setpoint)), setpoint
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.5, 0.7])
+def test_a_second_order_step_has_its_textbook_figures(damping: float) -> None:
+    omega = 1.0
+    t, setpoint = mission([0.0, 2.0], 100.0)
+    pose = 2.0 * second_order(damping, omega, t - 100.0)[:, None]
+    where = metrics.stands(setpoint, 300)
+    found = metrics.step_responses(setpoint, pose, where, H, 0)
+    peak = 100.0 * np.exp(-np.pi * damping / np.sqrt(1.0 - damping**2))
+    assert found["overshoot"][0] == pytest.approx(peak, rel=1e-2)
+    envelope = -np.log(0.05 * np.sqrt(1.0 - damping**2)) / (damping * omega)
+    assert 0.6 * envelope < found["settling_time"][0] <= envelope + H
+    share = pose[1000:, 0] / 2.0
+    rise = (np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * H
+    assert found["rise_time"][0] == pytest.approx(rise)
+    assert found["early_share"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_first_order_step_rises_in_its_time_constants() -> None:
+    t, setpoint = mission([1.0, -3.0], 100.0)
+    pose = np.where(t < 100.0, 1.0, -3.0 + 4.0 * np.exp(-(t - 100.0) / 5.0))[:, None]
+    found = metrics.step_responses(setpoint, pose, metrics.stands(setpoint, 300), H, 0)
+    assert found["rise_time"][0] == pytest.approx(5.0 * np.log(9.0), abs=2 * H)
+    assert found["settling_time"][0] == pytest.approx(5.0 * np.log(20.0), abs=2 * H)
+    assert found["overshoot"][0] == 0.0
+
+
+def test_what_moves_before_the_step_is_told() -> None:
+    _, setpoint = mission([0.0, 1.0, 1.0, 0.0], 50.0)
+    pose = np.clip((np.arange(len(setpoint)) * H - 45.0) / 20.0, 0.0, 1.0)[:, None]
+    where = metrics.stands(setpoint, 300)
+    assert where == [slice(0, 500), slice(500, 1500), slice(1500, 2000)]
+    found = metrics.step_responses(setpoint, pose, where[:2], H, 0)
+    assert found["early_share"][0] == pytest.approx(25.0)
+
+
+def test_what_never_settles_or_never_steps_is_not_a_number() -> None:
+    _, setpoint = mission([0.0, 1.0], 50.0)
+    both = np.column_stack([setpoint[:, 0], np.zeros(len(setpoint))])
+    pose = np.column_stack([1.5 * both[:, 0], both[:, 1]])
+    found = metrics.step_responses(both, pose, metrics.stands(both, 300), H, 0)
+    assert np.isnan(found["settling_time"][0])
+    assert found["overshoot"][0] == pytest.approx(50.0)
+    assert all(np.isnan(values[1]) for values in found.values())
+
+
+def test_the_preview_of_the_next_step_is_left_out() -> None:
+    """The error of the last 4 s is the next step's preview; before it, it is 0.2."""
+    _, setpoint = mission([0.0, 1.0], 120.0)
+    error = np.full((2400, 1), -0.2)
+    error[1160:1200] = 50.0
+    where = metrics.stands(setpoint, 300)
+    assert metrics.steady_state_error(error[:2400], where, H, 40)[0] == pytest.approx(0.2)
+    assert metrics.steady_state_error(error, where, H, 0)[0] > 0.4
+    assert np.isnan(metrics.steady_state_error(error[:500], [slice(0, 500)], H, 0)[0])
+
+
+def test_noise_about_the_set_point_is_no_steady_error() -> None:
+    t, setpoint = mission([3.0], 120.0)
+    error = 0.5 * np.sin(2.0 * np.pi * t / 6.0)[:, None]
+    steady = metrics.steady_state_error(error, metrics.stands(setpoint, 300), H, 0)
+    assert steady[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_moving_set_point_is_no_stand() -> None:
+    setpoint = np.concatenate([np.zeros(400), np.linspace(0.0, 1.0, 100), np.ones(400)])[:, None]
+    where = metrics.stands(setpoint, 300)
+    assert [stand.stop - stand.start for stand in where] == [401, 401]
+    found = metrics.step_responses(setpoint, setpoint, where, H, 0)
+    assert all(np.all(np.isnan(values)) for values in found.values())  # no step between them
+
+
+def test_integrals() -> None:
+    error = np.array([[1.0], [-2.0], [3.0], [1.0]])
+    setpoint = np.array([[0.0], [0.0], [5.0], [5.0]])
+    assert metrics.integral_absolute_error(error, 0.5)[0] == pytest.approx(3.5)
+    # times since the set-point moved: 0, 1, 0, 1 samples
+    assert metrics.integral_time_absolute_error(error, setpoint, 0.5)[0] == pytest.approx(0.75)
+
+
+def test_effort() -> None:
+    tau = np.array([[1.0, -4.0], [-1.0, 4.0], [2.0, 4.0]])
+    np.testing.assert_allclose(metrics.root_mean_square(tau), [np.sqrt(2.0), 4.0])
+    np.testing.assert_allclose(metrics.total_variation(tau), [5.0, 8.0])
+    np.testing.assert_array_equal(metrics.hits(tau, np.array([2.0, 4.0])), [1, 3])
+    assert metrics.energy(np.array([2.0, -3.0]), 0.5) == pytest.approx(2.5)

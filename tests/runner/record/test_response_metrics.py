@@ -27,7 +27,8 @@ def sailed() -> SimulatedMission:
     log.applied[:] = log.tau
     log.held[3, 1] = 1.0
     calm = Weather(*(np.zeros((N, 3)) for _ in range(4)))
-    voyage = Voyage(H * np.arange(N), log, PLANAR, calm, 1e-6 * np.array([1.0, 9, 3, 9, 5, 9]))
+    times = 1e-6 * np.array([1.0, 9, 3, 9, 5, 9])
+    voyage = Voyage(H * np.arange(N), log, PLANAR, calm, True, times)
     remarks = (Finding("spectral_radius", "all", 1.01), Finding("model_order", "all", 6.0))
     design = Design(
         PLANAR, needed=np.array([50.0, 500.0, 1.0]), limits=(100.0, 400.0, 8.0), every=2,
@@ -86,7 +87,7 @@ def test_a_mission_with_stands_has_the_figures_of_its_steps() -> None:
     log.setpoint[180:, 0] = 10.0
     log.eta[175:, 0], log.eta[190:, 0], log.eta[200:, 0] = 1.0, 10.4, 10.1
     calm = Weather(*(np.zeros((n, 3)) for _ in range(4)))
-    voyage = Voyage(H * np.arange(n), log, PLANAR, calm)
+    voyage = Voyage(H * np.arange(n), log, PLANAR, calm, True)
     found = deployment_metrics.response_metrics(
         SimulatedMission(voyage, H, Design(PLANAR, np.zeros(3))), "identified"
     )

@@ -1,0 +1,58 @@
+"""YAML files are checked before their aliases are expanded."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.yaml_files import MOST_NODES, check_file
+from tests.runner.command import Command
+
+CONF = Path(__file__).parents[2] / "conf"
+BOMB = "a: &a0 [x]\n" + "".join(
+    f"k{i}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]\n" for i in range(30)
+)
+REFUSED = {
+    "bomb": (BOMB, f"line 6: got more than {MOST_NODES} nodes, with aliases"),
+    "loop": ("a: &a [*a]\n", "line 1: *a stands for a node around it"),
+    "deep": (f"a: {'[' * 1000}{']' * 1000}\n", "line 1: got more than 50 levels"),
+    "large": (f"a: {'x' * 1_000_001}\n", "got 1000005 bytes, expected at most 1000000"),
+    "open": ("a: [1, 2\n", "expected YAML"),
+    "twice": ("a: 1\nb: 2\na: 3\n", "found duplicate key a"),
+    "twice_inside": ("a: {b: 1, b: 2}\n", "found duplicate key b"),
+    "object": ("a: !!python/object:os.system x\n", "python/object:os.system"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_file_that_cannot_be_right(
+    name: str, seatrial: Command, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text, message = REFUSED[name]
+    folder = tmp_path_factory.mktemp("conf")
+    (folder / "vessel").mkdir()
+    (folder / "vessel" / f"{name}.yaml").write_text(text)
+    begin = time.process_time()
+    for mode in ([], ["-m"]):
+        said = seatrial.refuses("--config-dir", str(folder), *mode, f"vessel={name}")
+        assert f"{name}.yaml" in said
+        assert message in said
+    assert time.process_time() - begin < 20.0
+
+
+def test_all_files_of_the_vocabulary_pass() -> None:
+    files = sorted(CONF.rglob("*.yaml"))
+    assert len(files) > 50
+    for path in files:
+        check_file(path)
+
+
+def test_aliases_count_as_often_as_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    half = ", ".join("x" * (MOST_NODES // 3 + 1))
+    path.write_text(f"a: &a [{half}]\nb: *a\n")
+    check_file(path)
+    path.write_text(f"a: &a [{half}]\nb: *a\nc: *a\n")
+    with pytest.raises(ConfigurationError, match="line 3: got more than"):
+        check_file(path)
