@@ -2,7 +2,7 @@
 # each sets up .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo comparison readme published bench test slow ray check clean help
+.PHONY: demo comparison readme published bench test slow ray abuse check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -36,6 +36,7 @@ help:
 	@echo 'make comparison   nine identifiers in calm water, noise and a constant force'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
+	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
 	@echo 'make check   ruff and mypy --strict'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
 	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, the README, docs/growth.svg'
@@ -92,6 +93,10 @@ slow: $(VENV)/test.stamp
 
 ray: $(RAY)/ray.stamp
 	$(RAY)/bin/python -m pytest -m 'slow and ray' --timeout 1800 tests/runner/test_launchers.py
+
+# At most 25 minutes on two cores. It ends with a table, and with 1 if anything did not hold.
+abuse: $(VENV)/test.stamp
+	$(BIN)/python -m tests.abuse
 
 check: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .

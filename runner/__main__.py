@@ -18,6 +18,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -28,7 +29,8 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.config_source import ConfigResult
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.database.mask import learn, masked_output
+from seatrial.runner.database.mask import learn, masked_output, without_passwords
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.sweep import SeatrialSweeper, Session
@@ -36,6 +38,7 @@ from seatrial.runner.yaml_files import check_file
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
 CHECKED = "CheckedFileSource"
+AGAIN_S = 0.05  # after which a signal that was lost is sent again
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 
@@ -89,7 +92,8 @@ def _main() -> int:
 
 
 def _complain(line: str, code: int) -> int:
-    print(f"seatrial: {line}", file=sys.stderr)
+    shown = error_line(without_passwords(line), sys.argv[1:])
+    print(f"seatrial: {shown}", file=sys.stderr)
     return code
 
 
@@ -132,11 +136,26 @@ def _stoppable() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)
         raise StopSignal(number)
 
-    for number in signals:
-        signal.signal(number, stop)
+    def listen() -> None:
+        for number in signals:
+            signal.signal(number, stop)
+
+    def unraisable(lost: "sys.UnraisableHookArgs") -> None:
+        # Python drops an exception that a handler raises during a finaliser or a callback.
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            hook(lost)
+            return
+        listen()
+        error = lost.exc_value
+        number = error.number if isinstance(error, StopSignal) else signal.SIGINT
+        Timer(AGAIN_S, os.kill, (os.getpid(), number)).start()
+
+    hook, sys.unraisablehook = sys.unraisablehook, unraisable
+    listen()
     try:
         yield
     finally:
+        sys.unraisablehook = hook
         for number in signals:
             signal.signal(number, before[number])
 

@@ -9,18 +9,21 @@ when a launcher runs its jobs, here or in workers.
 import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import cast
 from uuid import uuid4
 
 from hydra.conf import HydraConf
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
+from seatrial.runner.overrides import Parser, Refused, apply
+from seatrial.runner.resolution import Resolution, interpolations, pure, shape, text_of
 from seatrial.runner.tuning_values import check_tuning
 from seatrial.runner.vocabulary import GROUPS
 
@@ -29,22 +32,38 @@ def order_of(
     task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
 ) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
-    config = cast(
-        dict[str, object], OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
-    )
-    choices = hydra.runtime.choices
     if overrides is None:
         overrides = list(hydra.overrides.task)
+    config = _resolve(task)
+    _check_tuning(config, _folders(hydra), [*map(str, hydra.overrides.task), *overrides])
+    return Order(config=config, names=_names(hydra, overrides), overrides=overrides)
+
+
+def _resolve(task: DictConfig) -> dict[str, object]:
+    return cast(
+        dict[str, object], OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+    )
+
+
+def _names(hydra: DictConfig | HydraConf, overrides: list[str]) -> dict[str, str]:
+    return {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
+
+
+def _folders(hydra: DictConfig | HydraConf) -> list[str]:
+    """Return the folders of the configuration."""
+    return [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
+
+
+def _tuning_of(config: Mapping[str, object]) -> Mapping[str, object]:
     vessel = config.get("vessel")
     tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
-    if isinstance(tuning, dict):
-        folders = [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
-        check_tuning(tuning, folders, [*map(str, hydra.overrides.task), *overrides])
-    return Order(
-        config=config,
-        names={group: _name(group, choices, overrides) for group in GROUPS},
-        overrides=overrides,
-    )
+    return tuning if isinstance(tuning, dict) else {}
+
+
+def _check_tuning(
+    config: Mapping[str, object], folders: list[str], overrides: Sequence[str]
+) -> None:
+    check_tuning(_tuning_of(config), folders, overrides)
 
 
 def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
@@ -74,15 +93,15 @@ class SharingLoader:
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:
         """Return the configuration of a job, as Hydra composes it."""
-        parsed = OverridesParser.create(config_loader=self.hydra).parse_overrides(sweep_overrides)
+        parsed = Parser(self.hydra).parse(sweep_overrides)
         split = self.split(parsed)
         if split is None:
             return self.hydra.load_sweep_config(master_config, sweep_overrides)
         choices, values = split
         config = deepcopy(self.base(master_config, choices))
         try:
-            set_values(config, values)
-        except OmegaConfBaseException:  # Hydra raises its own error
+            apply(config, values)
+        except Refused:  # Hydra raises its own error
             return self.hydra.load_sweep_config(master_config, sweep_overrides)
         hydra, task = config.hydra, [item for item in parsed if not item.is_hydra_override()]
         with open_dict(hydra), read_write(hydra):
@@ -92,16 +111,27 @@ class SharingLoader:
         return config
 
     def split(self, job: Sequence[Override]) -> tuple[list[str], list[Override]] | None:
-        """Split a job into the options it chooses and the values it sets; None if not possible."""
+        """Split a job into the options it chooses and the values it sets; None if not possible.
+
+        Hydra sets values after all choices, in their order. Values of Hydra's own options go with
+        the choices.
+        """
         choices: list[str] = []
         values: list[Override] = []
         for override in job:
-            if not _plain(override):  # + and ~ may depend on the overrides before them
+            chooses = self._chooses(override.key_or_group)
+            if override.is_sweep_override() or override.key_or_group == "hydra":
                 return None
-            if override.is_hydra_override() or self._chooses(override.key_or_group):
+            if chooses and not isinstance(override.value(), dict):
                 choices.append(str(override.input_line))
-            else:
+            elif override.package is not None:
+                return None
+            elif not override.is_hydra_override():
                 values.append(override)
+            elif override.is_add() or override.is_delete():  # depends on what is there before
+                return None
+            else:
+                choices.append(str(override.input_line))
         return choices, values
 
     def base(self, master: DictConfig, choices: list[str]) -> DictConfig:
@@ -122,12 +152,6 @@ class SharingLoader:
         return self._is_group[key]
 
 
-def set_values(config: DictConfig, values: Sequence[Override]) -> None:
-    """Set values in a composed configuration; raises OmegaConfBaseException."""
-    for override in values:
-        OmegaConf.update(config, override.key_or_group, override.value(), merge=True)
-
-
 def _dirname(overrides: Sequence[Override], form: DictConfig) -> str:
     """Return the value of `hydra.job.override_dirname`."""
     items = [item for item in overrides if item.key_or_group not in form.exclude_keys]
@@ -135,45 +159,103 @@ def _dirname(overrides: Sequence[Override], form: DictConfig) -> str:
     return str(form.item_sep).join(texts).replace("=", form.kv_sep)
 
 
-def _plain(override: Override) -> bool:
-    special = override.is_add() or override.is_force_add() or override.is_delete()
-    return not special and override.package is None
+@dataclass(frozen=True)
+class _Chosen:
+    """The configuration of some choices, without Hydra's part, and the names of the options."""
+
+    task: DictConfig
+    names: dict[str, str]
+    folders: list[str]  # of the configuration
+    overrides: list[str]  # that choose the options
+    pure: bool  # its interpolations depend on the configuration and the environment only
 
 
 class Composer:
     """Composes the jobs of one sweep; `master` is the sweep's own configuration."""
 
+    KEPT = 64  # largest number of resolutions; the oldest is dropped
+
     def __init__(self, loader: SharingLoader, master: DictConfig) -> None:
         self._loader = loader
         self._master = master
-        self._parser = OverridesParser.create(config_loader=loader.hydra)
+        self._parser = Parser(loader.hydra)
         self._choices: list[str] | None = None
-        self._config = self._task = master
+        self._chosen: _Chosen | None = None
+        self._resolutions: dict[tuple[str, ...], Resolution] = {}
+        self._tuning: Mapping[str, object] | None = None  # the last one that was accepted
+
+    def choices(self, job: list[str]) -> list[str]:
+        """Return the options that a job chooses; empty if it cannot be split or read."""
+        try:
+            split = self._loader.split(self._parser.parse(job))
+        except HydraException:
+            return []
+        return split[0] if split is not None else []
 
     def order(self, job: list[str]) -> Order:
         """Return the order of one job; raises errors of Hydra and OmegaConf."""
-        split = self._loader.split(self._parser.parse_overrides(job))
+        split = self._loader.split(self._parser.parse(job))
         if split is None:
             return self._composed_by_hydra(job)
         choices, values = split
-        if choices != self._choices:  # the next jobs often choose the same
-            self._choices, self._config = choices, self._loader.base(self._master, choices)
-            self._task = _task_of(self._config)
-            HydraConfig.instance().set_config(self._config.copy())
-        task = deepcopy(self._task)
+        if choices != self._choices or self._chosen is None:  # the next jobs often choose the same
+            try:
+                self._chosen = self._choose(choices, job)
+            except Exception:  # Hydra raises its own error about the complete job
+                return self._composed_by_hydra(job)
+            self._choices = choices
+            self._resolutions.clear()
+        chosen = self._chosen
+        if not chosen.pure or not all(pure(str(override.input_line)) for override in values):
+            return self._composed_by_hydra(job)
+        config = self._resolved(chosen, values)
+        if config is not None:
+            return self._order(config, chosen, job)
+        task = deepcopy(chosen.task)
         try:
-            set_values(task, values)
-        except OmegaConfBaseException:
+            apply(task, values)
+        except Refused:
             return self._composed_by_hydra(job)  # Hydra raises its own error
-        return order_of(task, self._config.hydra, job)
+        return self._order(_resolve(task), chosen, job)
+
+    def _order(self, config: dict[str, object], chosen: _Chosen, job: list[str]) -> Order:
+        tuning = _tuning_of(config)
+        if tuning != self._tuning:
+            _check_tuning(config, chosen.folders, [*chosen.overrides, *job])
+            self._tuning = tuning
+        return Order(config=config, names=chosen.names, overrides=job)
+
+    def _choose(self, choices: list[str], job: list[str]) -> _Chosen:
+        config = self._loader.base(self._master, choices)
+        task = _task_of(config)
+        names = _names(config.hydra, job)
+        texts = [text_of(container, key) for container, key, _ in interpolations(task)]
+        given = [str(text) for text in config.hydra.overrides.task]
+        return _Chosen(task, names, _folders(config.hydra), given, all(map(pure, texts)))
+
+    def _resolved(self, chosen: _Chosen, values: Sequence[Override]) -> dict[str, object] | None:
+        """Return the configuration of a job from that of another job; None if not possible."""
+        form = shape(values)
+        if form is None:
+            return None
+        try:
+            if form not in self._resolutions:
+                if len(self._resolutions) >= self.KEPT:
+                    del self._resolutions[next(iter(self._resolutions))]
+                self._resolutions[form] = Resolution(deepcopy(chosen.task), values)
+            return self._resolutions[form].resolved(values)
+        except (Refused, OmegaConfBaseException):
+            self._resolutions.pop(form, None)
+            return None
 
     def _composed_by_hydra(self, job: list[str]) -> Order:
-        self._choices = None
-        config = self._loader.load_sweep_config(self._master, job)
+        config = self._loader.hydra.load_sweep_config(self._master, job)
         HydraConfig.instance().set_config(config)
         return order_of(_task_of(config), config.hydra, job)
 
 
 def _task_of(config: DictConfig) -> DictConfig:
-    """Copy a configuration without Hydra's part."""
-    return OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    """Copy a configuration without Hydra's part; unknown options are refused as before."""
+    task: DictConfig = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    OmegaConf.set_struct(task, OmegaConf.is_struct(config))
+    return task

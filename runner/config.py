@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.runner import database
+from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -174,7 +175,8 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     check_finite(config)
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
-        nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
+        target = {"_target_": "seatrial.models.identification.adaptive.Update"}
+        nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
     settings = build_as(Settings, nodes, "")
     return Trial(
         **{name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")},
@@ -190,7 +192,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         rerun=settings.rerun,
         dry_run=settings.dry_run,
         sweep=settings.sweep,
-        names=dict(names),
+        names=names,
         config=config,
     )
 

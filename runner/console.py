@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Protocol
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
+from seatrial.runner.database.mask import styled
+from seatrial.runner.database.terminal import error_line, visible
 from seatrial.runner.invocation import results_program
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -54,7 +56,11 @@ def sweep_summary(
     lines += [f"  {failure(run)}" for run in status.failed[:LISTED]]
     if len(status.failed) > LISTED:
         lines.append(f"  and {len(status.failed) - LISTED} more")
-    lines += [f"  lost: {outcome.error}" for outcome in outcomes if outcome.state == "lost"]
+    lines += [
+        f"  lost: {error_line(str(outcome.error))}"
+        for outcome in outcomes
+        if outcome.state == "lost"
+    ]
     lines.append(f"results: {_shown(url)}")
     lines.append(f"compare: {_comparison(status, url, factors)}")
     return lines
@@ -82,13 +88,14 @@ def failure(run: "RunSummary") -> str:
         f"evaluation={run.evaluation} seed={run.seed}"
     )
     reason = ": ".join(part for part in (run.error_type, run.error) if part) or "no reason known"
-    return f"run {run.run_id} {run.status} ({choices}): {reason}"
+    return error_line(f"run {run.run_id} {run.status} ({choices}): {reason}")
 
 
 def outcome_line(outcome: "Outcome", url: str) -> str:
     """Return one line about a single trial, with the command that shows more."""
     if outcome.state in ("failed", "diverged"):
-        message = f"run {outcome.run_id} {outcome.state}: {outcome.error_type}: {outcome.error}"
+        reason = error_line(f"{outcome.error_type}: {outcome.error}")
+        message = f"run {outcome.run_id} {outcome.state}: {reason}"
         return f"{message}; see {compare('show', url, str(outcome.run_id), '--traceback')}"
     message = {
         "finished": f"run {outcome.run_id} finished",
@@ -100,7 +107,7 @@ def outcome_line(outcome: "Outcome", url: str) -> str:
 
 def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
     """Return a table of (state, trial, remark), and the count of each state."""
-    rows = list(trials)
+    rows = [(state, error_line(name), error_line(remark)) for state, name, remark in trials]
     width = max((len(name) for _, name, _ in rows), default=0)
     lines = [f"{state:<11}  {name:<{width}}  {remark}".rstrip() for state, name, remark in rows]
     counts = Counter(state for state, _, _ in rows)
@@ -257,7 +264,8 @@ def _view() -> Iterator[View]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
     columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    console = Console(file=styled(sys.stderr))
+    with Progress(*columns, console=console, transient=True) as progress:
         yield LiveLine(progress)
 
 
@@ -279,7 +287,7 @@ class LiveLine:
 
     def failure(self, line: str) -> None:
         """Print above the line."""
-        self._progress.console.print(line, markup=False, highlight=False)
+        self._progress.console.print(visible(line), markup=False, highlight=False)
 
 
 @dataclass

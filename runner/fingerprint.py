@@ -7,11 +7,13 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
+from seatrial.runner.shared import once
 
 RUNNER = Path(__file__).parent
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
@@ -27,15 +29,34 @@ def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources:
 
     The order of keys does not matter, and 1 equals 1.0. User-defined parts count with their files.
     """
-    compared = {key: value for key, value in config.items() if key not in NOT_COMPARED}
-    compared["excitation"] = _by_content(compared.get("excitation"), "path")
-    disturbance = compared.get("disturbance")
-    if isinstance(disturbance, Mapping) and "wind" in disturbance:
-        compared["disturbance"] = {**disturbance, "wind": _by_content(disturbance["wind"], "file")}
+    compared = {str(key): node for key, node in config.items() if key not in NOT_COMPARED}
+    compared.setdefault("excitation", None)
+    nodes = {
+        key: once(node, "compared", partial(_compared, key, node)) for key, node in compared.items()
+    }
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
-    parts = {name: part_digest(name) for name in _targets(compared) if not name.startswith(OWN)}
-    content = {"config": compared, "names": chosen, "sources": sources, "parts": parts}
-    return hashlib.sha256(canonical(content).encode()).hexdigest()
+    texts = (f"{canonical(key)}:{nodes[key].text}" for key in sorted(nodes))
+    parts = {name: digest for node in nodes.values() for name, digest in node.parts.items()}
+    rest = canonical({"names": chosen, "parts": parts, "sources": sources})
+    content = f'{{"config":{{{",".join(texts)}}},{rest.removeprefix("{")}'
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """What a fingerprint holds of an option: its canonical text, and digests of parts by class."""
+
+    text: str
+    parts: Mapping[str, str]
+
+
+def _compared(key: str, node: object) -> _Compared:
+    if key == "excitation":
+        node = _by_content(node, "path")
+    if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
+        node = {**node, "wind": _by_content(node["wind"], "file")}
+    parts = {name: part_digest(name) for name in _targets(node) if not name.startswith(OWN)}
+    return _Compared(canonical(node), parts)
 
 
 def _by_content(node: object, key: str) -> object:

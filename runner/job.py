@@ -3,12 +3,14 @@
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import Diverged
 from seatrial.runner import database
-from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.config import SweepLabels, Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
+from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
@@ -64,7 +66,7 @@ class Outcome:
 def shown(overrides: Sequence[str]) -> str:
     """Name a trial by its overrides, without passwords."""
     texts = [text for text in without_address(overrides) if not text.startswith("dry_run=")]
-    return without_passwords(" ".join(texts)) or "the default trial"
+    return " ".join(shortened(without_passwords(text)) for text in texts) or "the default trial"
 
 
 def prepare(order: Order) -> Trial:
@@ -141,13 +143,19 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunS
 # Checked trials, rejected trials, and their state in the logbook.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Plan:
-    """A checked trial, its order and its fingerprint."""
+    """What a sweep needs of a checked trial; small, because a sweep may have very many."""
 
-    trial: Trial
-    order: Order
+    overrides: Sequence[str]
     fingerprint: str
+    database_url: str
+    results_dir: Path
+    rerun: bool
+    labels: SweepLabels
+
+    def __str__(self) -> str:
+        return shown(self.overrides)
 
 
 @dataclass(frozen=True)
@@ -181,14 +189,13 @@ def known(plans: Iterable[Plan]) -> StoredRuns:
     plans = list(plans)
     if not plans:
         return {}
-    url = plans[0].trial.database_url
+    url = plans[0].database_url
     address, schema = database.engine.parse(url), database.schema
     absent = address.path is not None and not address.path.exists()
     if absent or schema.inspect(address) is schema.Condition.EMPTY:
         return {}
     with database.Logbook.read(url) as logbook:
-        runs = {plan.fingerprint: logbook.trial(plan.fingerprint) for plan in plans}
-    return {key: run for key, run in runs.items() if run is not None}
+        return logbook.trials(plan.fingerprint for plan in plans)
 
 
 def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
@@ -202,9 +209,9 @@ def _listed(plan: Plan | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
         return "refused", plan.asked, plan.reason
     run = runs.get(plan.fingerprint)
     if run is None:
-        return "new", str(plan.order), ""
-    rerun = run.status == "finished" and plan.trial.rerun
+        return "new", str(plan), ""
+    rerun = run.status == "finished" and plan.rerun
     remark = f"run {run.run_id}"
     if run.error:
         remark += f": {run.error}"
-    return run.status, str(plan.order), f"{remark}, to be run again" if rerun else remark
+    return run.status, str(plan), f"{remark}, to be run again" if rerun else remark

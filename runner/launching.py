@@ -8,12 +8,15 @@ The logbook holds the state of trials whose launcher has lost them, and prevents
 twice: a trial that is launched again while it is running remains with its process.
 """
 
+import _thread
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from threading import Event, Thread, current_thread, main_thread
 
 from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
@@ -74,7 +77,8 @@ def launch(
 
         watch_the_queue()
     size = size or AT_ONCE.get(choice) or len(plans)
-    with _single_threaded_workers():
+    shielded = shielded_workers() if choice == "joblib" else nullcontext()
+    with _single_threaded_workers(), shielded:
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
             try:
@@ -93,7 +97,7 @@ def _launch_batch(
     launcher: Launcher, batch: Sequence[Plan], start: int, launched: LaunchResult
 ) -> bool:
     """Launch a batch; returns False if the launcher lost one of its workers."""
-    overrides = [list(plan.order.overrides) for plan in batch]
+    overrides = [list(plan.overrides) for plan in batch]
     try:
         returns = launcher.launch(overrides, initial_job_idx=start)
     except Exception as error:
@@ -124,7 +128,7 @@ def _relaunch_lost(
 
 def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
     """Wait until no trial of a batch is running; returns the trials that did not end."""
-    url = batch[0].trial.database_url
+    url = batch[0].database_url
     while "running" in (known := states(url, sweep_id, batch)).values():
         time.sleep(WAIT_S)
     return [plan for plan in batch if known.get(plan.fingerprint) not in ENDINGS]
@@ -142,3 +146,42 @@ def _single_threaded_workers() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def shielded_workers() -> Iterator[None]:
+    """Keep Ctrl-C and SIGHUP of the terminal from worker processes started in the block.
+
+    A terminal sends them to all processes at once, and a worker that is still importing prints a
+    traceback. The workers inherit a mask that blocks these signals; joblib ends them when this
+    process is interrupted. A thread passes the signals on to the handlers of this process.
+    """
+    if not hasattr(signal, "pthread_sigmask") or current_thread() is not main_thread():
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    from joblib.externals.loky.backend import resource_tracker as joblib_tracker
+
+    signals = {signal.SIGINT, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    resource_tracker.ensure_running()  # both now, since they unblock SIGINT after their start
+    joblib_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    stop = Event()
+    thread = Thread(target=_pass_on, args=(signals, stop), name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
+    while not stop.is_set():
+        received = signal.sigtimedwait(signals, 0.1)
+        if received is not None:
+            number = signal.Signals(received.si_signo)
+            _thread.interrupt_main(number)  # does nothing where the signal is ignored

@@ -34,6 +34,7 @@ from typing_extensions import TypedDict
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import in_words
+from seatrial.runner.shared import once
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
 CLASS = "class"  # in a JSON schema: the class that the node must describe
@@ -70,6 +71,10 @@ class OptionError(ValueError):
 
 def part(cls: type, node: object) -> object:
     """Build the object, a `cls`, that a node describes; raises OptionError."""
+    return once(node, cls, partial(_part, cls, node))
+
+
+def _part(cls: type, node: object) -> object:
     if cls is object and node in (None, {}):
         return None
     if not isinstance(node, Mapping):

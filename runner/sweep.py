@@ -28,7 +28,7 @@ from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import budget, console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Limits, Trial, build_as, build_trial, check_finite
+from seatrial.runner.config import Limits, SweepLabels, Trial, build_as, build_trial, check_finite
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
@@ -42,6 +42,7 @@ from seatrial.runner.job import (
     shown,
 )
 from seatrial.runner.launching import LaunchResult, check, launch
+from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
 
 # The jobs of a sweep: a grid of values, and variants that change several options together.
@@ -102,7 +103,10 @@ def _values(override: Override) -> list[str]:
         return [f"{key}={override.get_value_element_as_str()}"]
     if not override.is_discrete_sweep():
         raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
-    return [f"{key}={value}" for value in override.sweep_string_iterator()]
+    values = [f"{key}={value}" for value in override.sweep_string_iterator()]
+    if not values:
+        raise ConfigurationError(f"{override.input_line}: got no values, expected at least one")
+    return values
 
 
 def _text(value: object) -> str:
@@ -119,6 +123,7 @@ def _text(value: object) -> str:
 
 
 log = logging.getLogger(__name__)
+SKIPPED = "%s: already in the logbook as run %d"
 
 
 class Session:
@@ -138,16 +143,17 @@ class Session:
         self.started = True
         try:
             _check_hydra(HydraConfig.get())
-            self._run(_plan(order_of(config, HydraConfig.get())))
+            self._run(order_of(config, HydraConfig.get()))
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
 
-    def _run(self, plan: Plan) -> None:
-        if plan.trial.dry_run:
-            print("\n".join(console.dry_run(listed([plan]))))
+    def _run(self, order: Order) -> None:
+        if order.config.get("dry_run") is True:
+            print("\n".join(console.dry_run(listed([Planner(collect().sources).plan(order)]))))
             return
-        outcome = _perform(plan, collect())
-        line = console.outcome_line(outcome, plan.trial.database_url)
+        trial = prepare(order)
+        outcome = _perform(trial, order, collect())
+        line = console.outcome_line(outcome, trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
@@ -164,22 +170,18 @@ class SweepJob:
     compile_times: CompileTimes
 
     def __call__(self, config: DictConfig) -> Outcome:
-        """Run one trial; the outcome is `lost` if the logbook cannot store it."""
+        """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it."""
         self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
             database.outage.expect(address.url)  # reached before: it holds the sweep
-            return self.carry_out(trial, order)
+            outcome = perform(trial, order, self.provenance, self.sweep_id)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
-
-    def carry_out(self, trial: Trial, order: Order) -> Outcome:
-        """Run a trial, unless it is in the logbook; then log its run."""
-        outcome = perform(trial, order, self.provenance, self.sweep_id)
         if outcome.state == "skipped":
-            log.info("%s: already in the logbook as run %d", order, outcome.run_id)
+            log.info(SKIPPED, order, outcome.run_id)
         elif outcome.state == "busy":
             log.info("%s: another process is running it, as run %d", order, outcome.run_id)
         return outcome
@@ -214,8 +216,7 @@ class SeatrialSweeper(Sweeper):
         _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         jobs = jobs_of(parser, self.params, self.variants, arguments)
-        composer = Composer(self._loader, self._config)
-        plans = [_planned(composer, job) for job in jobs]
+        plans = _planned(Composer(self._loader, self._config), jobs)
         if any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(console.dry_run(listed(plans))))
         else:
@@ -223,15 +224,14 @@ class SeatrialSweeper(Sweeper):
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         check(self._choice, arguments)
-        trial, provenance = plans[0].trial, collect()
-        url = trial.database_url
+        url, provenance = plans[0].database_url, collect()
         with (
-            database.Logbook.open(url, results_dir=trial.results_dir) as logbook,
+            database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
-            sweep_id = _begin_sweep(logbook, trial, provenance, arguments, len(plans))
+            sweep_id = _begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
-            outcomes, remaining = _finished_before(plans, job)
+            outcomes, remaining = _finished_before(plans, logbook, sweep_id)
             with console.shown(url, sweep_id, job.compile_times):
                 try:
                     launched = self._launch(remaining, job)
@@ -263,13 +263,12 @@ class SeatrialSweeper(Sweeper):
 
 def _begin_sweep(
     logbook: "database.Logbook",
-    trial: Trial,
+    labels: SweepLabels,
     provenance: Provenance,
     arguments: Sequence[str],
     planned: int,
 ) -> int:
     """Store the start of a sweep with its labels; returns its id."""
-    labels = trial.sweep
     return logbook.begin_sweep(
         labels.name or _sweep_name(arguments),
         provenance.command,
@@ -280,13 +279,12 @@ def _begin_sweep(
     )
 
 
-def _perform(plan: Plan, provenance: Provenance) -> Outcome:
+def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
     """Run a single trial; one with labels is a sweep of its own."""
-    trial, order = plan.trial, plan.order
     if not trial.sweep:
         return perform(trial, order, provenance)
     with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
-        sweep_id = _begin_sweep(logbook, trial, provenance, order.overrides, 1)
+        sweep_id = _begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
     return outcome
@@ -297,16 +295,16 @@ def _check_hydra(hydra: Any) -> None:
     check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
-def _plan(order: Order) -> Plan:
-    return Plan(prepare(order), order, order.fingerprint(collect().sources))
-
-
-def _planned(composer: Composer, job: list[str]) -> Plan | Refusal:
-    """Compose, build and check one job."""
-    try:
-        return _plan(composer.order(job))
-    except EXPECTED as error:
-        return Refusal(shown(job), one_line(error, job))
+def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[Plan | Refusal]:
+    """Compose, build and check the jobs; those that choose the same options one after the other."""
+    planner, plans = Planner(collect().sources), dict[int, Plan | Refusal]()
+    choices = [composer.choices(job) for job in jobs]
+    for index in sorted(range(len(jobs)), key=choices.__getitem__):
+        try:
+            plans[index] = planner.plan(composer.order(jobs[index]))
+        except EXPECTED as error:
+            plans[index] = Refusal(shown(jobs[index]), one_line(error, jobs[index]))
+    return [plans[index] for index in range(len(jobs))]
 
 
 def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
@@ -317,7 +315,7 @@ def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
     ready = [plan for plan in plans if isinstance(plan, Plan)]
-    logbooks = {(plan.trial.database_url, plan.trial.results_dir) for plan in ready}
+    logbooks = {(plan.database_url, plan.results_dir) for plan in ready}
     if len(logbooks) > 1:
         raise ConfigurationError(
             f"database.url, results_dir: got {len(logbooks)} logbooks in one sweep, expected one"
@@ -325,13 +323,19 @@ def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     return list({plan.fingerprint: plan for plan in ready}.values())
 
 
-def _finished_before(plans: Sequence[Plan], job: SweepJob) -> tuple[list[Outcome], list[Plan]]:
+def _finished_before(
+    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int
+) -> tuple[list[Outcome], list[Plan]]:
     """Return the outcomes of trials that had finished before, and the plans to be launched."""
-    runs, outcomes, remaining = known(plans), [], []
+    runs = known(plan for plan in plans if not plan.rerun)
+    finished = {key: run.run_id for key, run in runs.items() if run.status == "finished"}
+    present = logbook.reuse(sweep_id, list(finished.values()))
+    outcomes, remaining = list[Outcome](), list[Plan]()
     for plan in plans:
-        run = runs.get(plan.fingerprint)
-        if run is not None and run.status == "finished" and not plan.trial.rerun:
-            outcomes.append(job.carry_out(plan.trial, plan.order))
+        run_id = finished.get(plan.fingerprint)
+        if run_id in present:
+            log.info(SKIPPED, plan, run_id)
+            outcomes.append(Outcome("skipped", run_id))
         else:
             remaining.append(plan)
     return outcomes, remaining

@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import plots as plots
+    from seatrial.runner.compare import printed_figures as printed_figures
     from seatrial.runner.compare import published as published
     from seatrial.runner.compare import published_page as published_page
+    from seatrial.runner.compare import published_summary as published_summary
     from seatrial.runner.compare import report as report
     from seatrial.runner.compare import results as results
     from seatrial.runner.compare import runs as runs
@@ -23,7 +25,8 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("browse", "comparison_table", "housekeeping", "plots", "published", "published_page"),
+            *("browse", "comparison_table", "housekeeping", "plots", "printed_figures"),
+            *("published", "published_page", "published_summary"),
             *("report", "results", "runs", "selection"),
         ],
     )

@@ -12,7 +12,8 @@ from typer.main import get_command
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
-from seatrial.runner.database.mask import masked_output
+from seatrial.runner.database.mask import masked_output, without_passwords
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.invocation import import_from_working_folder
 
 PROGRAM = "seatrial-results"
@@ -26,19 +27,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; None takes the arguments of this process."""
-    with masked_output():
-        return _run(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    with masked_output(styled=not words or "--help" in words):  # the help has colours
+        return _run(words)
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run(arguments: Sequence[str]) -> int:
     try:
         code = get_command(app).main(
-            args=None if arguments is None else list(arguments),
+            args=list(arguments),
             prog_name=PROGRAM,
             standalone_mode=False,
         )
     except SeatrialError as error:
-        return complain(str(error))
+        return complain(str(error), arguments)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
@@ -48,13 +50,17 @@ def _run(arguments: Sequence[str] | None) -> int:
         message = _usage_message(error)
         if message is None:
             raise
-        return complain(message) if message else 2
+        return complain(message, arguments) if message else 2
     return code if isinstance(code, int) else 0
 
 
-def complain(message: str) -> int:
-    """Print one line on stderr and return the exit code of bad input."""
-    print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
+def complain(message: str, arguments: Sequence[str] = ()) -> int:
+    """Print one line on stderr and return the exit code of bad input.
+
+    `arguments` are those of the command line; the line repeats at most a part of a long one.
+    """
+    line = error_line(without_passwords(message), arguments)
+    print(f"{PROGRAM}: {line}", file=sys.stderr)
     return 2
 
 

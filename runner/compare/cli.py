@@ -18,6 +18,7 @@ import typer
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
+from seatrial.runner.database.mask import styled
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
@@ -50,6 +51,7 @@ ResultsDir = Annotated[
 ]
 Several = list[str] | None
 T = TypeVar("T")
+MOST = 1_000_000_000  # rows that --limit may ask for
 
 
 def split(texts: Several) -> tuple[str, ...]:
@@ -92,7 +94,8 @@ def show_grids(grids: Sequence[Grid], form: Format) -> None:
     if form is Format.JSON and len(texts) > 1:
         typer.echo("[" + ",\n".join(texts) + "]")
     else:
-        typer.echo("\n\n".join(texts))
+        output = styled(sys.stdout) if form is Format.RICH else sys.stdout
+        print("\n\n".join(texts), file=output)
 
 
 def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:

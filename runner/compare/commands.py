@@ -8,6 +8,7 @@ from typer.core import TyperCommand
 from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
+    MOST,
     Database,
     Form,
     PlotOptions,
@@ -32,7 +33,7 @@ def runs(
     database: Database = DEFAULT_DATABASE,
     where: Where = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
-    limit: Annotated[int, typer.Option(min=1, help="Number of runs, newest first.")] = 50,
+    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of runs, newest first.")] = 50,
     form: Form = Format.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""
@@ -143,8 +144,18 @@ def stats(
 def sql(
     query: Annotated[str, typer.Argument(metavar="SELECT", help="A query that only reads.")],
     database: Database = DEFAULT_DATABASE,
+    timeout: Annotated[
+        float, typer.Option(min=0.001, max=86400.0, help="Longest time of the query [s].")
+    ] = 30.0,
+    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of rows.")] = 10_000,
     form: Form = Format.RICH,
 ) -> None:
-    """Run a query in SQL; a query that writes is rejected."""
+    """Run a query in SQL; a query that writes is rejected.
+
+    For PostgreSQL use a role that can only read: GRANT pg_read_all_data TO reader.
+    """
     with compare.results.open_results(database) as results:
-        show_grid(compare.runs.answer(results, query), form)
+        grid, more = compare.runs.answer(results, query, timeout, limit)
+    show_grid(grid, form)
+    if more:
+        typer.echo(f"only the first {limit} rows; --limit shows more", err=True)

@@ -5,6 +5,7 @@ configuration (plant.scale, identifier.force). Names are looked up before any SQ
 values are bound as parameters, so text from the command line never becomes SQL.
 """
 
+import math
 import operator as op
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -138,7 +139,7 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
     return sa.func.coalesce(_ORDERINGS[operator](left, right), sa.false())
 
 
-def _for_column(name: str, column: Expression, value: Value) -> Value | datetime:
+def _for_column(name: str, column: Expression, value: Value) -> Value | datetime | Expression:
     """Return the value in the type of the column; raises ConfigurationError for another type."""
     if value is None:
         return None
@@ -151,9 +152,23 @@ def _for_column(name: str, column: Expression, value: Value) -> Value | datetime
         return _moment(name, value)
     if isinstance(kind, sa.Integer | sa.Float):
         if isinstance(value, int | float) and not isinstance(value, bool):
-            return value
+            return _number(kind, value)
         raise _mismatch(name, "a number", value)
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _number(kind: sa.types.TypeEngine[Any], value: float) -> float | Expression:
+    """Return an integer that the column can hold, and any other number as a double.
+
+    A database refuses an integer beyond the range of its column instead of comparing it.
+    """
+    bits = 63 if isinstance(kind, sa.BigInteger) else 31
+    if isinstance(value, int) and -(2**bits) <= value < 2**bits:
+        return value
+    try:
+        return sa.literal(float(value), sa.Double())
+    except OverflowError:
+        return sa.literal(math.copysign(math.inf, value), sa.Double())
 
 
 def _moment(name: str, value: Value) -> datetime:
@@ -161,7 +176,10 @@ def _moment(name: str, value: Value) -> datetime:
         moment = datetime.fromisoformat(str(value))
     except ValueError:
         raise _mismatch(name, "a date such as 2026-01-31 or 2026-01-31T12:00", value) from None
-    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    try:
+        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except OverflowError:  # in the first or the last hours of the calendar
+        return moment.replace(tzinfo=UTC)
 
 
 def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:

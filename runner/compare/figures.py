@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Drawings = Callable[[Results, PlotRequest], list[Drawing]]
 
 PLOTS = Path(__file__).with_name("plots")
+LONGEST_NAME = 200  # of a module
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,12 @@ def _module(name: str) -> str:
     for figure, path in _files():
         if figure.name == name:
             return f"{__package__}.plots.{path.stem}"
-    try:
-        return import_module(name).__name__
-    except ModuleNotFoundError as error:
-        if not f"{name}.".startswith(f"{error.name}."):
-            raise  # an import inside the module failed
+    if len(name) < LONGEST_NAME and all(part.isidentifier() for part in name.split(".")):
+        try:
+            return import_module(name).__name__
+        except ModuleNotFoundError as error:
+            if not f"{name}.".startswith(f"{error.name}."):
+                raise  # an import inside the module failed
     expected = ", ".join(figures())
     raise ConfigurationError(
         f"plot: got {name!r}, expected one of {expected}, or the name of a module"

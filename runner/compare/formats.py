@@ -1,4 +1,4 @@
-"""Output formats of a grid: rich, md, csv, latex, json, html."""
+"""Output formats of a grid: rich, md, csv, csv-plain, latex, json, html."""
 
 import csv
 import html
@@ -15,14 +15,21 @@ from rich.table import Table
 from rich.text import Text
 
 from seatrial.runner.compare.grid import Cell, Grid, Scalar
+from seatrial.runner.database.spreadsheet import guarded
+from seatrial.runner.database.terminal import visible
 
 
 class Format(StrEnum):
-    """Names of the formats; csv and json are for programs, the others for readers."""
+    """Names of the formats; csv and json are for programs, the others for readers.
+
+    In csv a text that a spreadsheet would compute, such as `=1+1`, has a quote mark before it; in
+    csv-plain it has none.
+    """
 
     RICH = "rich"
     MD = "md"
     CSV = "csv"
+    CSV_PLAIN = "csv-plain"
     LATEX = "latex"
     JSON = "json"
     HTML = "html"
@@ -41,18 +48,18 @@ def render(grid: Grid, form: Format, width: int | None = None, colour: bool = Fa
 def _rich(grid: Grid, width: int | None, colour: bool) -> str:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for index, header in enumerate(grid.headers):
-        table.add_column(Text(header), justify="left" if index < grid.labels else "right")
+        table.add_column(Text(visible(header)), justify="left" if index < grid.labels else "right")
     for row in grid.rows:
-        table.add_row(*(Text(cell.text, style="bold" if cell.bold else "") for cell in row))
+        table.add_row(*(Text(visible(c.text), style="bold" if c.bold else "") for c in row))
     console = Console(
         file=io.StringIO(), width=width or 10_000, force_terminal=colour, highlight=False
     )
     with console.capture() as capture:
         if grid.title:
-            console.print(Text(grid.title, style="bold"), soft_wrap=width is None)
+            console.print(Text(visible(grid.title), style="bold"), soft_wrap=width is None)
         console.print(table)
         for note in grid.notes:
-            console.print(Text(note), soft_wrap=width is None)
+            console.print(Text(visible(note)), soft_wrap=width is None)
     return "\n".join(line.rstrip() for line in capture.get().splitlines()).strip("\n")
 
 
@@ -81,13 +88,18 @@ def _markdown_bold(cell: Cell) -> str:
 
 
 def _csv(grid: Grid) -> str:
+    return _csv_plain(grid, guarded)
+
+
+def _csv_plain(grid: Grid, guard: Callable[[Scalar], Scalar] = lambda value: value) -> str:
     records = grid.as_records()
     names = list(dict.fromkeys(name for record in records for name in record))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(names or [header.replace("\n", " ") for header in grid.headers])
+    headers = names or [header.replace("\n", " ") for header in grid.headers]
+    writer.writerow([guard(header) for header in headers])
     for record in records:
-        writer.writerow([_csv_value(record.get(name)) for name in names])
+        writer.writerow([_csv_value(guard(record.get(name))) for name in names])
     return out.getvalue().rstrip("\n")
 
 
@@ -102,7 +114,10 @@ def _csv_value(value: Scalar) -> Scalar:
 
 def _json(grid: Grid) -> str:
     records = [{name: _json_value(value) for name, value in r.items()} for r in grid.as_records()]
-    return json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
+    if visible(text) == text:
+        return text
+    return json.dumps(records, indent=2, allow_nan=False)  # escaped as JSON has it
 
 
 def _json_value(value: Scalar) -> Scalar:
@@ -224,12 +239,13 @@ def html_cell(cell: Cell, tag: str) -> str:
 
 
 def _html_text(text: str) -> str:
-    return html.escape(text).replace("\n", "<br>")
+    return html.escape(visible(text)).replace("\n", "<br>")
 
 
 _WRITERS: Mapping[Format, Callable[[Grid], str]] = {
     Format.MD: _markdown,
     Format.CSV: _csv,
+    Format.CSV_PLAIN: _csv_plain,
     Format.LATEX: _latex,
     Format.JSON: _json,
     Format.HTML: _html,

@@ -61,7 +61,7 @@ def execute_all(commands: Sequence[str], address: Address) -> int:
 
 def age(text: str) -> timedelta:
     """Parse a duration such as 30d; raises ConfigurationError for any other text."""
-    match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip())
+    match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip(), re.ASCII)
     if match is None:
         raise ConfigurationError(
             f"--older-than: got {text!r}, expected an age such as 30d, 12h, 2w"

@@ -85,10 +85,16 @@ def retry(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Output folder.")],
     database: Database = DEFAULT_DATABASE,
+    csv_plain: Annotated[
+        bool,
+        typer.Option(
+            "--csv-plain", help="CSV without quote marks before texts that begin with =, +, -, @."
+        ),
+    ] = False,
 ) -> None:
     """Write every table as Parquet and as CSV."""
     with compare.results.open_results(database) as results:
-        for path in results.reader.export(folder):
+        for path in results.reader.export(folder, guard=not csv_plain):
             typer.echo(path)
 
 
@@ -187,7 +193,9 @@ def published(
     form: Form = Format.RICH,
 ) -> None:
     """Compare printed figures with the stored results: ratio, verdict and reason."""
-    figures = compare.published.read_folder(printed or compare.published.FOLDER, experiment)
+    figures = compare.printed_figures.read_folder(
+        printed or compare.printed_figures.FOLDER, experiment
+    )
     with compare.results.open_results(database, results_dir) as results:
         tables = [
             compare.published.judged(results, printed_figures)
@@ -197,14 +205,14 @@ def published(
         if page is not None:
             compare.published_page.write_published(results, tables, page)
     if summary:
-        show_grid(compare.published_page.summary_grid(tables), form)
+        show_grids(compare.published_summary.summary_grids(tables), form)
     else:
         grids = [
             compare.published_page.published_grid(rows)
             for table in tables
             for rows in compare.published.by_table(table)
         ]
-        grids[-1] = replace(grids[-1], notes=[compare.published_page.NOTE])
+        grids[-1] = replace(grids[-1], notes=[compare.published_summary.NOTE])
         show_grids(grids, form)
     if page is not None:
         typer.echo(page, err=True)

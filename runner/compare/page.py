@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.terminal import visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,10 +46,12 @@ def render_page(template: str, **context: object) -> str:
 
 def write_page(page: str, file: Path) -> None:
     """Write a page atomically; raises LogbookError if the file cannot be written."""
+    if not file.name:
+        raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary = file.with_name(f".{file.name}.tmp")
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(visible(page), encoding="utf-8")
         temporary.replace(file)
     except OSError as error:
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error

@@ -1,7 +1,6 @@
 """The page that compares printed figures with our results, by experiment."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,21 +15,14 @@ from seatrial.runner.compare.grid import Cell, Grid, Scalar, number_text, with_u
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
-from seatrial.runner.compare.published import TOLERANCE, Judged, by_table, runs_of
+from seatrial.runner.compare.printed_figures import BY_CONSTRUCTION, CALIBRATED
+from seatrial.runner.compare.published import Judged, by_table, runs_of
+from seatrial.runner.compare.published_summary import summary_grids
 from seatrial.runner.compare.results import Results
 from seatrial.runner.invocation import trial_program
 
-CALIBRATED = "reproduced (calibrated)"  # inputs were fitted to the printed figures: no evidence
-VERDICTS = (
-    *("beaten", "reproduced", CALIBRATED, "not reproduced"),
-    *("not reproducible", "no runs", "ours"),
-)
-HEADERS = ("row", "quantity", "way", "printed", "ours", "ratio", "verdict", "reason")
-NOTE = (
-    "ours: mean over runs [95 % interval, t] (number of runs); beaten: the whole interval is better"
-    f" than printed by more than {100.0 * TOLERANCE:.0f} %, or of an estimate its worst end is"
-    " nearer to the truth; reproduced: the printed figure is in the interval or within"
-    f" {100.0 * TOLERANCE:.0f} %"
+HEADERS = (
+    *("row", "quantity", "way", "printed", "reference", "ours", "ratio", "verdict", "reason"),
 )
 
 
@@ -42,14 +34,23 @@ def title_of(judged: Sequence[Judged]) -> str:
 
 
 def published_grid(judged: Sequence[Judged], notes: Sequence[str] = ()) -> Grid:
-    """Return the grid of one printed table, one row for each figure.
-
-    `judged` are the figures of the table, `notes` stand under it.
-    """
-    rows = [_row(comparison) for comparison in judged]
+    """Return the grid of one printed table; figures that cannot be reproduced share one row."""
+    lost = [comparison for comparison in judged if comparison.verdict == "not reproducible"]
+    rows = [_row(comparison) for comparison in judged if comparison.verdict != "not reproducible"]
+    rows += [_lost(lost)] if lost else []
     return Grid(
         title_of(judged), HEADERS, rows, 3, notes, [_record(comparison) for comparison in judged]
     )
+
+
+def _lost(lost: Sequence[Judged]) -> list[Cell]:
+    """Return one line for the figures of a table that cannot be reproduced."""
+    number = "1 figure" if len(lost) == 1 else f"{len(lost)} figures"
+    blank = [Cell("–")] * 4
+    reasons = "; ".join(dict.fromkeys(comparison.reason for comparison in lost))
+    named = lost[0].printed if len(lost) == 1 else None
+    head = [Cell(named.row), Cell(named.quantity)] if named else [Cell(number), Cell("")]
+    return [*head, Cell(""), *blank, Cell("not reproducible"), Cell(reasons, prose=True)]
 
 
 def _row(comparison: Judged) -> list[Cell]:
@@ -58,29 +59,21 @@ def _row(comparison: Judged) -> list[Cell]:
         Cell(printed.row),
         Cell(with_unit(printed.quantity, printed.unit)),
         Cell(printed.way),
-        _printed(printed.printed),
+        Cell(printed.digits or _plain(printed.printed), sort=printed.printed),
+        Cell(_plain(printed.reference), sort=printed.reference),
         Cell(
             ours_text(comparison), sort=None if math.isnan(comparison.value) else comparison.value
         ),
         Cell("–")
         if math.isnan(comparison.ratio)
         else Cell(number_text(comparison.ratio, 3), sort=comparison.ratio),
-        Cell(verdict_text(comparison), bold=comparison.verdict == "beaten"),
+        Cell(comparison.verdict, bold=comparison.verdict == "beaten"),
         Cell(reason_text(comparison), prose=True),
     ]
 
 
-def verdict_text(comparison: Judged) -> str:
-    """Return the verdict, marked if the inputs were fitted to the printed figures."""
-    calibrated = (
-        comparison.printed.information == "calibrated" and comparison.verdict == "reproduced"
-    )
-    return CALIBRATED if calibrated else comparison.verdict
-
-
-def _printed(value: float | None) -> Cell:
-    """Return the cell of a printed figure, with the printed digits."""
-    return Cell("–") if value is None else Cell(f"{value:.10g}", sort=value)
+def _plain(value: float | None) -> str:
+    return "–" if value is None else f"{value:.10g}"
 
 
 def ours_text(comparison: Judged) -> str:
@@ -90,21 +83,19 @@ def ours_text(comparison: Judged) -> str:
     text = ("median " if comparison.printed.statistic == "median" else "") + number_text(
         comparison.value
     )
-    if comparison.high - comparison.low > 1e-9 * abs(comparison.value):
+    n = f"n={comparison.n}"
+    if math.isnan(comparison.low):
+        n += ", no interval"
+    elif comparison.high - comparison.low > 1e-9 * abs(comparison.value):
         text += f" [{number_text(comparison.low)}, {number_text(comparison.high)}]"
-    lost = f", {comparison.lost} without" if comparison.lost else ""
-    return f"{text} (n={comparison.n}{lost})"
+    return f"{text} ({n}{f', {comparison.lost} without' if comparison.lost else ''})"
 
 
 def reason_text(comparison: Judged) -> str:
     """Return the additional information that our method uses, and the note."""
-    information = comparison.printed.information
-    information_text = (
-        f"additional information: {information}"
-        if information not in ("", "calibrated")
-        else information
-    )
-    return "; ".join(text for text in (information_text, comparison.reason) if text)
+    known = [item for item in comparison.printed.known if item not in (CALIBRATED, BY_CONSTRUCTION)]
+    items = [f"additional information: {'; '.join(known)}"] if known else []
+    return "; ".join([*items, *([comparison.reason] if comparison.reason else [])])
 
 
 def _record(comparison: Judged) -> Mapping[str, Scalar]:
@@ -119,6 +110,7 @@ def _record(comparison: Judged) -> Mapping[str, Scalar]:
         "way": printed.way,
         "unit": printed.unit,
         "printed": printed.printed,
+        "reference": printed.reference,
         "ours": comparison.value,
         "low": comparison.low,
         "high": comparison.high,
@@ -131,32 +123,13 @@ def _record(comparison: Judged) -> Mapping[str, Scalar]:
     }
 
 
-def summary_grid(tables: Sequence[Sequence[Judged]]) -> Grid:
-    """Count the verdicts of each table."""
-    tables = [source for judged in tables for source in by_table(judged)]
-    counts = [Counter(map(verdict_text, judged)) for judged in tables]
-    shown = [verdict for verdict in VERDICTS if any(verdict in count for count in counts)]
-    rows, records = [], []
-    for judged, count in zip(tables, counts, strict=True):
-        source = judged[0].printed
-        record: dict[str, Scalar] = {"source": source.document, "table": source.table}
-        record |= {"experiment": source.experiment}
-        record |= {verdict: count[verdict] for verdict in shown}
-        records.append(record)
-        cells = [Cell(source.document), Cell(source.table), Cell(source.experiment)]
-        rows.append([*cells, *(_count(count[verdict]) for verdict in shown)])
-    total = sum(counts, Counter())
-    rows.append([Cell("all"), Cell(""), Cell(""), *(_count(total[name]) for name in shown)])
-    headers = ["source", "table", "experiment", *shown]
-    return Grid("Printed figures and ours", headers, rows, 3, [NOTE], records)
-
-
-def _count(number: int) -> Cell:
-    return Cell(str(number) if number else "", sort=float(number))
-
-
 EXPERIMENTS = Path(__file__).parents[2] / "conf" / "experiment"
-COLOURS = {"beaten": "#009E73", "reproduced": "#0072B2", "not reproduced": "#D55E00"}
+COLOURS = {
+    "beaten": "#009E73",
+    "reproduced": "#0072B2",
+    "not reproduced": "#D55E00",
+    "below the true model": "#CC79A7",
+}
 ROW_INCH = 0.24  # height of a line of the figure [inch]
 MOST_ROWS = 60
 FIGURES = {"hoyer_figure_7_20": ("topology",), "hoyer_figure_7_21": ("times",)}  # kinds of plots
@@ -183,7 +156,7 @@ def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: 
         "published.html",
         title="Published figures, and ours",
         database=str(results.reader.address),
-        summary=html_table(summary_grid(tables)),
+        summary=Markup("").join(html_table(grid) for grid in summary_grids(tables)),
         chapters=chapters,
         program=trial_program(),
     )
@@ -234,9 +207,9 @@ def ratios(judged: Sequence[Judged]) -> Figure | None:
     """Plot our values over the printed ones with their intervals; None without a ratio.
 
     Estimates that are compared with the truth are omitted: if the printed estimate is wrong, a
-    ratio of 1 is not the aim.
+    ratio of 1 is not the aim. So are eigenvalues, which are judged by their distance to 1.
     """
-    compared = [comparison for comparison in judged if comparison.printed.compare != "truth"]
+    compared = [row for row in judged if row.printed.compare not in ("truth", "one")]
     shown = [
         comparison
         for comparison in compared
@@ -278,6 +251,6 @@ def _points(axes: Axes, shown: Sequence[Judged], verdict: str) -> None:
     )
     for i, comparison in rows:
         printed = comparison.printed.printed or math.nan
-        ends = sorted((comparison.low / printed, comparison.high / printed))
+        ends = sorted((comparison.low / printed, comparison.high / printed))  # NaN: one run
         if ends[0] > 0.0:
             axes.plot(ends, [i, i], color=colour)

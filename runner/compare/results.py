@@ -4,6 +4,7 @@ All queries of tables and figures are here. A repeated trial counts once, by its
 attempt or, without one, by its latest attempt; the column `superseded` marks the other attempts.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -115,8 +116,9 @@ class Results:
     def names(self) -> Names:
         """The names that are valid in conditions, rows and columns."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
-        rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
-        keys = {key for row in rows for key in flat(row.config)}
+        text = sa.cast(RUN.c.config, sa.Text).label("text")  # also of one that is damaged
+        rows = self.reader.select(sa.select(text).where(RUN.c.id.in_(newest)))
+        keys = {key for row in rows for key in _keys(row.text)}
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
@@ -336,6 +338,15 @@ def chooses(condition: Condition | None) -> bool:
             return any(map(chooses, parts))
         case _:
             return False
+
+
+def _keys(config: str) -> list[str]:
+    """Return the dotted keys of a configuration; none if it is damaged."""
+    try:
+        parsed = json.loads(config)
+        return list(flat(parsed)) if isinstance(parsed, dict) else []
+    except (ValueError, TypeError, RecursionError):
+        return []
 
 
 def _text(value: object) -> str:

@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
+from decimal import Decimal
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
@@ -41,6 +42,7 @@ SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
 PLACES = ("results_dir=", "database=")
+SHOWN_BYTES = 16
 
 
 def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
@@ -209,11 +211,11 @@ def command_of(results: Results, run_id: int) -> str:
     return repeat_command(overrides, results.reader.address.path, rerun=True)
 
 
-def answer(results: Results, query: str) -> Grid:
-    """Return the result of one SQL query."""
-    result = results.reader.sql(query)
+def answer(results: Results, query: str, timeout_s: float, limit: int) -> tuple[Grid, bool]:
+    """Return the first rows of one SQL query, and whether there are more."""
+    result = results.reader.sql(query, timeout_s, limit)
     rows = [[plain(value) for value in row] for row in result.rows]
-    return grid_of("", result.columns, rows, labels=0, digits=6)
+    return grid_of("", result.columns, rows, labels=0, digits=6), result.more
 
 
 def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
@@ -255,12 +257,21 @@ def _quoted(text: str) -> str:
 
 
 def plain(value: object) -> Scalar:
-    """Return a value of the database as a cell value: dates as ISO text, JSON as JSON text."""
+    """Return a value of the database as a cell value.
+
+    Dates are ISO text, JSON is JSON text, and bytes are marked, with the first of them.
+    """
     if isinstance(value, datetime):
         return value.isoformat()
     if value is None or isinstance(value, str | int | float | bool):
         return value
-    return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Decimal):
+        return int(value) if abs(value) < 2**63 and value == int(value) else float(value)
+    if isinstance(value, bytes):
+        return f"({len(value)} bytes) {value[:SHOWN_BYTES].hex()}" + (
+            "…" if len(value) > SHOWN_BYTES else ""
+        )
+    return json.dumps(value, ensure_ascii=False, default=str)
 
 
 HEADERS = ("column", "N", "mean", "std", "median", "min", "max")

@@ -67,7 +67,7 @@ def claim(
             begun = replace(begun, lost=lost) if begun is not None else None
         if begun is not None:
             if begun.state != "new" and sweep_id is not None:
-                _note_reuse(connection, sweep_id, begun.run_id)
+                _note_reuse(connection, sweep_id, [begun.run_id])
             return begun
     raise LogbookError(f"trial {start.fingerprint[:12]}: could not be claimed in {_TRIES} tries")
 
@@ -183,6 +183,19 @@ def clean(value: object) -> object:
     return value
 
 
-def _note_reuse(connection: Connection, sweep_id: int, run_id: int) -> None:
-    row = {"sweep_id": sweep_id, "run_id": run_id}
-    connection.execute(_insert_unless_there(connection, Reuse), row)
+def reuse(connection: Connection, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
+    """Store that a sweep takes over runs; returns those that are there and finished."""
+    present: set[int] = set()
+    for start in range(0, len(run_ids), 500):  # databases limit the variables of a query
+        part = Run.id.in_(run_ids[start : start + 500])
+        present |= set(
+            connection.execute(select(Run.id).where(part, Run.status == "finished")).scalars()
+        )
+    _note_reuse(connection, sweep_id, sorted(present))
+    return present
+
+
+def _note_reuse(connection: Connection, sweep_id: int, run_ids: Sequence[int]) -> None:
+    rows = [{"sweep_id": sweep_id, "run_id": run_id} for run_id in run_ids]
+    if rows:
+        connection.execute(_insert_unless_there(connection, Reuse), rows)

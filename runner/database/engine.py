@@ -75,7 +75,8 @@ def parse(url: str | URL) -> Address:
 
 def _parsed(url: str | URL) -> URL:
     if isinstance(url, URL):
-        learn(url.render_as_string(hide_password=False))
+        if url.password:
+            learn(url.render_as_string(hide_password=False))
         return url
     learn(str(url))
     parsed = make_url(url)
@@ -246,7 +247,7 @@ def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
 def _open_uri(path: Path, option: str) -> sqlite3.Connection:
     # isolation_level None: the BEGIN of the sqlite3 module is too late, and deferred.
     return sqlite3.connect(
-        f"file:{quote(str(path))}?{option}",
+        f"file:{quote(os.fsencode(path))}?{option}",
         uri=True,
         timeout=BUSY_TIMEOUT_S,
         isolation_level=None,
@@ -256,7 +257,9 @@ def _open_uri(path: Path, option: str) -> sqlite3.Connection:
 
 def _postgresql(address: Address, *, read_only: bool) -> Engine:
     # JIT compilation takes longer than any query of this package.
-    options = {} if "options" in address.url.query else {"options": "-c jit=off"}
+    options = str(address.url.query.get("options", "-c jit=off"))
+    if read_only:
+        options += " -c default_transaction_read_only=on"
     try:
         engine = create_engine(
             address.url,
@@ -265,7 +268,7 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
             connect_args={
                 "connect_timeout": CONNECT_TIMEOUT_S,
                 "application_name": "seatrial",
-                **options,
+                "options": options,
             },
             execution_options={"postgresql_readonly": True} if read_only else {},
         )

@@ -13,18 +13,21 @@ from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, s
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.cells import UNREADABLE, DamagedCellError
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.mask import without_passwords
+from seatrial.runner.database.spreadsheet import guarded
 from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
 _BATCH = 10_000  # rows held at once
 
 
-def export(connection: Connection, folder: Path) -> list[Path]:
+def export(connection: Connection, folder: Path, *, guard: bool = True) -> list[Path]:
     """Write every table to `folder`, as TABLE.parquet and TABLE.csv; returns the paths.
 
-    Times are UTC; JSON columns are text. A file is renamed into place when it is complete. Raises
+    Times are UTC; JSON columns are text. With `guard`, text that a spreadsheet would compute has a
+    quote mark in the CSV files. A file is renamed into place when it is complete. Raises
     LogbookError if the folder cannot be written.
     """
     try:
@@ -32,13 +35,17 @@ def export(connection: Connection, folder: Path) -> list[Path]:
         return [
             path
             for table in Base.metadata.sorted_tables
-            for path in _table(connection, table, folder)
+            for path in _table(connection, table, folder, guard)
         ]
     except OSError as error:
         raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
+    except UnicodeEncodeError as error:
+        raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
+    except UNREADABLE as error:
+        raise DamagedCellError(str(error)) from error
 
 
-def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
+def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> list[Path]:
     schema = pa.schema([(column.name, _arrow(column.type)) for column in table.columns])
     paths = [folder / f"{table.name}.{suffix}" for suffix in FORMATS]
     unfinished = [path.with_name(f".{path.name}.tmp") for path in paths]
@@ -49,7 +56,7 @@ def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
         ):
             for batch in _batches(connection, table, schema):
                 columns.write_table(batch)
-                lines.write_table(batch)
+                lines.write_table(_guarded(batch) if guard else batch)
         for temporary, path in zip(unfinished, paths, strict=True):
             temporary.replace(path)
     finally:
@@ -69,6 +76,16 @@ def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterato
             )
         ]
         yield pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _guarded(batch: pa.Table) -> pa.Table:
+    arrays = [
+        pa.array([guarded(text) for text in column.to_pylist()], column.type)
+        if pa.types.is_string(column.type)
+        else column
+        for column in batch.columns
+    ]
+    return pa.Table.from_arrays(arrays, schema=batch.schema)
 
 
 def _texts(column: TypeEngine[object], values: Sequence[object]) -> Sequence[object]:

@@ -23,7 +23,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, scrub, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone
+from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone, reuse
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
 from seatrial.runner.database.mask import command_without_address, without_address
@@ -140,6 +140,13 @@ class Logbook(Reader):
             with self._writing() as connection:
                 give_up_gone(connection, sweep_id)
             self._remove_leftovers()
+
+    def reuse(self, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
+        """Store that a sweep takes over finished runs; returns those that are there and finished.
+
+        Another process may have deleted the others in the meantime.
+        """
+        return self._write(partial(reuse, sweep_id=sweep_id, run_ids=run_ids))
 
     def begin_run(
         self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False

@@ -27,6 +27,7 @@ from sqlalchemy.exc import DatabaseError
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import series_files as files
+from seatrial.runner.database.cells import damaged_cells
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import Problem, SeriesFile, Verification
@@ -34,25 +35,34 @@ from seatrial.runner.database.scrub import stored_passwords
 from seatrial.runner.database.tables import Base, Run, Series
 
 _CHUNK = 500  # ids in one statement
+UNCHECKED = "passwords and series files were not checked: some cells cannot be read"
 
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
     """Check every page, foreign key and series file; `connection` may be read-only."""
     problems: list[Problem] = []
     leftover_files: list[Path] = []
-    runs = stored = 0
+    counts = [0, 0]
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
-        problems += stored_passwords(connection)
-        runs = connection.scalar(select(func.count()).select_from(Run)) or 0
-        rows = connection.execute(select(Series.__table__).order_by(Series.id)).all()
-        stored = len(rows)
-        problems += [problem for row in rows if (problem := _wrong_file(row, results_dir))]
-        leftover_files = orphans(connection, results_dir)
+        counts = [_count(connection, table) for table in (Run, Series)]
+        damaged = list(damaged_cells(connection))
+        problems += damaged
+        if damaged:
+            problems.append(Problem("database", UNCHECKED))
+        else:
+            problems += stored_passwords(connection)
+            rows = connection.execute(select(Series.__table__).order_by(Series.id))
+            problems += [problem for row in rows if (problem := _wrong_file(row, results_dir))]
+            leftover_files = orphans(connection, results_dir)
     except DatabaseError as error:
         problems.append(Problem("database", one_line(error)))
-    return Verification(runs, stored, problems, leftover_files)
+    return Verification(counts[0], counts[1], problems, leftover_files)
+
+
+def _count(connection: Connection, table: type[Base]) -> int:
+    return connection.scalar(select(func.count()).select_from(table)) or 0
 
 
 def _damage(connection: Connection) -> Iterator[Problem]:
@@ -135,7 +145,9 @@ def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[Colu
     stale = and_(Run.status == "running", is_stale(Run.heartbeat_at))
     conditions: list[ColumnElement[bool]] = [or_(Run.status != "running", stale)]
     if older_than is not None:
-        conditions.append(Run.started_at < datetime.now(UTC) - older_than)
+        now = datetime.now(UTC)
+        calendar = now - datetime.min.replace(tzinfo=UTC)
+        conditions.append(Run.started_at < now - min(older_than, calendar))
     if statuses:
         chosen = Run.status.in_(statuses)
         conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)

@@ -5,6 +5,7 @@ quoted by a shell or by Python, percent-encoded. `Mask` finds a password by its 
 and finds every password that this process has read before in all of these forms.
 """
 
+import logging
 import re
 import shlex
 import sys
@@ -14,6 +15,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 from urllib.parse import quote, unquote
+
+from seatrial.runner.database.terminal import visible
 
 _STARS = "***"
 # Bounded against quadratic matching time; a longer password is masked once it is known.
@@ -90,13 +93,30 @@ def command_without_address(command: str) -> str:
 
 
 class _Masked:
-    """A stream that masks the text written to it; other attributes are those of the stream."""
+    """A stream that masks the text written to it; other attributes are those of the stream.
 
-    def __init__(self, stream: Any) -> None:
+    Control characters are written as escapes, except to `styled`: the same stream for a renderer
+    of colours, which makes the text that it styles `visible` itself.
+    """
+
+    encoding = "utf-8"  # else click writes to the stream inside, past the mask
+
+    def __init__(self, stream: Any, *, styled: bool = False) -> None:
         self._stream = stream
+        self._styled = styled
+
+    @property
+    def styled(self) -> "_Masked":
+        return _Masked(self._stream, styled=True)
 
     def write(self, text: str) -> int:
-        self._stream.write(without_passwords(text))
+        shown = without_passwords(text)
+        shown = shown if self._styled else visible(shown)
+        try:
+            self._stream.write(shown)
+        except UnicodeEncodeError:  # a stream that is not UTF-8
+            encoding = self._stream.encoding
+            self._stream.write(shown.encode(encoding, "replace").decode(encoding))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
@@ -107,11 +127,19 @@ class _Masked:
         return getattr(self._stream, name)
 
 
+def styled(stream: Any) -> Any:
+    """Return the stream for a renderer of colours, which writes control characters."""
+    return getattr(stream, "styled", stream)
+
+
 @contextmanager
-def masked_output() -> Iterator[None]:
-    """Mask standard output and standard error in the block; tracebacks also after the block."""
+def masked_output(*, styled: bool = False) -> Iterator[None]:
+    """Mask standard output and standard error in the block; tracebacks also after the block.
+
+    Control characters are written as escapes, unless `styled`.
+    """
     before: Any = sys.stdout, sys.stderr
-    masked: Any = _Masked(sys.stdout), _Masked(sys.stderr)
+    masked: Any = _Masked(sys.stdout, styled=styled), _Masked(sys.stderr, styled=styled)
     sys.excepthook = _show_masked
     sys.stdout, sys.stderr = masked
     try:
@@ -124,4 +152,12 @@ def _show_masked(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
     lines = traceback.format_exception(kind, error, trace)
-    sys.stderr.write(without_passwords("".join(lines)))
+    sys.stderr.write(visible(without_passwords("".join(lines))))
+
+
+class MaskedFormatter(logging.Formatter):
+    """Formats the records of a log without passwords and control characters."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the text of a record."""
+        return visible(without_passwords(super().format(record)))

@@ -1,8 +1,9 @@
 """Queries of a logbook over a read-only connection."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
+    BigInteger,
     ColumnElement,
     Connection,
     Engine,
@@ -20,11 +22,12 @@ from sqlalchemy import (
     select,
     union_all,
 )
+from sqlalchemy.exc import DataError, OperationalError
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
+from seatrial.runner.database import cells, maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
@@ -55,6 +58,7 @@ else:
 
 Fact = TypeVar("Fact", Metric, Coefficient, Finding, SeriesFile)
 Columns = TypeVarTuple("Columns")
+AT_ONCE = 500  # values in one condition; databases limit the variables of a query
 
 
 class Reader:
@@ -96,20 +100,48 @@ class Reader:
         with engines.explained(self.address), self._engine.connect() as connection:
             yield connection
 
-    def sql(self, query: str) -> Answer:
-        """Run one SQL query; raises LogbookError if it fails or would write."""
+    def sql(
+        self, query: str, timeout_s: float = sql_query.TIMEOUT_S, limit: int = sql_query.ROWS
+    ) -> Answer:
+        """Run one SQL query and return its first `limit` rows.
+
+        Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
+        """
         with engines.explained(self.address), self._engine.connect() as connection:
-            answer = sql_query.ask(connection, query)
-        return Answer(answer.columns, [tuple(map(_masked, row)) for row in answer.rows])
+            answer = sql_query.ask(connection, query, timeout_s, limit)
+        return replace(answer, rows=[tuple(map(_masked, row)) for row in answer.rows])
 
     def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
-        with engines.explained(self.address):
-            return repeated(partial(self._rows, statement))
+        try:
+            with engines.explained(self.address):
+                return repeated(partial(self._rows, statement))
+        except DataError as error:  # a number beyond the range of its column
+            raise LogbookError(f"{self.address}: {engines.one_line(error)}") from error
+        except OverflowError as error:
+            raise LogbookError(f"{self.address}: {error}") from error
+        except UnicodeEncodeError as error:
+            raise LogbookError(
+                f"{self.address}: got {error.object!r}, expected text in UTF-8"
+            ) from error
 
     def _rows(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
-        with self._engine.connect() as connection:
-            return connection.execute(statement).all()
+        with self._engine.connect() as connection, self._damage_located(connection):
+            return cells.read(statement.selected_columns, connection.execute(statement))
+
+    @contextmanager
+    def _damage_located(self, connection: Connection) -> Iterator[None]:
+        """Name the first damaged cell of the logbook if one cannot be read."""
+        try:
+            yield
+        except (cells.DamagedCellError, OperationalError) as error:
+            if isinstance(error, OperationalError) and "Could not decode" not in str(error.orig):
+                raise
+            damaged = next(cells.damaged_cells(connection), None)
+            where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
+            raise LogbookError(
+                f"{self.address}: damaged: {where}; verify lists every such cell"
+            ) from error
 
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
@@ -124,7 +156,8 @@ class Reader:
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
-        summaries = self.runs(tables.Run.id == run_id)
+        known = abs(run_id) < 2**63
+        summaries = self.runs(tables.Run.id == literal(run_id, BigInteger())) if known else []
         if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
@@ -134,8 +167,18 @@ class Reader:
 
     def trial(self, fingerprint: str) -> RunSummary | None:
         """Return the valid attempt at the trial of this fingerprint; None if there is none."""
-        attempts = self.runs(tables.Run.fingerprint == fingerprint)
-        return next((run for run in attempts if not run.superseded), None)
+        return self.trials([fingerprint]).get(fingerprint)
+
+    def trials(self, fingerprints: Iterable[str]) -> dict[str, RunSummary]:
+        """Return the valid attempts at trials by fingerprint, of those that have one."""
+        runs: dict[str, RunSummary] = {}
+        wanted = list(fingerprints)
+        for start in range(0, len(wanted), AT_ONCE):
+            part = wanted[start : start + AT_ONCE]
+            for run in self.runs(tables.Run.fingerprint.in_(part)):
+                if not run.superseded:
+                    runs.setdefault(run.fingerprint, run)
+        return runs
 
     def metrics(self, run_id: int) -> list[Metric]:
         """Return the metrics of a run, in the order of storage."""
@@ -202,12 +245,16 @@ class Reader:
         with self._reading() as connection:
             return maintenance.verify(connection, self.results_dir)
 
-    def export(self, folder: Path) -> list[Path]:
-        """Write every table to `folder` as Parquet and CSV; returns the paths."""
+    def export(self, folder: Path, *, guard: bool = True) -> list[Path]:
+        """Write every table to `folder` as Parquet and CSV; returns the paths.
+
+        With `guard`, text that a spreadsheet would compute has a quote mark in the CSV files.
+        """
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return tables_export.export(connection, folder)
+            with self._damage_located(connection):
+                return tables_export.export(connection, folder, guard=guard)
 
     def prunable(
         self,

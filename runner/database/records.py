@@ -187,10 +187,11 @@ class SweepStatus:
 
 @dataclass(frozen=True)
 class Answer:
-    """Rows of a query, with the names of their columns."""
+    """Rows of a query, with the names of their columns; `more` rows were left out."""
 
     columns: tuple[str, ...]
     rows: list[tuple[object, ...]]
+    more: bool = False
 
 
 @dataclass(frozen=True)

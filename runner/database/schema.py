@@ -7,11 +7,13 @@ upgrade.
 
 import logging
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from enum import Enum
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import Connection, Engine
 
@@ -82,19 +84,26 @@ def require_current(address: Address) -> None:
 
 def inspect(address: Address) -> Condition:
     """Return the state of the database at `address`, over a read-only connection."""
-    if address.path is not None:
-        if not address.path.exists():
-            return Condition.EMPTY
-        if not address.path.is_file():
-            raise LogbookError(f"{address}: got a folder, expected a SQLite file")
-        if not address.path.stat().st_size:
-            return Condition.EMPTY
+    if address.path is not None and _is_absent(address.path):
+        return Condition.EMPTY
     engine = engines.reader(address)
     try:
         with engines.explained(address):
             return repeated(partial(_condition, engine, address))
     finally:
         engine.dispose()
+
+
+def _is_absent(path: Path) -> bool:
+    """Return whether there is no file, or an empty one."""
+    try:
+        if not path.exists():
+            return True
+        if not path.is_file():
+            raise LogbookError(f"{path}: got a folder, expected a SQLite file")
+        return not path.stat().st_size
+    except OSError as error:  # a name that is too long, a folder that cannot be read
+        raise LogbookError(f"{path}: cannot be opened: {error.strerror}") from error
 
 
 def _condition(engine: Engine, address: Address) -> Condition:
@@ -114,7 +123,8 @@ def condition(connection: Connection, address: Address) -> Condition:
             f"{address}: not a seatrial logbook (it holds {listing}); expected one, or an empty"
             " database; nothing was changed"
         )
-    revision = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalar()
+    revisions = connection.exec_driver_sql(f"SELECT version_num FROM {VERSION_TABLE}").scalars()
+    revision = _only(list(revisions), address)
     if revision not in REVISIONS:
         raise LogbookError(
             f"{address}: of a newer version of seatrial: got schema {revision}, this version"
@@ -126,6 +136,16 @@ def condition(connection: Connection, address: Address) -> Condition:
         return Condition.OTHER_VIEWS
     digest = connection.exec_driver_sql("SELECT digest FROM view_version").scalar()
     return Condition.CURRENT if digest == views.digest(dialect) else Condition.OTHER_VIEWS
+
+
+def _only(revisions: Sequence[Any], address: Address) -> Any:
+    if len(revisions) != 1:
+        listing = f" ({', '.join(map(str, revisions[:5]))})" if revisions else ""
+        raise LogbookError(
+            f"{address}: damaged: got {len(revisions)} rows{listing} in {VERSION_TABLE},"
+            " expected 1; nothing was changed"
+        )
+    return revisions[0]
 
 
 def _bring_up_to_date(address: Address) -> None:

@@ -50,7 +50,12 @@ def owner(path: Path) -> tuple[int, str | None] | None:
 def listed(results_dir: Path) -> list[Path]:
     """List every file in the folder of series, including temporary files."""
     folder = results_dir / FOLDER
-    return sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    try:
+        if not folder.is_dir():
+            return []
+        return sorted(path for path in folder.iterdir() if path.is_file())
+    except OSError as error:
+        raise LogbookError(f"{folder}: cannot be read: {error.strerror}") from error
 
 
 def write(
@@ -169,8 +174,11 @@ def read(results_dir: Path, file: SeriesFile) -> Series:
     from pyarrow import parquet
 
     content = checked(results_dir, file)
-    table = parquet.read_table(pa.BufferReader(content))
-    columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    try:
+        table = parquet.read_table(pa.BufferReader(content))
+        columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    except pa.ArrowException as error:
+        raise LogbookError(f"{file.path}: not a Parquet file: {error}") from error
     return Series(file.kind, columns, dict(file.columns))
 
 

@@ -28,6 +28,7 @@ from seatrial.runner.__main__ import main
 from seatrial.runner.composition import Composer, SharingLoader
 from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.planning import Planner
 from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
 
@@ -91,12 +92,12 @@ def parts(trials: int) -> dict[str, float]:
 
     steps = (
         ("planning: compose", Composer, "order"),
-        ("planning: check", sweep, "prepare"),
+        ("planning: check and fingerprint", Planner, "plan"),
         ("planning: ask the logbook", sweep, "known"),
         ("job: compose", SharingLoader, "load_sweep_config"),
         ("job in all", basic_launcher, "run_job"),
         ("job of ours", sweep.SweepJob, "__call__"),
-        ("fingerprint, twice", job, "fingerprint"),
+        ("job: fingerprint", job, "fingerprint"),
         ("open the logbook", Logbook, "open"),
         ("close the logbook", Logbook, "close"),
         ("begin the run", Logbook, "begin_run"),

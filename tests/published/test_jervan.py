@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.published import FOLDER, read_file
+from seatrial.runner.compare.printed_figures import FOLDER, read_file
 from seatrial.runner.database.records import Results
 from seatrial.runner.record.coefficient_rows import vessel_of
 

@@ -6,6 +6,7 @@ import os
 import pty
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -194,3 +195,21 @@ def _read(master: int) -> bytes:
         return os.read(master, 4096)
     except OSError:  # the other end is closed
         return b""
+
+
+def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> None:
+    """Names and messages of a logbook that another program has filled."""
+    url = f"sqlite:///{tmp_path}/results.db"
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        run = logbook.begin_run(replace(start(0), vessel="\x1b[2J\u202egnp")).run_id
+        logbook.fail_run(run, "failed", "Bug\x07", "y" * 5000 + "\n\x9b", "trace")
+        (summary,) = logbook.runs()
+    line = progress.failure(summary)
+    out = io.StringIO()
+    with Progress(TextColumn("{task.description}"), console=Console(file=out)) as bar:
+        LiveLine(bar).failure(line)
+    for text in (line, out.getvalue()):
+        assert "vessel=\\x1b[2J\\u202egnp" in text
+        assert not set(text) & {"\x1b", "\x9b", "\x07", "\u202e"}
+        assert text.count("y") < 210
+    assert "\n" not in line

@@ -46,7 +46,10 @@ ONLY = {
     "runner.compare": (*NAMES, "runner.invocation", "runner.database"),
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
-EDGE = {"__main__", "sweep", "launching", "composition", "hydra_errors"}
+EDGE = {
+    *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
+    "hydra_errors",
+}
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 
 

@@ -2,13 +2,14 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from seatrial.runner.database import Logbook
 from tests.runner.command import Command
-from tests.runner.programs import ended, program, rows, sweep, wait
+from tests.runner.programs import children, ended, program, rows, sweep, wait
 
 RUNNING = "SELECT id FROM run WHERE status = 'running'"
 LONG = ("excitation.interval_s=6000", "identifier=none", "evaluation=none")
@@ -42,6 +43,30 @@ def test_a_trial_that_is_stopped_is_interrupted(
     assert seatrial("seed=3").code == 0
 
 
+@pytest.mark.parametrize("number", CODES)
+def test_a_signal_during_a_finaliser_is_not_lost(seatrial: Command, number: signal.Signals) -> None:
+    """Python drops what is raised there."""
+    fake = seatrial.pretend()
+
+    class Dying:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), number)
+            time.sleep(0.01)
+
+    class Fatal(set[int]):
+        def __contains__(self, seed: object) -> bool:
+            dying = [Dying()]
+            dying.clear()
+            time.sleep(10.0)
+            return False
+
+    fake.interrupted = Fatal()
+    answer = seatrial("seed=3")
+    assert answer.code == CODES[number]
+    assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
+    assert "Traceback" not in answer.err
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
 def test_a_program_that_is_stopped_ends_in_one_line(
@@ -72,3 +97,28 @@ def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> N
     process.send_signal(signal.SIGHUP)
     assert ended(process)[0] == 0
     assert rows(tmp_path, "SELECT status FROM run") == [("finished",)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("later_s", [0.0, 1.0, 2.0])
+def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
+    tmp_path: Path, number: signal.Signals, later_s: float
+) -> None:
+    """Workers that are still importing print no traceback."""
+    many = ("seed=range(0,4)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    process = sweep(*LONG, *many, "hydra.sweep.dir=.", folder=tmp_path)
+    workers = "popen_loky_posix"
+    wait(
+        lambda: (
+            any(workers in command for _, command in children(process.pid))
+            or process.poll() is not None
+        )
+    )
+    time.sleep(later_s)
+    os.killpg(process.pid, number)
+    code, _, err = ended(process)
+    assert code == CODES[number], err
+    assert "Traceback" not in err
+    assert err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are kept")
+    assert rows(tmp_path, RUNNING) == []

@@ -3,7 +3,8 @@
 import re
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import TypeVar
 
 from seatrial.models.errors import ConfigurationError
@@ -17,10 +18,12 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import DOF_ORDER
 
 Drawing = TypeVar("Drawing")
+LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,26 @@ class Facet:
         """Return a safe file name: no path separators or special characters."""
         stem = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
         stem += f"-run-{self.run}" if self.run is not None else ""
-        return re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
+        safe = re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
+        if len(safe) <= LONGEST_STEM:
+            return safe
+        return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
+
+
+def _drawable(run: Run) -> Run:
+    """Return a run whose levels matplotlib draws as text, not as formulas between $.
+
+    A level that is long or has control characters ends with a part of its digest, so that levels
+    stay distinct.
+    """
+    levels = {name: _label(level) for name, level in run.levels.items()}
+    return run if levels == run.levels else replace(run, levels=levels)
+
+
+def _label(level: str) -> str:
+    if len(level) > LONGEST_STEM or visible(level) != level:
+        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
+    return level.replace("$", r"\$")
 
 
 def facets(
@@ -82,17 +104,17 @@ def facets(
     if request.run is not None:
         condition = with_run(results.where(request.where), request.run)
     factors = [*(rows or [request.rows]), request.columns]
-    factors += [request.facet] if request.facet else []
+    factors += [request.facet] if request.facet is not None else []
     for factor in factors:
         results.names.check(factor, "--rows/--columns/--facet")
-    runs = results.runs(condition, factors)
+    runs = [_drawable(run) for run in results.runs(condition, factors)]
     likeness = Likeness(results, runs)
     split = []
     if averages and "all" not in request.pool:
         split = _unlike(likeness, runs, factors, request)
-    names = [*([request.facet] if request.facet else []), *split]
+    names = [*([] if request.facet is None else [request.facet]), *split]
     if split:
-        runs = results.runs(condition, [*factors, *split])
+        runs = [_drawable(run) for run in results.runs(condition, [*factors, *split])]
     parts: dict[tuple[str, ...], list[Run]] = defaultdict(list)
     for run in runs:
         parts[tuple(run.levels[name] for name in names)].append(run)
@@ -176,7 +198,8 @@ def each_run(
     if facet is not None:
         results.names.check(facet, "--rows/--columns/--facet")
     factors = [] if facet is None else [facet]
-    runs = results.runs(condition, factors, superseded=request.run is not None)
+    superseded = request.run is not None
+    runs = [_drawable(run) for run in results.runs(condition, factors, superseded)]
     stored = results.series_columns(condition)
     newest: dict[str, tuple[Run, list[str]]] = {}
     for run in reversed(runs):

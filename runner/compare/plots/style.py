@@ -15,6 +15,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
@@ -77,12 +78,21 @@ def marker_of(i: int) -> str:
 
 @contextmanager
 def drawn() -> Iterator[None]:
-    """Context for drawing and saving: the settings above on matplotlib's defaults."""
+    """Context for drawing and saving: the settings above on matplotlib's defaults.
+
+    Raises LogbookError for a stored name that reads as a formula and is none.
+    """
     with mpl.rc_context():
         mpl.rcdefaults()
         for name, value in RC.items():
             mpl.rcParams[name] = value
-        yield
+        try:
+            yield
+        except ValueError as error:
+            if "ParseFatalException" not in str(error):
+                raise
+            message = f"plot: a stored name cannot be drawn: {str(error).strip()}"
+            raise LogbookError(message) from error
 
 
 def figure(width: float, height: float) -> Figure:

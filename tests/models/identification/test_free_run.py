@@ -324,7 +324,7 @@ def test_a_thruster_without_lag_acts_as_commanded(make, signal):
 def test_a_simulation_records_whether_its_thrusters_lag(name, without):
     trial = composed(f"vessel={name}", "excitation=prbs")
     assert (trial.vessel.thruster is None) == without
-    recording = excite(trial, streams(0)).recording
+    recording = excite(trial, Streams(0)).recording
     assert recording.without_lag == without
     assert all(
         piece.without_lag == without for piece in (recording.lowpass(1.0), *recording.pieces())

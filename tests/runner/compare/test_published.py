@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,27 +12,16 @@ from typing import Any
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.vessel.basis import terms
-from seatrial.runner.compare.published import (
-    COLUMNS,
-    FOLDER,
-    Printed,
-    judged,
-    read_folder,
-    verdict_of,
-)
+from seatrial.models.findings import Finding
+from seatrial.runner.compare.printed_figures import COLUMNS, FOLDER, read_folder
+from seatrial.runner.compare.published import judged
 from seatrial.runner.compare.results import Results, open_results
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.compare.verdicts import verdict_of
+from seatrial.runner.database.records import Metric
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
-
-ONE = Printed(
-    experiment="mine", document="Somebody (2020)", table="Table 1", page="7", row="with model",
-    quantity="MSE", printed=100.0, unit="N^2", way="", where="identifier=ls", source="metric",
-    stage="validation", model="identified", dof="surge", name="force_mse", label="", factor=1.0,
-    compare="lower", statistic="", information="", note="",
-)  # fmt: skip
+from tests.runner.compare.test_verdicts import ONE
 
 
 @pytest.fixture
@@ -113,31 +103,89 @@ def test_what_cannot_be_answered_says_why(results: Results) -> None:
 
 
 @pytest.mark.parametrize(
-    ("compare", "value", "interval", "truth", "verdict"),
+    ("plant", "flag", "verdict"),
     [
-        ("lower", 90.0, (85.0, 94.0), None, "beaten"),
-        ("lower", 90.0, (85.0, 96.0), None, "not reproduced"),  # the interval reaches into 5 %
-        ("lower", 96.0, (96.0, 96.0), None, "reproduced"),
-        ("lower", 150.0, (99.0, 201.0), None, "reproduced"),
-        ("lower", 150.0, (149.0, 151.0), None, "not reproduced"),
-        ("higher", 150.0, (149.0, 151.0), None, "beaten"),
-        ("higher", 50.0, (49.0, 51.0), None, "not reproduced"),
-        ("value", 50.0, (49.0, 51.0), None, "not reproduced"),
-        ("value", 104.0, (104.0, 104.0), None, "reproduced"),
-        ("truth", 61.0, (60.0, 62.0), 60.0, "beaten"),
-        ("truth", 61.0, (10.0, 112.0), 60.0, "reproduced"),  # too wide to beat, and holds 100
-        ("truth", 10.0, (9.0, 11.0), 60.0, "not reproduced"),
-        ("none", 10.0, (9.0, 11.0), None, "ours"),
+        (40.0, 0.0, "beaten"),
+        (60.0, 0.0, "below the true model"),
+        (40.0, 1.0, "below the true model"),
     ],
 )
-def test_verdicts(
-    compare: str,
-    value: float,
-    interval: tuple[float, float],
-    truth: float | None,
-    verdict: str,
+def test_a_fit_of_the_lag_beats_nothing(
+    tmp_path: Path, plant: float, flag: float, verdict: str
 ) -> None:
-    assert verdict_of(replace(ONE, compare=compare), value, interval, truth) == verdict
+    """The plant's own figure or the stored flag says so; for a ratio to the nominal model too."""
+    metrics = [stored.force_mse(50.0), stored.force_mse(plant, model="plant"), stored.below(flag)]
+    metrics += [stored.force_mse(500.0, model="nominal")]
+    with stored_sweep(tmp_path, metrics) as results:
+        ratio = replace(ONE, model="identified/nominal", printed=0.5)
+        worse = replace(ONE, printed=30.0)
+        verdicts = [one.verdict for one in judged(results, [ONE, ratio, worse])]
+    assert verdicts == [verdict, verdict, "not reproduced"]
+
+
+def test_an_order_that_was_not_selected_is_shown_and_judged(tmp_path: Path) -> None:
+    """The errors of every order are stored: ours at the printed order, and over the nominal one."""
+    orders = [Finding("order_mse", "surge", 900.0 / i, "N^2", i=i, label="test") for i in (1, 5, 9)]
+    surface = [Finding("surface_mse", "surge", 70.0, "N^2", i=8, j=18, label="test")]
+    metrics = [stored.force_mse(600.0, model="nominal"), stored.force_mse(150.0, model="plant")]
+    fifth = replace(ONE, source="diagnostic", stage="", model="", name="order_mse", label="5")
+    divided = replace(
+        fifth, model="/nominal", stage="validation", name="order_mse/force_mse", printed=0.6
+    )
+    with stored_sweep(tmp_path, metrics, [*orders, *surface]) as results:
+        lines = [fifth, divided, replace(divided, label="9")]
+        fit, ratio, below = judged(results, lines)
+        (both,) = judged(results, [replace(fifth, name="surface_mse", label="8,18")])
+    assert (fit.value, ratio.value, both.value) == (180.0, 0.3, 70.0)
+    assert (ratio.verdict, below.verdict) == ("beaten", "below the true model")
+
+
+@contextmanager
+def stored_sweep(
+    folder: Path, metrics: list[Metric], findings: list[Finding] | None = None
+) -> Iterator[Results]:
+    """The results of one run of the sweep `mine`."""
+    with stored.logbook_at(folder) as logbook:
+        sweep = logbook.begin_sweep("mine", "python -m runner experiment=mine", [], 1)
+        run = logbook.begin_run(stored.start("ls"), sweep_id=sweep).run_id
+        logbook.finish_run(run, stored.Results(metrics, [], findings or [], []))
+    with open_results(f"sqlite:///{folder}/results.db") as results:
+        yield results
+
+
+def test_a_single_run_has_no_interval(tmp_path: Path, program: Program) -> None:
+    with stored_sweep(tmp_path, [stored.force_mse(50.0)]) as results:
+        (one,) = judged(results, [ONE])
+    assert math.isnan(one.low)
+    assert math.isnan(one.high)
+    folder = written(tmp_path / "printed", LINE)
+    code, out, _ = program("published", "--printed", folder, "--database", tmp_path / "results.db")
+    assert code == 0
+    assert "(n=1, no interval)" in out
+
+
+def test_an_interval_wider_than_the_figure_says_so(results: Results) -> None:
+    (one,) = judged(results, [replace(ONE, compare="value", printed=1.0, factor=0.02)])
+    assert one.verdict == "reproduced"  # [0.91, 1.17]
+    (one,) = judged(results, [replace(ONE, printed=52.0, factor=1.0, where="identifier=ls")])
+    assert one.verdict == "reproduced"
+    (wide,) = judged(results, [replace(ONE, compare="one", printed=1.01, factor=0.0195)])
+    assert wide.verdict == "not reproduced"
+    assert wide.reason == "the interval is too wide for the printed figure"
+
+
+def test_a_reference_is_shown_with_its_ratio_and_not_judged(results: Results) -> None:
+    (one,) = judged(results, [replace(ONE, printed=None, reference=104.0)])
+    assert (one.verdict, one.ratio) == ("ours", 0.5)
+
+
+def test_a_ratio_of_printed_figures_keeps_their_digits(tmp_path: Path) -> None:
+    folder = written(tmp_path / "printed", LINE.replace(",100,", ",0.20/0.42,"))
+    ((one,),) = read_folder(folder).values()
+    assert one.printed == pytest.approx(0.20 / 0.42)
+    ends = [(0.20 + i) / (0.42 + j) for i in (-0.005, 0.005) for j in (-0.005, 0.005)]
+    assert one.rounding == pytest.approx(max(ends) - 0.20 / 0.42, rel=0.02)
+    assert one.digits == "0.20/0.42"
 
 
 def test_what_rounds_to_the_printed_decimals_is_reproduced(tmp_path: Path) -> None:
@@ -155,7 +203,7 @@ def written(folder: Path, *lines: str) -> Path:
 
 
 LINE = (
-    "Somebody (2020),Table 1,7,with model,MSE,100,N^2,,identifier=ls,metric,validation,identified,"
+    "Somebody (2020),Table 1,7,with model,MSE,100,,N^2,,identifier=ls,metric,validation,identified,"
     "surge,force_mse,,,lower,,,"
 )
 
@@ -164,22 +212,27 @@ def test_the_command_prints_and_writes_the_page(
     book: Path, tmp_path: Path, program: Program
 ) -> None:
     calibrated = LINE.replace(",,,lower,,,", ",,,lower,,calibrated,")
-    folder = written(tmp_path / "printed", LINE, calibrated, LINE.replace(",100,", ",,"))
+    folder = written(tmp_path / "printed", LINE, calibrated, LINE.replace(",100,,", ",,,"))
     page = tmp_path / "page" / "index.html"
     options = ("--printed", folder, "--database", book / "results.db")
     code, out, _ = program("published", *options, "--page", page, "-f", "json")
     assert code == 0
     first, second, third = json.loads(out)
     assert (first["printed"], first["ours"], first["verdict"]) == (100.0, 52.0, "beaten")
-    assert second["information"] == "calibrated"
+    assert (second["verdict"], second["information"]) == ("calibrated", "calibrated")
     assert (third["printed"], third["ours"], third["verdict"]) == (None, 52.0, "ours")
     text = page.read_text()
     assert "Somebody (2020)" in text
     assert "<svg" in text
     code, out, _ = program("published", *options, "--summary", "-f", "csv")
     assert out.splitlines() == [
-        "source,table,experiment,beaten,ours",
-        "Somebody (2020),Table 1,mine,2,1",
+        "source,table,experiment,beaten,reproduced,not reproduced,below the true model",
+        "Somebody (2020),Table 1,mine,1,0,0,0",
+        "",
+        "source,table,experiment,verdict,figures,reason",
+        "Somebody (2020),Table 1,mine,calibrated,1,gains and reference were fitted to the printed"
+        " figures: see the ratios to our own nominal",
+        "Somebody (2020),Table 1,mine,ours,1,no printed figure of the same experiment",
     ]
 
 
@@ -206,7 +259,7 @@ def test_the_page_of_all_printed_figures_opens_in_a_browser(
 @pytest.mark.parametrize(
     ("lines", "complaint"),
     [
-        ([LINE.replace(",100,", ",many,")], "mine.csv, line 2: could not convert string to float"),
+        ([LINE.replace(",100,", ",many,")], "mine.csv, line 2: got 'many', expected a number"),
         (
             [LINE, LINE.replace("metric", "guess")],
             "mine.csv, line 3: source: got 'guess', expected",
@@ -215,7 +268,7 @@ def test_the_page_of_all_printed_figures_opens_in_a_browser(
             [LINE.replace("lower", "least")],
             "mine.csv, line 2: compare: got 'least', expected value",
         ),
-        ([LINE + ",more"], "mine.csv, line 2: expected 20 columns"),
+        ([LINE + ",more"], "mine.csv, line 2: expected 21 columns"),
     ],
 )
 def test_a_bad_line_is_named(
@@ -241,22 +294,3 @@ def test_unknown_experiments_and_empty_folders(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigurationError, match="no files of printed figures"):
         read_folder(tmp_path / "empty")
-
-
-def test_every_figure_that_can_be_answered_has_its_experiment() -> None:
-    for name, figures in read_folder(FOLDER).items():
-        answerable = any(one.source for one in figures)
-        assert (CONF / "experiment" / f"{name}.yaml").exists() == answerable, name
-        for one in figures:
-            assert one.source or one.note, f"{name}: {one.row}, {one.quantity} lacks a reason"
-
-
-def test_every_printed_coefficient_is_one_of_a_term() -> None:
-    """A term that is misspelt would not be found in the results, and be taken for zero."""
-    names = {
-        one.name
-        for figures in read_folder(FOLDER).values()
-        for one in figures
-        if one.source == "coefficient"
-    }
-    assert {one.name for one in terms(sorted(names))} == names

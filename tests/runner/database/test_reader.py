@@ -1,13 +1,19 @@
 """SQL from people is answered where it reads, and refused where it writes."""
 
+import re
+import time
+from collections.abc import Iterator
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import Logbook, sql_query
 from seatrial.runner.database.engine import parse
+from seatrial.runner.database.reader import Reader
 from tests.runner.database.samples import make_results, make_start
+from tests.runner.postgres import Postgres
 
 WRITING = [
     "DELETE FROM run",
@@ -55,6 +61,14 @@ WRITING_POSTGRESQL = [
     "DO $$ BEGIN DELETE FROM run; END $$",
     "EXPLAIN ANALYZE DELETE FROM run",
     "LISTEN x",
+    "SELECT set_config('default_transaction_read_only', 'off', false)",
+    "SELECT lo_from_bytea(0, 'x')",
+    "SELECT lo_import('/etc/hostname')",
+    "SELECT pg_read_file('/etc/hostname')",
+    "SELECT pg_read_binary_file('/etc/hostname')",
+    "SELECT pg_ls_dir('/')",
+    "SELECT U&\"pg\\005fread\\005ffile\"('/etc/hostname')",
+    "SELECT query_to_xml('SELECT pg_' || 'read_file(''/etc/hostname'')', true, true, '')",
 ]
 
 
@@ -73,9 +87,7 @@ def test_what_writes_is_refused(filled: Logbook, url: str, tmp_path: Path) -> No
                 reader.sql(query.format(folder=tmp_path))
             assert "\n" not in str(caught.value)
             assert reader.sql("SELECT count(*), sum(seed) FROM run").rows == [(1, 0)], query
-        if not sqlite:  # allowed, and without effect: a large object is not kept
-            reader.sql("SELECT set_config('default_transaction_read_only', 'off', false)")
-            reader.sql("SELECT lo_from_bytea(0, 'x')")
+        if not sqlite:
             assert reader.sql("SELECT * FROM pg_largeobject_metadata").rows == []
     assert not (tmp_path / "other.db").exists()
     assert set(filled.sql(_TABLES[sqlite]).rows) == tables
@@ -119,3 +131,101 @@ def test_sqlite_tells_of_its_tables(tmp_path: Path) -> None:
     with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         assert ("status",) in logbook.sql("SELECT name FROM pragma_table_info('run')").rows
         assert logbook.sql("PRAGMA table_info(run)").columns[1] == "name"
+
+
+ENDLESS = {
+    True: "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT max(i) FROM n",
+    False: "SELECT pg_sleep(600)",
+}
+MANY = (
+    "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 30000)"
+    " SELECT i FROM n"
+)
+
+
+def test_a_query_ends_in_time(filled: Logbook, url: str) -> None:
+    with Logbook.read(url) as reader:
+        start_s = time.monotonic()
+        with pytest.raises(LogbookError, match=r"^sql: stopped after 0\.5 s; expected"):
+            reader.sql(ENDLESS[parse(url).sqlite], timeout_s=0.5)
+        assert 0.4 < time.monotonic() - start_s < 20.0
+        assert reader.sql("SELECT count(*) FROM run").rows == [(1,)]  # and the next is answered
+    assert signature(Reader.sql).parameters["timeout_s"].default == 30.0
+
+
+def test_an_answer_has_a_limited_number_of_rows(filled: Logbook) -> None:
+    for limit, more in ((7, True), (29_999, True), (30_000, False)):
+        answer = filled.sql(MANY, limit=limit)
+        assert (len(answer.rows), answer.more) == (limit, more)
+    assert (len(filled.sql(MANY).rows), filled.sql(MANY).more) == (10_000, True)
+
+
+def test_an_answer_has_a_limited_size(
+    filled: Logbook, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert sql_query._LARGEST == 2**28
+    monkeypatch.setattr(sql_query, "_LARGEST", 2**20)
+    large = {True: "hex(zeroblob(75000))", False: "repeat('x', 150000)"}[parse(url).sqlite]
+    with pytest.raises(LogbookError, match=r"^sql: the answer is larger than 1 MB after 6 rows"):
+        filled.sql(f"SELECT {large} FROM ({MANY}) AS many")
+
+
+READERS = {
+    "reader": "pg_read_all_data",
+    "copier": "pg_read_all_data, pg_read_server_files",
+    "files": "pg_read_server_files",
+}
+
+
+@pytest.fixture
+def roles(postgres: Postgres, results_dir: Path) -> Iterator[dict[str, str]]:
+    """Addresses of a logbook for roles with different rights."""
+    import psycopg
+
+    url = postgres.new_database()
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
+    with psycopg.connect(url, autocommit=True) as connection:
+        for role, granted in READERS.items():
+            connection.execute(f"CREATE ROLE {role} LOGIN PASSWORD 'anchor' IN ROLE {granted}")
+        connection.execute("GRANT USAGE ON SCHEMA public TO files")
+        connection.execute("GRANT SELECT ON ALL TABLES IN SCHEMA public TO files")
+        yield {"sailor": url, **{role: url.replace("sailor", role) for role in READERS}}
+        connection.execute("DROP OWNED BY reader, copier, files")
+        connection.execute("DROP ROLE reader, copier, files")
+
+
+def test_files_of_the_server_are_out_of_reach(roles: dict[str, str]) -> None:
+    hidden = "SELECT U&\"pg!005fread!005ffile\" UESCAPE '!' ('/etc/hostname')"
+    for role in ("sailor", "reader", "copier"):
+        with Logbook.read(roles[role]) as logbook:
+            assert logbook.sql("SELECT count(*) FROM run_overview").rows == [(1,)], role
+            for query in (hidden, "SELECT pg_read_file('/etc/hostname')"):
+                with pytest.raises(LogbookError, match=r"sql: refused: (U&|pg_read_file) can"):
+                    logbook.sql(query)
+            user = "reader" if role == "reader" else "pg_read_all_data"
+            assert logbook.sql("SELECT current_user").rows == [(user,)]
+    with (
+        Logbook.read(roles["files"]) as logbook,
+        pytest.raises(LogbookError, match="role files is a member of pg_read_server_files, so a"),
+    ):
+        logbook.sql("SELECT 1")
+
+
+def test_the_role_without_rights_is_refused_by_the_server_too(
+    roles: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Functions that the list of names does not know are refused by the rights given up."""
+    monkeypatch.setattr(sql_query, "_FORBIDDEN", re.compile("(?!)"))
+    queries = ("SELECT pg_read_file('/etc/hostname')", "SELECT lo_import('/etc/hostname')")
+    for role in ("sailor", "copier", "reader"):
+        with Logbook.read(roles[role]) as logbook:
+            for query in queries:
+                with pytest.raises(LogbookError, match="permission denied for function"):
+                    logbook.sql(query)
+
+
+def test_readers_of_postgresql_cannot_write(roles: dict[str, str]) -> None:
+    with Logbook.read(roles["sailor"]) as logbook:
+        for setting in ("default_transaction_read_only", "transaction_read_only"):
+            assert logbook.sql(f"SELECT current_setting('{setting}')").rows == [("on",)]

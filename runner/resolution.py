@@ -1,0 +1,188 @@
+"""The resolved configurations of jobs that set the same options to different values.
+
+Only the values that differ from the job before are set, and only the interpolations that depend on
+them are resolved again.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+from hydra.core.override_parser.types import Override
+from omegaconf import Container, DictConfig, ListConfig, OmegaConf
+
+from seatrial.runner.overrides import Refused, apply, set_value
+
+Path = tuple[str | int, ...]
+_REFERENCE = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
+_ENVIRONMENT = re.compile(r"\$\{oc\.env:\w+(?:,[\w./-]*)?\}")
+# Resolvers of OmegaConf read the configuration and the environment alone, and so do relative paths.
+_PURE = re.compile(r"\$\{(?:oc\.[a-z.]+:|\.)")
+
+
+def pure(text: str) -> bool:
+    """Return whether interpolations in a text depend on the configuration and environment only."""
+    rest = _REFERENCE.sub("", text)
+    return len(_PURE.findall(rest)) == rest.count("${")
+
+
+def interpolations(config: DictConfig) -> list[tuple[Container, str | int, Path]]:
+    """Return (container, key, path) of every interpolation of a configuration."""
+    return list(_interpolations(config, ()))
+
+
+def _interpolations(node: Container, path: Path) -> Iterator[tuple[Container, str | int, Path]]:
+    for key in _keys(node):
+        child: Any = node._get_node(key)
+        if child._is_interpolation():
+            yield node, key, (*path, key)
+        elif isinstance(child, Container) and not child._is_none() and not child._is_missing():
+            yield from _interpolations(child, (*path, key))
+
+
+def _keys(node: Container) -> Iterable[Any]:
+    return range(len(node)) if isinstance(node, ListConfig) else iter(node)
+
+
+def text_of(container: Container, key: str | int) -> str:
+    """Return the text of an interpolation."""
+    node: Any = container._get_node(key)
+    return str(node._value())
+
+
+def is_simple(override: Override) -> bool:
+    """Return whether an override sets or adds a value that is the same in any configuration."""
+    value = override.value()
+    values = value if isinstance(value, list) else [value]
+    return not override.is_delete() and all(
+        item is None
+        or isinstance(item, bool | int | float)
+        or (isinstance(item, str) and "$" not in item and item != "???")
+        for item in values
+    )
+
+
+def shape(values: Sequence[Override]) -> tuple[str, ...] | None:
+    """Return what is equal in jobs that share a resolution; None if their order of values counts.
+
+    That is the options of simple values, and the complete text of other overrides.
+    """
+    paths = sorted(_path(override) for override in values)
+    nested = any(after[: len(before)] == before for before, after in pairwise(paths))
+    compared = any(override.is_delete() and override.value() is not None for override in values)
+    if nested or compared or any("[" in override.key_or_group for override in values):
+        return None
+    return tuple(
+        override.get_key_element() if is_simple(override) else f"={override.input_line}"
+        for override in values
+    )
+
+
+def _path(override: Override) -> tuple[str, ...]:
+    return tuple(override.key_or_group.split("."))
+
+
+class Resolution:
+    """The resolved configuration of jobs of one shape; raises Refused if they cannot share it."""
+
+    def __init__(self, task: DictConfig, values: Sequence[Override]) -> None:
+        """Set the values of the first job in `task`, which is not used by others any more."""
+        for override in values:
+            _require_plain_path(task, override)
+        apply(task, values)
+        self._task = task
+        self._plain: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
+        for override in filter(is_simple, values):
+            _require_present(self._plain, override)
+        self._texts = {override.key_or_group: override.input_line for override in values}
+        found = interpolations(task)
+        self._affected = {override.key_or_group: _affected(override, found) for override in values}
+
+    def resolved(self, values: Sequence[Override]) -> dict[str, Any]:
+        """Return the configuration of a job; after an error the resolution must not be used."""
+        changed = [item for item in values if self._texts[item.key_or_group] != item.input_line]
+        for override in changed:
+            set_value(self._task, override)
+        for override in changed:
+            path = _path(override)
+            node: Any = self._task
+            for key in path[:-1]:
+                node = node._get_node(key)
+            self._plain = _with(self._plain, path, _plain(node, path[-1]))
+            self._texts[override.key_or_group] = override.input_line
+        for override in changed:
+            for container, name, place in self._affected[override.key_or_group]:
+                self._plain = _with(self._plain, place, _plain(container, name))
+        return dict(self._plain)
+
+
+def _require_plain_path(task: DictConfig, override: Override) -> None:
+    """Raise Refused if what an override does may depend on interpolations."""
+    node: Any = task
+    path = _path(override)
+    for key in path:
+        if not isinstance(node, DictConfig) or node._is_interpolation():
+            raise Refused(override.input_line)
+        if node._is_none() or node._is_missing():
+            return
+        node = node._get_node(key)
+        if node is None:
+            return
+    if (override.is_add() or override.is_delete()) and node._is_interpolation():
+        raise Refused(override.input_line)
+
+
+def _require_present(plain: Any, override: Override) -> None:
+    """Raise Refused if the value of an override is not at its path, e.g. below a number as key."""
+    for key in _path(override):
+        if not isinstance(plain, dict) or key not in plain:
+            raise Refused(override.input_line)
+        plain = plain[key]
+
+
+def _affected(
+    override: Override, found: Sequence[tuple[Container, str | int, Path]]
+) -> list[tuple[Container, str | int, Path]]:
+    """Return the interpolations that depend on an option, directly or through others."""
+    changed: list[tuple[str, ...]] = [_path(override)]
+    affected: dict[Path, tuple[Container, str | int, Path]] = {}
+    more = True
+    while more:
+        more = False
+        for container, key, path in found:
+            if path not in affected and _depends(text_of(container, key), changed):
+                affected[path] = container, key, path
+                changed.append(tuple(map(str, path)))
+                more = True
+    return list(affected.values())
+
+
+def _depends(text: str, changed: Sequence[tuple[str, ...]]) -> bool:
+    rest = _ENVIRONMENT.sub("", text)
+    if "${" in _REFERENCE.sub("", rest):
+        return True  # relative paths and resolvers may refer to anything
+    paths = [tuple(match.split(".")) for match in _REFERENCE.findall(rest)]
+    return any(path[: len(one)] == one[: len(path)] for path in paths for one in changed)
+
+
+def _plain(container: Container, key: str | int) -> Any:
+    """Return the resolved value of a node."""
+    node: Any = container._get_node(key, throw_on_missing_value=True)
+    node = node._dereference_node()
+    if isinstance(node, Container):
+        return OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    return node._value()
+
+
+def _with(node: Any, path: Path, value: Any) -> Any:
+    """Return a node with the value at a path; parts that do not differ are not copied."""
+    if not path:
+        return node if repr(node) == repr(value) else value
+    before = node[path[0]]
+    after = _with(before, path[1:], value)
+    if after is before:
+        return node
+    copy = node.copy()
+    copy[path[0]] = after
+    return copy
