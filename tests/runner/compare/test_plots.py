@@ -235,9 +235,14 @@ def test_vessels_are_not_averaged_in_one_mark(tmp_path: Path) -> None:
             found = [stored.coefficient("u_dot", 1195.0, 8.0, truth)]
             stored.finish(logbook, stored.start("ls", vessel=vessel), coefficients=found)
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        (surge,) = axes_of("coefficients", opened)
-    labels = [container.get_label() for container in surge.containers]
-    assert labels == ["ls, milliampere", "ls, surge_linear"]
+        drawings = drawings_of("coefficients")(opened, PlotRequest())
+    titles = [
+        " ".join(drawing.figure.legends[0].get_title().get_text().split()) for drawing in drawings
+    ]
+    assert [title.partition("vessel = ")[2] for title in titles] == [
+        "milliampere)",
+        "surge_linear)",
+    ]
 
 
 def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:

@@ -31,7 +31,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = folder / "report" / "report.html"
     with open_results(f"sqlite:///{folder}/results.db") as results:
         file.parent.mkdir()
-        file.write_text(render_report(results, ReportRequest()), encoding="utf-8")
+        file.write_text(render_report(results, ReportRequest(sweep="all")), encoding="utf-8")
     return file
 
 
@@ -87,7 +87,7 @@ def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> Non
     for file in (folder / "series").glob("*-residual-*.parquet"):
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
-        text = render_report(results, ReportRequest())
+        text = render_report(results, ReportRequest(sweep="all"))
     assert "Not drawn: Force residual of the newest run" in text
 
 
@@ -159,7 +159,7 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_
             figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
             stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        page = render_report(opened, ReportRequest())
+        page = render_report(opened, ReportRequest(sweep="all"))
     assert "the closed loop&#39;s spectral radius is 1.0245" in page
     assert "expected less than 1 (runs 1, 2)" in page
     assert 'href="#warnings"' in page
