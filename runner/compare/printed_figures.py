@@ -131,17 +131,19 @@ def _printed(experiment: str, line: Mapping[str, str], place: str) -> Printed:
             raise ConfigurationError(
                 f"{place}: {name}: got {text[name]!r}, expected {', '.join(expected)}"
             )
+    digits = number = text.pop("printed")
     try:
-        digits = text.pop("printed")
         printed, rounding = number_of(digits)
-        reference = text.pop("reference")
-        factor = float(text.pop("factor") or 1.0)
-        return Printed(
-            experiment=experiment, printed=printed, factor=factor, rounding=rounding,
-            digits=digits, reference=float(reference) if reference else None, **text,
-        )  # fmt: skip
+        number = text.pop("reference")
+        reference = float(number) if number else None
+        number = text.pop("factor")
+        factor = float(number or 1.0)
     except (ValueError, ArithmeticError) as error:
-        raise ConfigurationError(f"{place}: expected numbers: {error}") from error
+        raise ConfigurationError(f"{place}: got {number!r}, expected a number") from error
+    return Printed(
+        experiment=experiment, printed=printed, factor=factor, rounding=rounding,
+        digits=digits, reference=reference, **text,
+    )  # fmt: skip
 
 
 def number_of(digits: str) -> tuple[float | None, float]:
