@@ -39,9 +39,10 @@ INFEASIBLE_NOTE = (
     f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
 )
 TEST_NOTE = (
-    "× is the ratio of means to {} with all else equal, over pairs of the same seed; p is that of"
-    " the two-sided Wilcoxon signed-rank test over at least five pairs (not corrected for multiple"
-    " comparisons); won is the number of pairs in which it is better"
+    "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
+    " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
+    " pairs (not corrected for multiple comparisons); won is the number of pairs in which it is"
+    " better"
 )
 DIVERGED_NOTE = (
     "not included: {} prediction{} that diverged (see the metrics limited_share_... and"
@@ -123,9 +124,12 @@ class _Writer:
         """Return the loss of a value; for a coefficient the distance from the true value."""
         if self.request.of_coefficients:
             return abs(value - _truth(self.table.cells[place]))
-        name = self.table.level(*place, "metric") or self.selection.fixed.get("metric") or ""
-        better = definition_of(name).better
+        better = definition_of(self._metric(place)).better
         return math.nan if better is None else float(loss(np.array(value), better))
+
+    def _metric(self, place: Place) -> str:
+        """Return the metric of a cell."""
+        return self.table.level(*place, "metric") or self.selection.fixed.get("metric") or ""
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
@@ -139,7 +143,10 @@ class _Writer:
         if self.request.of_coefficients and cell.observed:
             text += _uncertainty_text(cell, self.request.digits)
         if place in self.tests:
-            text += "\n" + _test_text(self.tests[place], len(cell.observed), self.request.digits)
+            text += "\n" + _test_text(
+                self.tests[place], len(cell.observed), self.request.digits,
+                definition_of(self._metric(place)).score,
+            )  # fmt: skip
         elif self._is_baseline(place) and cell.observed:
             text += "\nbaseline"
         value = self.location[place]
@@ -264,6 +271,7 @@ class _Writer:
         return {
             "baseline": _baseline_text(self.request),
             "ratio": test.ratio if test else None,
+            "difference": test.difference if test else None,
             "p_value": test.p_value if test else None,
             "wins": test.wins if test else None,
             "pairs": test.pairs if test else None,
@@ -343,15 +351,15 @@ def _truth(cell: Cell) -> float:
     return math.nan if truth is None else truth
 
 
-def _test_text(test: PairedTest, n: int, digits: int) -> str:
+def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
     if not test.pairs:
         return "no counterpart"
-    p_value = (
-        f"{test.pairs} pair{'s'[: test.pairs != 1]}"
-        if math.isnan(test.p_value)
-        else f"p {test.p_value:.2g}"
-    )
+    p_value = f"p {test.p_value:.2g}"
+    if math.isnan(test.p_value):
+        p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
     ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
+    if is_score:
+        ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
     won = "" if test.wins is None else f", won {test.wins}/{test.pairs}"
     own = f" (mean {number_text(test.mean, digits)} of the pairs)" if test.pairs != n else ""
     return f"{ratio}, {p_value}{won}{own}"

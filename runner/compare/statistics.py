@@ -119,6 +119,7 @@ class PairedTest:
     ratio: float
     p_value: float
     mean: float = math.nan
+    difference: float = math.nan  # of the means over the pairs
 
 
 def loss(values: Sample, better: Better) -> Sample:
@@ -149,7 +150,8 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
     ratio = float(np.mean(sample)) / baseline_mean if baseline_mean != 0.0 else math.nan
     distinct = len({*zip(sample.tolist(), baseline.tolist(), strict=True)})
     p_value = _wilcoxon(gain) if distinct >= LEAST_PAIRS else math.nan
-    return PairedTest(pairs, wins, ratio, p_value, float(np.mean(sample)))
+    mean = float(np.mean(sample))
+    return PairedTest(pairs, wins, ratio, p_value, mean, mean - baseline_mean)
 
 
 def _wilcoxon(differences: Sample) -> float:

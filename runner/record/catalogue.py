@@ -34,7 +34,8 @@ class Definition:
     names the metric on axes, `formula` defines it in words, `caption` is the heading of its table
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
-    `run_overview`, for that degree of freedom.
+    `run_overview`, for that degree of freedom. A `score` has no
+    natural zero: it is compared by differences, not by ratios.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Definition:
     note: str = ""
     wide: bool = False
     headline: str = ""
+    score: bool = False
 
     def unit_of(self, dof: str) -> str:
         """Return the unit for a degree of freedom; raises KeyError if there is none."""
@@ -122,7 +124,7 @@ def _predictions() -> Iterator[Definition]:
                 yield Definition(
                     f"{quantity}_{score}_{horizon}", VALIDATION, unit, "higher",
                     f"{title} {label}, {short}", f"{formula}, of the {quantity} {words}{OVER_AXES}",
-                    note=note,
+                    note=note, score=True,
                 )  # fmt: skip
         yield Definition(
             f"limited_share_{horizon}", VALIDATION, "", "lower", f"Limited rates, {short}",

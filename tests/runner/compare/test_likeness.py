@@ -243,3 +243,14 @@ def test_a_diverged_prediction_is_counted_with_the_time_it_held(
     assert any("not included: 2 predictions that diverged" in note for note in grid.notes)
     row = record(grid, identifier="ls")
     assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (2, 20.0, 0)
+
+
+def test_scores_are_compared_by_differences(logbook: Logbook, results: Results) -> None:
+    """A FIT of -20 against 40 % is no ratio."""
+    for identifier, values in {"none": (40.0, 50.0), "ls": (-20.0, 60.0)}.items():
+        for seed, value in enumerate(values):
+            fit = Metric("validation", "identified", "surge", "velocity_fit_free_run", value, "%")
+            stored.finish(logbook, stored.start(identifier, "noise", seed), [fit], drawn=["noise"])
+    grid = table(results, metric=["velocity_fit_free_run"], baseline=["identifier=none"])
+    assert cells(grid)["ls", "noise"].endswith("\n-25.0, 2 pairs, won 1/2")
+    assert record(grid, identifier="ls")["difference"] == -25.0
