@@ -4,12 +4,12 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-This module alone uses three private parts of Hydra 1.3.8. The first is its command-line parser,
-which by itself prints a usage message and ends the process instead of reporting one line. The
-second is its table of plugins: the public `Plugins.register` names a plugin after its module, which
-must be in the name space `hydra_plugins`, but seatrial installs no other name than its own. The
-third is its table of sources of configurations: files are checked before OmegaConf expands their
-aliases.
+Three private parts of Hydra 1.3.8 are used, here and in `yaml_files` alone. The first is its
+command-line parser, which by itself prints a usage message and ends the process instead of
+reporting one line. The second is its table of plugins: the public `Plugins.register` names a plugin
+after its module, which must be in the name space `hydra_plugins`, but seatrial installs no other
+name than its own. The third is its source of configuration files, with the table that names it:
+files are checked before OmegaConf expands their aliases.
 """
 
 import os
@@ -17,16 +17,14 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from threading import Timer
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import hydra
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
 from hydra.core.plugins import Plugins
-from hydra.plugins.config_source import ConfigResult
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
@@ -34,10 +32,9 @@ from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.sweep import SeatrialSweeper, Session
-from seatrial.runner.yaml_files import check_file
+from seatrial.runner.yaml_files import CheckedFileSource
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
-CHECKED = "CheckedFileSource"
 AGAIN_S = 0.05  # after which a signal that was lost is sent again
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
@@ -68,7 +65,7 @@ def _main() -> int:
         overrides = _checked_arguments()
         with _raising():
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
-            _check_files()
+            SourcesRegistry.instance().types["file"] = CheckedFileSource
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except KeyboardInterrupt as stop:
         number = stop.number if isinstance(stop, StopSignal) else signal.SIGINT
@@ -95,21 +92,6 @@ def _complain(line: str, code: int) -> int:
     shown = error_line(without_passwords(line), sys.argv[1:])
     print(f"seatrial: {shown}", file=sys.stderr)
     return code
-
-
-def _check_files() -> None:
-    """Check every YAML file before Hydra loads it."""
-    sources = SourcesRegistry.instance().types
-    source: Any = sources["file"]
-    if source.__name__ == CHECKED:
-        return
-
-    def load_config(self: Any, config_path: str) -> ConfigResult:
-        check_file(Path(self.path) / self._normalize_file_name(config_path))
-        result: ConfigResult = source.load_config(self, config_path)
-        return result
-
-    sources["file"] = type(CHECKED, (source,), {"load_config": load_config})
 
 
 def _checked_arguments() -> list[str]:

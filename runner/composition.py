@@ -18,7 +18,7 @@ from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf, open_dict, read_write
+from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
@@ -32,11 +32,16 @@ def order_of(
     task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
 ) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
+    config, given = _resolve(task), _given(hydra)
     if overrides is None:
-        overrides = list(hydra.overrides.task)
-    config = _resolve(task)
-    _check_tuning(config, _folders(hydra), [*map(str, hydra.overrides.task), *overrides])
+        overrides = given
+    check_tuning(_tuning_of(config), _folders(hydra), [*given, *overrides])
     return Order(config=config, names=_names(hydra, overrides), overrides=overrides)
+
+
+def _given(hydra: DictConfig | HydraConf) -> list[str]:
+    """Return the overrides as they were given: their interpolations are not for Hydra's part."""
+    return cast(list[str], OmegaConf.to_container(cast(ListConfig, hydra.overrides.task)))
 
 
 def _resolve(task: DictConfig) -> dict[str, object]:
@@ -58,12 +63,6 @@ def _tuning_of(config: Mapping[str, object]) -> Mapping[str, object]:
     vessel = config.get("vessel")
     tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
     return tuning if isinstance(tuning, dict) else {}
-
-
-def _check_tuning(
-    config: Mapping[str, object], folders: list[str], overrides: Sequence[str]
-) -> None:
-    check_tuning(_tuning_of(config), folders, overrides)
 
 
 def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
@@ -166,7 +165,6 @@ class _Chosen:
     task: DictConfig
     names: dict[str, str]
     folders: list[str]  # of the configuration
-    overrides: list[str]  # that choose the options
     pure: bool  # its interpolations depend on the configuration and the environment only
 
 
@@ -182,7 +180,8 @@ class Composer:
         self._choices: list[str] | None = None
         self._chosen: _Chosen | None = None
         self._resolutions: dict[tuple[str, ...], Resolution] = {}
-        self._tuning: Mapping[str, object] | None = None  # the last one that was accepted
+        # The last values of vessel.tuning that were accepted, and the overrides that may read them.
+        self._accepted: tuple[Mapping[str, object], list[str]] | None = None
 
     def choices(self, job: list[str]) -> list[str]:
         """Return the options that a job chooses; empty if it cannot be split or read."""
@@ -219,10 +218,11 @@ class Composer:
         return self._order(_resolve(task), chosen, job)
 
     def _order(self, config: dict[str, object], chosen: _Chosen, job: list[str]) -> Order:
-        tuning = _tuning_of(config)
-        if tuning != self._tuning:
-            _check_tuning(config, chosen.folders, [*chosen.overrides, *job])
-            self._tuning = tuning
+        tuning, readers = _tuning_of(config), [text for text in job if "${" in text]
+        last, before = self._accepted or (None, [])
+        if tuning is not last or readers != before:
+            check_tuning(tuning, chosen.folders, readers)
+            self._accepted = tuning, readers
         return Order(config=config, names=chosen.names, overrides=job)
 
     def _choose(self, choices: list[str], job: list[str]) -> _Chosen:
@@ -230,8 +230,7 @@ class Composer:
         task = _task_of(config)
         names = _names(config.hydra, job)
         texts = [text_of(container, key) for container, key, _ in interpolations(task)]
-        given = [str(text) for text in config.hydra.overrides.task]
-        return _Chosen(task, names, _folders(config.hydra), given, all(map(pure, texts)))
+        return _Chosen(task, names, _folders(config.hydra), all(map(pure, texts)))
 
     def _resolved(self, chosen: _Chosen, values: Sequence[Override]) -> dict[str, object] | None:
         """Return the configuration of a job from that of another job; None if not possible."""

@@ -11,7 +11,7 @@ from itertools import product
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
@@ -26,7 +26,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner import budget, console, database
+from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.config import Limits, SweepLabels, Trial, build_as, build_trial, check_finite
 from seatrial.runner.hydra_errors import EXPECTED, one_line
@@ -44,6 +44,13 @@ from seatrial.runner.job import (
 from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
+
+if TYPE_CHECKING:  # what is slow to import
+    from seatrial.runner import budget
+else:
+    import lazy_loader
+
+    budget = lazy_loader.load("seatrial.runner.budget", suppress_warning=True)
 
 # The jobs of a sweep: a grid of values, and variants that change several options together.
 

@@ -7,6 +7,8 @@ are counted in the events of the parser, which holds no copy of them.
 from pathlib import Path
 
 import yaml
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra.plugins.config_source import ConfigResult
 
 from seatrial.models.errors import ConfigurationError
 
@@ -18,6 +20,15 @@ DEEPEST = 50  # nested levels
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 BEGIN = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 END = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
+
+
+class CheckedFileSource(FileConfigSource):
+    """Hydra's source of configuration files, which checks a file before it is loaded."""
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Load a file; raises ConfigurationError if it is too large, too deep, or no YAML."""
+        check_file(Path(self.path) / self._normalize_file_name(config_path))
+        return super().load_config(config_path)
 
 
 def check_file(path: Path) -> None:

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.runner import job
+from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.provenance import collect
@@ -73,10 +72,8 @@ class Command:
 
     def pretend(self) -> FakeTrial:
         """From here on trials take no time."""
-        module = SimpleNamespace(
-            check=self.fake.check, run=self.fake.run, TrialDiverged=TrialDiverged
-        )
-        self._monkeypatch.setattr(job, "trials", module)
+        self._monkeypatch.setattr(trials, "check", self.fake.check)
+        self._monkeypatch.setattr(trials, "run", self.fake.run)
         return self.fake
 
     def __call__(self, *arguments: str) -> Answer:

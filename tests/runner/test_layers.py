@@ -48,7 +48,7 @@ ONLY = {
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    "hydra_errors",
+    *("hydra_errors", "yaml_files"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 
