@@ -32,7 +32,7 @@ from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.sweep import SeatrialSweeper, Session
-from seatrial.runner.yaml_files import CheckedFileSource
+from seatrial.runner.yaml_files import FileConfigSource
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
 AGAIN_S = 0.05  # after which a signal that was lost is sent again
@@ -65,7 +65,7 @@ def _main() -> int:
         overrides = _checked_arguments()
         with _raising():
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
-            SourcesRegistry.instance().types["file"] = CheckedFileSource
+            SourcesRegistry.instance().types["file"] = FileConfigSource
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except KeyboardInterrupt as stop:
         number = stop.number if isinstance(stop, StopSignal) else signal.SIGINT

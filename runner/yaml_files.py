@@ -7,7 +7,7 @@ are counted in the events of the parser, which holds no copy of them.
 from pathlib import Path
 
 import yaml
-from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.core_plugins import file_config_source
 from hydra.plugins.config_source import ConfigResult
 
 from seatrial.models.errors import ConfigurationError
@@ -22,8 +22,11 @@ BEGIN = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 END = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 
 
-class CheckedFileSource(FileConfigSource):
-    """Hydra's source of configuration files, which checks a file before it is loaded."""
+class FileConfigSource(file_config_source.FileConfigSource):
+    """Hydra's source of configuration files, which checks a file before it is loaded.
+
+    Its name is that of Hydra's own: in workers Hydra would refuse another one for files.
+    """
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Load a file; raises ConfigurationError if it is too large, too deep, or no YAML."""
