@@ -13,6 +13,7 @@ files are checked before OmegaConf expands their aliases.
 """
 
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -35,6 +36,7 @@ from seatrial.runner.sweep import SeatrialSweeper, Session
 from seatrial.runner.yaml_files import FileConfigSource
 
 SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
+VARIANT = "--variant"  # options that change together in a sweep
 AGAIN_S = 0.05  # after which a signal that was lost is sent again
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
@@ -62,6 +64,7 @@ def _main() -> int:
     session = Session()
     overrides: Sequence[str] = ()
     try:
+        session.variants = _take_variants()
         overrides = _checked_arguments()
         with _raising():
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
@@ -92,6 +95,34 @@ def _complain(line: str, code: int) -> int:
     shown = error_line(without_passwords(line), sys.argv[1:])
     print(f"seatrial: {shown}", file=sys.stderr)
     return code
+
+
+def _take_variants() -> list[list[str]]:
+    """Take `--variant 'key=value ...'` out of sys.argv; return the overrides of each variant.
+
+    Raises ConfigurationError for an empty variant, and for one without -m.
+    """
+    variants, rest = [], []
+    words = iter(sys.argv[1:])
+    for word in words:
+        name, equals, text = word.partition("=")
+        if name != VARIANT:
+            rest.append(word)
+            continue
+        text = text if equals else next(words, "")
+        try:
+            overrides = shlex.split(text)
+        except ValueError as error:
+            raise ConfigurationError(f"{VARIANT}: got {text!r}: {error}") from error
+        if not overrides or not all("=" in override for override in overrides):
+            raise ConfigurationError(
+                f"{VARIANT}: got {text!r}, expected overrides such as 'identifier=ls seed=1'"
+            )
+        variants.append(overrides)
+    if variants and not {"-m", "--multirun"} & set(rest):
+        raise ConfigurationError(f"{VARIANT}: got one trial, expected a sweep (-m)")
+    sys.argv[1:] = rest
+    return variants
 
 
 def _checked_arguments() -> list[str]:

@@ -61,26 +61,35 @@ Options = Mapping[str, object]
 def jobs_of(
     parser: OverridesParser,
     params: Options,
-    variants: Sequence[Options],
+    variants: Sequence[Options | Sequence[str]],
     arguments: Sequence[str],
 ) -> list[list[str]]:
     """Return the overrides of every job: the grid of params and arguments, for each variant.
 
-    A variant replaces the params of the same name; the command line replaces both.
+    A variant is options by name, or overrides as on the command line. It replaces the params of the
+    same name; the arguments replace both.
     """
     given = parser.parse_overrides(list(arguments))
     keys = {override.key_or_group for override in given}
     limits = _limits(given)
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
-        options = {str(key): value for key, value in {**params, **variant}.items()}
-        texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in keys]
+        own = _texts(variant) if isinstance(variant, Mapping) else list(variant)
+        texts = [
+            text
+            for text in [*_texts(params), *own]
+            if text.partition("=")[0].lstrip("+") not in keys
+        ]
         overrides = parser.parse_overrides([*texts, *arguments])
         budget.check_sweep([_count(override) for override in overrides], limits)
         # Of several overrides of one option the last counts, at the position of the first.
         values = {override.get_key_element(): _values(override) for override in overrides}
         jobs += map(list, product(*values.values()))
     return jobs
+
+
+def _texts(options: Options) -> list[str]:
+    return [f"{key}={_text(value)}" for key, value in options.items()]
 
 
 def _count(override: Override) -> tuple[str, float]:
@@ -141,6 +150,7 @@ class Session:
     """
 
     def __init__(self) -> None:
+        self.variants: list[list[str]] = []  # overrides of each --variant
         self.exit_code = 0
         self.error: Exception | str | None = None
         self.started = False  # before that, an exception is about the command line
@@ -222,8 +232,10 @@ class SeatrialSweeper(Sweeper):
         self.session.started = True
         _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
-        jobs = jobs_of(parser, self.params, self.variants, arguments)
-        plans = _planned(Composer(self._loader, self._config), jobs)
+        jobs = jobs_of(parser, self.params, self.session.variants or self.variants, arguments)
+        composer = Composer(self._loader, self._config)
+        jobs = composer.applicable(jobs)
+        plans = _planned(composer, jobs)
         if any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(console.dry_run(listed(plans))))
         else:

@@ -41,6 +41,7 @@ VALUES = (
 )
 # The name of a job's folder, of the overrides without this one.
 NAMED = "hydra.job.config.override_dirname.exclude_keys=[name] +name=${hydra:job.override_dirname}"
+OWN = "+vessel.tuning.own=[1,2,3]"
 overrides = st.sampled_from(CHOICES) | st.builds(
     lambda sign, key, value: f"~{key}" if sign == "~" else f"{sign}{key}={value}",
     st.sampled_from(["", "", "", "", "+", "++", "~", "~~"]),
@@ -122,6 +123,9 @@ def test_jobs_that_share_are_those_of_hydra(
         ("seed=1 absent=2", "seed=2 absent=2"),
         ("seed=1", "seed=???"),
         ("controller.kp=[1,2,3]", "controller.kp=4"),
+        ("seed=${.sample_time_s}", "seed=${.plant.scale}"),  # in Hydra's part they lead nowhere
+        (f"{OWN} controller.kp=${{vessel.tuning.own}}", OWN),  # then read by nothing
+        ("vessel.tuning.reference.interval_s=1", "vessel.tuning.reference.interval_s=true"),
     ],
 )
 def test_a_job_after_another(master: DictConfig, first: str, second: str) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -16,6 +17,7 @@ from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.yaml_files import FileConfigSource
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"
@@ -210,7 +212,9 @@ JOBS = [
 
 
 @pytest.fixture
-def loader() -> Any:
+def loader(monkeypatch: pytest.MonkeyPatch) -> Any:
+    sources = SourcesRegistry.instance().types
+    monkeypatch.setitem(sources, "file", FileConfigSource)  # as the command line does
     with initialize_config_dir(str(CONF), version_base="1.3"):
         yield GlobalHydra.instance().config_loader()
 
