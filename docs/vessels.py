@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.runner.config import build
+from seatrial.runner.config import build_as
 
 CONF = Path(__file__).parents[1] / "conf"
 HEADERS = (
@@ -29,7 +29,7 @@ def parameters_of(name: str) -> VesselParameters:
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose("trial", [f"vessel={name}"])
         node = OmegaConf.to_container(config.vessel, resolve=True)
-    made = build(node, "vessel")
+    made = build_as(object, node, "vessel")
     assert isinstance(made, VesselParameters)
     return made
 
