@@ -232,7 +232,7 @@ def test_a_damaged_cell_is_one_line_and_verify_reports_it(
 @pytest.mark.parametrize(
     ("statement", "got"),
     [
-        ("INSERT INTO seatrial_version VALUES ('0001')", "got 2 rows (0002, 0001)"),
+        ("INSERT INTO seatrial_version VALUES ('0001')", "got 2 rows (0003, 0001)"),
         ("DELETE FROM seatrial_version", "got 0 rows"),
     ],
 )
