@@ -15,6 +15,7 @@ from seatrial.runner.compare.cli import (
     ResultsDir,
     Several,
     Sweep,
+    Tag,
     Where,
     app,
     axes_of,
@@ -30,6 +31,7 @@ from seatrial.runner.compare.formats import Format
 def report(
     database: Database = DEFAULT_DATABASE,
     sweep: Sweep = None,
+    tag: Tag = None,
     where: Where = None,
     rows: Annotated[
         str | None, typer.Option("--rows", "-r", help="Factor of the rows.  [default: identifier]")
@@ -50,7 +52,7 @@ def report(
     results_dir: ResultsDir = None,
 ) -> None:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, title)
+    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, tag, title)
     with compare.results.open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         compare.report.write_report(results, request, file)

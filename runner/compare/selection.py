@@ -48,6 +48,7 @@ class TableRequest:
     baseline: Mapping[str, str] = field(default_factory=dict)
     where: str | None = None
     sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
     pool: Key = ()
     digits: int = 4
 
@@ -116,6 +117,7 @@ def request_of(options: TableOptions) -> TableRequest:
         baseline=_baseline(options.baseline),
         where=options.where,
         sweep=options.sweep,
+        tag=options.tag,
         pool=_listed(options.pool),
         digits=options.digits,
     )
@@ -174,7 +176,7 @@ def gather(results: Results, request: TableRequest) -> Selection:
 
 
 def _gathered(results: Results, request: TableRequest) -> Selection:
-    condition, scope = results.selected(request.where, request.sweep)
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition, request.factors)
     likeness = Likeness(results, runs)
     flags: list[Observation] = []
