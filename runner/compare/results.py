@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
 from seatrial.runner.database.reader import Reader
@@ -258,6 +259,14 @@ class Results:
             if row.run_id in by_run:
                 by_run[row.run_id].append(row)
         return by_run
+
+    def covering(self, runs: Sequence[Run], condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs whose standard errors are of the coefficient, not only of the estimate.
+
+        Of runs of earlier versions, and of identifiers that do not say so, it is not known.
+        """
+        rows = self.diagnostics(runs, [INTERVAL_OF_ESTIMATE], condition)
+        return frozenset(id_ for id_, of_run in rows.items() for row in of_run if row.value == 0.0)
 
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""

@@ -67,7 +67,8 @@ class Selection:
     that diverged; `scope` names the sweep. `unsettled` are the (run, model) whose controller is
     unstable on its own model, `infeasible` those whose limits are too small for the weather.
     `fixed` are the own factors with one level, `extra` those with several levels that are neither
-    rows nor columns.
+    rows nor columns. `covering` are the runs whose standard errors are of the coefficient, not only
+    of its estimate.
     """
 
     runs: Sequence[Run]
@@ -82,6 +83,7 @@ class Selection:
     unsettled: frozenset[tuple[int, str]] = frozenset()
     infeasible: frozenset[tuple[int, str]] = frozenset()
     diverged: Mapping[Prediction, float] = field(default_factory=dict)
+    covering: frozenset[int] = frozenset()
 
 
 def request_of(options: TableOptions) -> TableRequest:
@@ -211,6 +213,7 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
         unsettled=unsettled,
         infeasible=infeasible,
         diverged=diverged_predictions(flags),
+        covering=results.covering(runs, condition) if request.of_coefficients else frozenset(),
     )
 
 
