@@ -1,4 +1,7 @@
-"""Commands on the whole logbook: report, published, retry, export, prune, verify, scrub, browse."""
+"""Commands on the whole logbook.
+
+report, published, doctor, retry, export, prune, verify, scrub and browse.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -11,6 +14,7 @@ from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
+    EverySweep,
     Form,
     ResultsDir,
     Several,
@@ -151,6 +155,19 @@ def verify(
     show_grid(grid, form)
     if not intact:
         raise typer.Exit(1)
+
+
+@app.command()
+def doctor(
+    database: Database = DEFAULT_DATABASE,
+    where: Where = None,
+    sweep: EverySweep = None,
+    tag: Tag = None,
+    form: Form = Format.RICH,
+) -> None:
+    """List runs that mislead in a comparison, with the remedy: nothing is changed."""
+    with compare.results.open_results(database) as results:
+        show_grid(compare.audit.audit(results, where, sweep, tag), form)
 
 
 @app.command()

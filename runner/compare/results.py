@@ -268,6 +268,13 @@ class Results:
         rows = self.diagnostics(runs, [INTERVAL_OF_ESTIMATE], condition)
         return frozenset(id_ for id_, of_run in rows.items() for row in of_run if row.value == 0.0)
 
+    def with_standard_errors(self, condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs that have a standard error of a coefficient."""
+        c = Coefficient.__table__.c
+        query = sa.select(c.run_id).where(c.std_error.is_not(None)).distinct()
+        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition))))
+        return frozenset(row.run_id for row in rows)
+
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""
         d = Diagnostic.__table__.c
@@ -336,9 +343,7 @@ class Results:
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
-def _matching(
-    sweeps: Sequence[SweepSummary], sweep: str | None, tag: str | None
-) -> Sequence[SweepSummary]:
+def _matching(sweeps: list[SweepSummary], sweep: str | None, tag: str | None) -> list[SweepSummary]:
     """Return the sweeps with this number or name and this tag.
 
     None and `all` are any sweep. Raises ConfigurationError if there is none.

@@ -61,7 +61,7 @@ def run_list(
     a name or `all`) and `tag` only runs of these sweeps, and at most `limit`. Raises
     ConfigurationError for a wrong condition, status, sweep or tag, and if no run matches.
     """
-    condition, _ = results.selected(where, sweep or (None if tag else "all"), tag)
+    condition, _ = results.selected(where, sweep or "all", tag)
     summaries = runs_of(results, condition, [status] if status else [], limit)[:limit]
     if not summaries:
         raise ConfigurationError(results.why_none(condition, status))
@@ -72,7 +72,9 @@ def run_rows(
     results: Results, summaries: Sequence[RunSummary], names: Sequence[str]
 ) -> list[list[Scalar]]:
     """Return one row for each run with the named columns, some of RUN_COLUMNS."""
-    tags = {sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()}
+    tags: dict[int | None, str | None] = {
+        sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()
+    }
     return [
         [tags.get(run.sweep_id) if n == "tags" else plain(getattr(run, n)) for n in names]
         for run in summaries

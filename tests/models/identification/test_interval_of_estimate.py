@@ -26,7 +26,7 @@ class Biased(Identifier):
 
 
 @dataclass(frozen=True)
-class Tested(Biased):
+class Covering(Biased):
     @property
     def interval_covers(self) -> bool:
         return True
@@ -38,7 +38,7 @@ def said(identified: Identified) -> list[float | None]:
 
 @pytest.mark.parametrize(
     ("identifier", "values"),
-    [(Biased(), [1.0]), (Tested(), [0.0]), (Tested(None), []), (Tested(float("nan")), [])],
+    [(Biased(), [1.0]), (Covering(), [0.0]), (Covering(None), []), (Covering(float("nan")), [])],
 )
 def test_the_identifier_decides(calm: Any, identifier: Identifier, values: list[float]) -> None:
     rng = np.random.default_rng(0)
@@ -47,7 +47,7 @@ def test_the_identifier_decides(calm: Any, identifier: Identifier, values: list[
     assert said(with_interval(Biased(), once)) == values  # what is said stays
 
 
-@pytest.mark.parametrize("identifier", [Biased(), Tested()])
+@pytest.mark.parametrize("identifier", [Biased(), Covering()])
 def test_a_selection_says_what_its_choice_says(calm: Any, identifier: Identifier) -> None:
     chosen = Auto({"only": identifier}, 4, 10.0, None)
     found = with_interval(chosen, chosen.identify(calm.problem, np.random.default_rng(0)))
