@@ -25,7 +25,7 @@ REMEDIES = {
     "code": "select one by --where code=..., or start their command again",
     "replicates": "tables count them once; deployments stay apart",
     "below true model": "it fits lag or feedback: judge by velocity_rmse_free_run",
-    "diverged validation": "judge by shorter horizons: velocity_rmse_restarts, velocity_rmse_ten_step",
+    "diverged validation": "judge by a shorter horizon: velocity_rmse_restarts or _ten_step",
     "inertia": "richer excitation or fewer terms: such a model cannot be simulated",
     "coverage": "identifier=iv and least_squares have intervals of the coefficient",
 }
@@ -111,8 +111,8 @@ def _replicates(likeness: Likeness, finished: Sequence[Run]) -> Iterator[Entry]:
     stored: dict[tuple[str, tuple[str, ...]], list[list[Run]]] = defaultdict(list)
     for runs in experiments.values():
         if len(runs) > 1:
-            several = [n for n in ("seed", "evaluation") if len({r.levels[n] for r in runs}) > 1]
-            stored[_cell(runs[0]), tuple(several)].append(runs)
+            varied = [n for n in ("seed", "evaluation") if len({r.levels[n] for r in runs}) > 1]
+            stored[_cell(runs[0]), tuple(varied)].append(runs)
     for (cell, several), groups in stored.items():
         under = (
             f"under several {' and '.join(f'{name}s' for name in several)}" if several else "again"
