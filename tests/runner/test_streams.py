@@ -1,5 +1,6 @@
 """Real trials from the command line: which random streams they draw, and what follows from it."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 
 import pytest
@@ -13,6 +14,10 @@ SHORT = (
     "evaluation=none", "excitation=zigzag", "excitation.duration_s=120", "sample_time_s=0.5",
     "integration_step_s=0.25", "identifier=ls", "identifier.basis=[u_dot,v_dot,r_dot,u,v,r]",
 )  # fmt: skip
+FACTORS = (
+    "excitation", "seed", "identifier", "disturbance", "disturbance.wind.variation",
+    "identifier.lowpass_hz",
+)  # fmt: skip
 SEARCH = (
     "identifier=nsga2", "identifier.parameters=[surge.u,yaw.r]", "identifier.population=8",
     "identifier.generations=2", "identifier.polish=null",
@@ -25,53 +30,54 @@ def without(options: tuple[str, ...], *prefixes: str) -> list[str]:
 
 def stored_runs() -> list[Run]:
     with open_results(DATABASE) as results:
-        return results.runs(factors=["identifier.lowpass_hz"])
+        return results.runs(factors=FACTORS)
 
 
-def numbers(run: Run) -> Mapping[tuple[str, ...], float | None]:
-    """All metrics and coefficients of a run, by their place."""
+def numbers(run: Run) -> Mapping[tuple[str, ...], object]:
+    """All metrics of a run, and its coefficients with their standard errors, by their place."""
     with Logbook.read(DATABASE) as logbook:
         metrics = {(m.name, m.model, m.dof): m.value for m in logbook.metrics(run.id)}
-        found = {(c.term, c.model, c.dof): c.value for c in logbook.coefficients(run.id)}
-        errors = {(*place, "se"): c.std_error for place, c in zip(
-            found, logbook.coefficients(run.id), strict=True)}  # fmt: skip
+        found = {
+            (c.term, c.model, c.dof): (c.value, c.std_error) for c in logbook.coefficients(run.id)
+        }
     assert metrics
     assert found
-    return metrics | found | errors
+    return metrics | found
 
 
 def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
     for sweep in (
         ("-m", *SHORT, "disturbance=calm,noise,wind", "seed=0,1"),
+        ("-m", *SHORT, "disturbance=wind", "disturbance.wind.variation=gusting", "seed=0,1"),
         ("-m", *SHORT, "disturbance=calm,noise", "identifier.lowpass_hz=0.4"),
         (*without(SHORT, "identifier"), *SEARCH, "disturbance=noise"),
         (*without(SHORT, "excitation"), "excitation=prbs", "excitation.length_s=30"),
     ):
         answer = seatrial(*sweep)
         assert answer.code == 0, answer
-    names = ("excitation", "identifier", "disturbance", "seed", "identifier.lowpass_hz")
-    runs = {tuple(run.levels[name] for name in names): run for run in stored_runs()}
-    drawn = {key[:3]: set(run.drawn or ()) for key, run in runs.items() if run.drawn is not None}
-    assert drawn == {
-        ("zigzag", "ls", "calm"): set(),
-        ("zigzag", "ls", "noise"): {"noise"},
-        ("zigzag", "ls", "wind"): {"disturbance"},
-        ("zigzag", "nsga2", "noise"): {"noise", "identifier"},
-        ("prbs", "ls", "calm"): {"excitation"},
-    }
+    runs = {tuple(run.levels[name] for name in FACTORS): run for run in stored_runs()}
     assert all(run.drawn is not None for run in runs.values())
-
-    pairs = {
-        name: [runs["zigzag", "ls", name, seed, "none"] for seed in ("0", "1")]
-        for name in ("calm", "noise", "wind")
+    drawn = {(key[0], *key[2:]): set(run.drawn or ()) for key, run in runs.items()}
+    assert drawn == {
+        ("zigzag", "ls", "calm", "none", "none"): set(),
+        ("zigzag", "ls", "calm", "none", "0.4"): set(),
+        ("zigzag", "ls", "noise", "none", "none"): {"noise"},
+        ("zigzag", "ls", "noise", "none", "0.4"): {"noise"},
+        ("zigzag", "ls", "wind", "constant", "none"): set(),
+        ("zigzag", "ls", "wind", "gusting", "none"): {"disturbance"},
+        ("zigzag", "nsga2", "noise", "none", "none"): {"noise", "identifier"},
+        ("prbs", "ls", "calm", "none", "none"): {"excitation"},
     }
-    for name, (one, other) in pairs.items():
-        assert (numbers(one) == numbers(other)) == (name == "calm")  # to the last bit
-        assert one.experiment == other.experiment
-    filtered = [runs["zigzag", "ls", name, "0", "0.4"] for name in ("calm", "noise")]
-    experiments = {run.experiment for run in runs.values()}
-    assert len(experiments) == len(pairs) + len(filtered) + 2  # the search and the binary signal
-    assert None not in experiments
+    seeds: dict[tuple[str, ...], list[Run]] = defaultdict(list)
+    for key, run in runs.items():
+        seeds[key[0], *key[2:]].append(run)
+    pairs = {key: pair for key, pair in seeds.items() if len(pair) == 2}
+    assert len(pairs) == 4
+    for key, (one, other) in pairs.items():
+        assert (numbers(one) == numbers(other)) == (not drawn[key])  # to the last bit
+    experiments = [{run.experiment for run in each} for each in seeds.values()]
+    assert all(len(each) == 1 for each in experiments)  # of all seeds
+    assert len(set.union(*experiments) - {None}) == len(drawn)  # one for each choice of options
 
 
 @pytest.mark.parametrize(("identifier", "value"), [("ls", 1.0), ("iv", 0.0), ("none", None)])
