@@ -22,6 +22,7 @@ from seatrial.models.identification.problem import (
     Identifier,
     Problem,
     check_needs,
+    with_interval,
 )
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
@@ -186,7 +187,9 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = trial.identifier.identify(problem, seeds.generator("identifier"))
+    identified = with_interval(
+        trial.identifier, trial.identifier.identify(problem, seeds.generator("identifier"))
+    )
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )

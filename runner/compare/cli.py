@@ -41,6 +41,13 @@ Sweep = Annotated[
     str | None,
     typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: the newest sweep]"),
 ]
+EverySweep = Annotated[
+    str | None,
+    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: all]"),
+]
+Tag = Annotated[
+    str | None, typer.Option("--tag", help="Only sweeps with this tag, all of them by default.")
+]
 Pool = Annotated[
     list[str] | None,
     typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
@@ -158,6 +165,7 @@ class TableOptions:
     ] = None
     where: Where = None
     sweep: Sweep = None
+    tag: Tag = None
     pool: Pool = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
     database: Database = DEFAULT_DATABASE
@@ -204,6 +212,7 @@ class PlotOptions:
     ] = None
     where: Where = None
     sweep: Sweep = None
+    tag: Tag = None
     pool: Pool = None
     output: Annotated[
         Path | None,

@@ -44,6 +44,10 @@ TEST_NOTE = (
     " pairs (not corrected for multiple comparisons); won is the number of pairs in which it is"
     " better"
 )
+ESTIMATE_NOTE = (
+    "se of the estimate: an interval of this identifier is one of its estimate, not of the"
+    " coefficient, because it does not include the bias"
+)
 DIVERGED_NOTE = (
     "not included: {} prediction{} that diverged (see the metrics limited_share_... and"
     " held_free_run)"
@@ -141,7 +145,7 @@ class _Writer:
         text += f" {' '.join(marks)}" if marks else ""
         text += _counts_text(cell, self.request)
         if self.request.of_coefficients and cell.observed:
-            text += _uncertainty_text(cell, self.request.digits)
+            text += _uncertainty_text(cell, self.request.digits, self._of_estimate(cell))
         if place in self.tests:
             text += "\n" + _test_text(
                 self.tests[place], len(cell.observed), self.request.digits,
@@ -151,6 +155,13 @@ class _Writer:
             text += "\nbaseline"
         value = self.location[place]
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
+
+    def _of_estimate(self, cell: Cell) -> bool:
+        """Return whether a standard error of a cell is of the estimate, not of the coefficient."""
+        return any(
+            observation.std_error is not None and observation.run.id not in self.selection.covering
+            for observation in cell.observed
+        )
 
     def _flaws(self, cells: Iterable[Cell]) -> list[tuple[str, str]]:
         """Return marks and notes on flaws of the controllers behind the deployment metrics."""
@@ -218,6 +229,8 @@ class _Writer:
         notes += [note for _, note in self._flaws(self.table.cells.values())]
         if self.tests:
             notes.append(TEST_NOTE.format(_baseline_text(self.request)))
+        if any(map(self._of_estimate, self.table.cells.values())):
+            notes.append(ESTIMATE_NOTE)
         diverged = sum(cell.diverged for cell in self.table.cells.values())
         if diverged:
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
@@ -251,6 +264,7 @@ class _Writer:
         record |= self.figures[place]
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
+            record["interval_of_estimate"] = self._of_estimate(cell)
         record["n"] = len(cell.observed)
         for status in UNFINISHED:
             record[status] = cell.unfinished.get(status, 0)
@@ -327,10 +341,11 @@ def _counts_text(cell: Cell, request: TableRequest) -> str:
     return f" ({', '.join(counts)})" if counts else ""
 
 
-def _uncertainty_text(cell: Cell, digits: int) -> str:
-    """Return the standard error of the estimate and the true value, if known."""
+def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
+    """Return the standard error and the true value, if known."""
     error, truth = _std_error(cell), _truth(cell)
-    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}"]
+    what = " of the estimate" if of_estimate else ""
+    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}{what}"]
     if not math.isnan(truth):
         texts.append(f"true {number_text(truth, digits)}")
     return "\n" + ", ".join(texts) if texts else ""

@@ -16,7 +16,7 @@ from seatrial.runner.compare.page import Picture, picture, render_page, write_pa
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import Results, Run, ordered
-from seatrial.runner.compare.runs import RUN_COLUMNS, plain
+from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.mask import without_passwords
@@ -51,6 +51,7 @@ class ReportRequest:
     columns: str = "disturbance"
     where: str | None = None
     sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
     title: str | None = None
 
 
@@ -73,7 +74,7 @@ def write_report(results: Results, request: ReportRequest, file: Path) -> None:
 
 def render_report(results: Results, request: ReportRequest) -> str:
     """Return the page as text; raises ConfigurationError if no run matches."""
-    condition, scope = results.selected(request.where, request.sweep)
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition)
     sweeps = _sweeps(results, runs)
     tables, refused = _tables(results, request, runs)
@@ -144,6 +145,7 @@ def _tables(
             baseline=baseline,
             where=request.where,
             sweep=request.sweep,
+            tag=request.tag,
         )
         caption = definition_of(metric).caption
         try:
@@ -160,7 +162,9 @@ def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], 
     """Return every figure that the runs have data for, and messages on failed figures."""
     pictures: list[Picture] = []
     messages: list[str] = []
-    shared = PlotRequest(columns=request.columns, where=request.where, sweep=request.sweep)
+    shared = PlotRequest(
+        columns=request.columns, where=request.where, sweep=request.sweep, tag=request.tag
+    )
     kinds = sorted(
         (entry for entry in figures().values() if entry.caption), key=lambda entry: entry.place
     )
@@ -234,6 +238,6 @@ def _listed(results: Results, runs: Sequence[Run]) -> Grid:
     chosen = [run.id for run in runs][-MOST_LISTED:]
     summaries = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
     names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]
-    rows = [[plain(getattr(run, name)) for name in names] for run in summaries]
+    rows = run_rows(results, summaries, names)
     notes = [f"the newest {MOST_LISTED} of {len(runs)}"] if len(runs) > MOST_LISTED else []
     return grid_of("", names, rows, labels=1, notes=notes)

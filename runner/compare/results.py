@@ -16,9 +16,11 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
 from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
@@ -121,6 +123,7 @@ class Results:
         keys = {key for row in rows for key in _keys(row.text)}
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
+        columns["sweep"] = run_overview.c.sweep
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
@@ -133,29 +136,27 @@ class Results:
             self.names.clause(condition)
         return condition
 
-    def selected(self, where: str | None, sweep: str | None) -> tuple[Condition | None, str]:
-        """Return the condition of --where and --sweep, and the words for the sweep.
+    def selected(
+        self, where: str | None, sweep: str | None, tag: str | None = None
+    ) -> tuple[Condition | None, str]:
+        """Return the condition of --where, --sweep and --tag, and the words for the sweeps.
 
-        `sweep` is a number, a name, or `all`; None is the newest sweep. Raises ConfigurationError
-        for an unknown one. A logbook without sweeps, and a condition on the number of a run or of a
-        sweep, select from all runs.
+        `sweep` is a number, a name, or `all`; with None it is every sweep with the tag, or the
+        newest sweep. Raises ConfigurationError for an unknown sweep or tag. A logbook without
+        sweeps, and a condition on a run or a sweep, select from all runs.
         """
         condition = self.where(where)
         sweeps = self.reader.sweeps()
-        if sweep == "all" or (sweep is None and (not sweeps or chooses(condition))):
-            return condition, ""
-        if sweep is None:
-            chosen = [sweeps[-1]]
+        if sweep is None and tag is None:
+            chosen = [] if chooses(condition) else sweeps[-1:]
+        elif tag is None and sweep == "all":
+            chosen = []
         else:
-            chosen = [one for one in sweeps if sweep in (str(one.id), one.name)]
+            chosen = _matching(sweeps, sweep, tag)
         if not chosen:
-            expected = ", ".join(dict.fromkeys(one.name for one in sweeps[-8:])) or "none yet"
-            raise ConfigurationError(
-                f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
-            )
+            return condition, ""
         own = Among("id", tuple(id_ for one in chosen for id_ in self.of_sweep(one.id)))
-        scope = f"sweep {', '.join(str(one.id) for one in chosen)} ({chosen[-1].name})"
-        return own if condition is None else Joined("and", (condition, own)), scope
+        return own if condition is None else Joined("and", (condition, own)), _scope(chosen)
 
     def runs(
         self,
@@ -259,6 +260,21 @@ class Results:
                 by_run[row.run_id].append(row)
         return by_run
 
+    def covering(self, runs: Sequence[Run], condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs whose standard errors are of the coefficient, not only of the estimate.
+
+        Of runs of earlier versions, and of identifiers that do not say so, it is not known.
+        """
+        rows = self.diagnostics(runs, [INTERVAL_OF_ESTIMATE], condition)
+        return frozenset(id_ for id_, of_run in rows.items() for row in of_run if row.value == 0.0)
+
+    def with_standard_errors(self, condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs that have a standard error of a coefficient."""
+        c = Coefficient.__table__.c
+        query = sa.select(c.run_id).where(c.std_error.is_not(None)).distinct()
+        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition))))
+        return frozenset(row.run_id for row in rows)
+
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""
         d = Diagnostic.__table__.c
@@ -327,11 +343,42 @@ class Results:
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
+def _matching(sweeps: list[SweepSummary], sweep: str | None, tag: str | None) -> list[SweepSummary]:
+    """Return the sweeps with this number or name and this tag.
+
+    None and `all` are any sweep. Raises ConfigurationError if there is none.
+    """
+    if tag is not None:
+        tags = dict.fromkeys(name for one in sweeps[::-1] for name in one.tags or ())
+        if tag not in tags:
+            expected = f"one of {', '.join([*tags][:8])}" if tags else "none: no sweep has tags"
+            raise ConfigurationError(f"--tag: got {tag!r}, expected {expected}")
+        sweeps = [one for one in sweeps if tag in (one.tags or ())]
+    if sweep in (None, "all"):
+        return sweeps
+    chosen = [one for one in sweeps if sweep in (str(one.id), one.name)]
+    if not chosen:
+        expected = ", ".join(dict.fromkeys(one.name for one in sweeps[-8:])) or "none yet"
+        having = "" if tag is None else f", with tag {tag}"
+        raise ConfigurationError(
+            f"--sweep: got {sweep!r}, expected all, a number or one of {expected}{having}"
+        )
+    return chosen
+
+
+def _scope(sweeps: Sequence[SweepSummary]) -> str:
+    """Return `sweep 1, 2 (name)`, or `sweep 1 (name), 2 (other)` for sweeps of several names."""
+    names = {sweep.name for sweep in sweeps}
+    if len(names) == 1:
+        return f"sweep {', '.join(str(sweep.id) for sweep in sweeps)} ({names.pop()})"
+    return f"sweep {', '.join(f'{sweep.id} ({sweep.name})' for sweep in sweeps)}"
+
+
 def chooses(condition: Condition | None) -> bool:
-    """Return whether a condition is about the numbers of runs or sweeps."""
+    """Return whether a condition is about certain runs or sweeps."""
     match condition:
         case Comparison(name=name) | Among(name=name):
-            return name in ("id", "sweep_id")
+            return name in ("id", "sweep_id", "sweep")
         case Not(condition=inner):
             return chooses(inner)
         case Joined(conditions=parts):

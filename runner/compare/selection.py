@@ -48,6 +48,7 @@ class TableRequest:
     baseline: Mapping[str, str] = field(default_factory=dict)
     where: str | None = None
     sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
     pool: Key = ()
     digits: int = 4
 
@@ -66,7 +67,8 @@ class Selection:
     that diverged; `scope` names the sweep. `unsettled` are the (run, model) whose controller is
     unstable on its own model, `infeasible` those whose limits are too small for the weather.
     `fixed` are the own factors with one level, `extra` those with several levels that are neither
-    rows nor columns.
+    rows nor columns. `covering` are the runs whose standard errors are of the coefficient, not only
+    of its estimate.
     """
 
     runs: Sequence[Run]
@@ -81,6 +83,7 @@ class Selection:
     unsettled: frozenset[tuple[int, str]] = frozenset()
     infeasible: frozenset[tuple[int, str]] = frozenset()
     diverged: Mapping[Prediction, float] = field(default_factory=dict)
+    covering: frozenset[int] = frozenset()
 
 
 def request_of(options: TableOptions) -> TableRequest:
@@ -116,6 +119,7 @@ def request_of(options: TableOptions) -> TableRequest:
         baseline=_baseline(options.baseline),
         where=options.where,
         sweep=options.sweep,
+        tag=options.tag,
         pool=_listed(options.pool),
         digits=options.digits,
     )
@@ -174,7 +178,7 @@ def gather(results: Results, request: TableRequest) -> Selection:
 
 
 def _gathered(results: Results, request: TableRequest) -> Selection:
-    condition, scope = results.selected(request.where, request.sweep)
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition, request.factors)
     likeness = Likeness(results, runs)
     flags: list[Observation] = []
@@ -209,6 +213,7 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
         unsettled=unsettled,
         infeasible=infeasible,
         diverged=diverged_predictions(flags),
+        covering=results.covering(runs, condition) if request.of_coefficients else frozenset(),
     )
 
 

@@ -40,6 +40,7 @@ class PlotRequest:
     log: bool | None = None  # None: by the range of the values
     where: str | None = None
     sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
     pool: Sequence[str] = ()  # factors that a group may average over
 
     def shown(self, has: Callable[[str], bool]) -> list[str]:
@@ -100,7 +101,7 @@ def facets(
     `rows` are the factors of a figure with several row factors. A figure that `averages` over runs
     is drawn once for each level of what the runs of a group differ in.
     """
-    condition, _ = results.selected(request.where, request.sweep)
+    condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
         condition = with_run(results.where(request.where), request.run)
     factors = [*(rows or [request.rows]), request.columns]
@@ -191,7 +192,7 @@ def each_run(
     The run is the requested one, else the newest finished run that meets --where and has such a
     series (with the given column); with --facet it is the newest run of each level.
     """
-    condition, _ = results.selected(request.where, request.sweep)
+    condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
         condition = with_run(results.where(request.where), request.run)
     facet = request.facet

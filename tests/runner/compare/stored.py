@@ -124,6 +124,10 @@ def fail(logbook: Logbook, begin: RunStart, status: Any = "failed", error: str =
     return begun.run_id
 
 
+def interval(of_estimate: bool) -> Finding:
+    return Finding("interval_of_estimate", "all", float(of_estimate))
+
+
 def fill_plain(logbook: Logbook) -> None:
     """What `conftest.plain` describes."""
     calm = {"none": (100.0, 102.0, 104.0), "ls": (50.0, 51.0, 55.0), "plsr": (40.0, 41.0, 42.0)}

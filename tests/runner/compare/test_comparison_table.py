@@ -145,13 +145,42 @@ def test_coefficients_with_standard_errors_and_true_values(results: Results) -> 
     grid = table(results, coefficient=["u_dot", "u"], where="disturbance=calm")
     shown = cells(grid)
     # none is nearest to 1050 with 1102; ls with 1052 nearer still
-    assert shown["u_dot", "ls", "kg", "calm"] == "1052 ± 2.6 (n=3)\nse 3.0, true 1050*"
-    assert shown["u", "ls", "kg/s", "calm"] == "60.00 ± 0 (n=3)\nse 4.0"
+    assert (
+        shown["u_dot", "ls", "kg", "calm"] == "1052 ± 2.6 (n=3)\nse 3.0 of the estimate, true 1050*"
+    )
+    assert shown["u", "ls", "kg/s", "calm"] == "60.00 ± 0 (n=3)\nse 4.0 of the estimate"
     assert grid.headers[0] == "term"
     record = grid.as_records()[0]
     assert (record["term"], record["std_error"], record["true_value"]) == ("u_dot", 3.0, 1050.0)
     everything = table(results, coefficients=True, dof=None, where="disturbance=calm")
     assert list(everything.headers[:3]) == ["dof", "term", "identifier"]
+
+
+def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwise(
+    tmp_path: Path,
+) -> None:
+    found = [stored.coefficient("u_dot", 1000.0, 3.0, 1050.0)]
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier, findings in {
+            "iv": [stored.interval(False)], "ridge": [stored.interval(True)], "older": [],
+        }.items():  # fmt: skip
+            stored.finish(logbook, stored.start(identifier), (), found, findings)
+        bare = [stored.coefficient("u_dot", 1000.0, None, 1050.0)]
+        stored.finish(logbook, stored.start("none"), (), bare)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        grid = table(results, coefficient=["u_dot"])
+        alone = table(results, coefficient=["u_dot"], where="identifier in (iv, none)")
+    ends = {key[0]: text.partition("\n")[2] for key, text in cells(grid).items()}
+    assert {name: text.rstrip("*") for name, text in ends.items()} == {
+        "iv": "se 3.0, true 1050",
+        "ridge": "se 3.0 of the estimate, true 1050",
+        "older": "se 3.0 of the estimate, true 1050",
+        "none": "true 1050",
+    }
+    flags = {row["identifier"]: row["interval_of_estimate"] for row in grid.as_records()}
+    assert flags == {"iv": False, "ridge": True, "older": True, "none": False}
+    assert any("not of the coefficient" in note for note in grid.notes)
+    assert not any("not of the coefficient" in note for note in alone.notes)
 
 
 def test_rounding_errors_are_neither_spread_nor_victory(tmp_path: Path) -> None:
