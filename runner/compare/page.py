@@ -1,6 +1,7 @@
 """Self-contained HTML pages: templates, figures as inline SVG, and atomic writing of files."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import StringIO
@@ -51,12 +52,14 @@ def write_page(page: str, file: Path) -> None:
         raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
     if _is_database(file):
         raise LogbookError(f"{file}: got a SQLite database, expected the name of the report")
+    temporary = file.with_name(f".{file.name}.tmp")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_name(f".{file.name}.tmp")
         temporary.write_text(visible(page), encoding="utf-8")
         temporary.replace(file)
     except OSError as error:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
 
 

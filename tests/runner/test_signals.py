@@ -143,6 +143,31 @@ def test_a_program_that_is_stopped_ends_in_one_line(
     assert rows(tmp_path, "SELECT DISTINCT status FROM run") == [("interrupted",)]
 
 
+SHIELDED = """
+import time
+from seatrial.runner.launching import shielded_workers
+try:
+    with shielded_workers():
+        print("ready", flush=True)
+        time.sleep(20.0)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_a_program_that_was_suspended_still_stops(tmp_path: Path) -> None:
+    process = program("-c", SHIELDED, folder=tmp_path)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    assert ended(process) == (0, "interrupted\n", "")
+    assert time.monotonic() - began < 10.0
+
+
 def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> None:
     code = (
         "import signal, sys, os; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
