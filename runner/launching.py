@@ -187,6 +187,6 @@ def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
     main = main_thread().ident or 0
     while not stop.wait(0.1):
         if signals & signal.sigpending():
-            number = signal.sigwait(signals)
+            number = signal.Signals(signal.sigwait(signals))
             _thread.interrupt_main(number)  # does nothing where the signal is ignored
             signal.pthread_kill(main, signal.SIGURG)
