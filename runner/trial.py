@@ -129,11 +129,25 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} needs a controller"
         )
+    for group, mission in (("excitation", excitation), ("evaluation", trial.evaluation)):
+        if isinstance(mission, Mission):
+            _check_length(trial, group, mission)
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
     excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
     evaluation = trial.evaluation
     if evaluation is not None:
         named(trial, "evaluation", lambda: evaluation.check(dofs))
+
+
+def _check_length(trial: Trial, group: str, mission: Mission) -> None:
+    """Check that a mission has samples for training and for testing."""
+    seconds, period = mission.length().seconds, trial.sample_time_s
+    count, fewest = round(seconds / period), 2 * FEWEST
+    if count < fewest:
+        raise ConfigurationError(
+            f"{group}={trial.names[group]}: got {seconds:g} s, {count} samples of"
+            f" sample_time_s={period:g}; expected at least {fewest}"
+        )
 
 
 def named(trial: Trial, group: str, check: Callable[[], None]) -> None:

@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
+from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
 from tests.runner.compare import stored
@@ -80,6 +82,13 @@ def test_report_of_a_sweep_holds_its_runs_alone(program: Program, page: Path) ->
 def test_a_report_that_cannot_be_written_is_one_line(program: Program, plain: Path) -> None:
     code, _, err = program("report", *database(plain), "-o", plain / "results.db" / "x.html")
     assert (code, len(err.splitlines())) == (2, 1)
+
+
+def test_a_page_that_is_not_complete_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "page.html").mkdir()
+    with pytest.raises(LogbookError, match="cannot write the report"):
+        write_page("page", tmp_path / "page.html")
+    assert [file.name for file in tmp_path.iterdir()] == ["page.html"]
 
 
 def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> None:
