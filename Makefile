@@ -32,8 +32,8 @@ endif
 endif
 
 help:
-	@echo 'make demo    a sweep of nine runs on the milliAmpere ferry, its table and its figures'
-	@echo 'make comparison   nine identifiers in calm water, noise and a constant force'
+	@echo 'make demo    a sweep of 180 runs on the milliAmpere ferry, its tables and its figures'
+	@echo 'make comparison   nine identifiers in three disturbances, 20 seeds each'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
@@ -43,22 +43,25 @@ help:
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 demo: $(VENV)/demo.stamp
-	$(BIN)/python -m runner -m identifier=none,ls,plsr disturbance=calm,noise,constant
-	$(BIN)/python -m runner.compare table --rows identifier --columns disturbance \
-	    --metric force_mse --dof surge --stage validation --model identified
-	for figure in 'bars --dof surge --log' orders residual track errors coefficients; do \
+	$(BIN)/python -m runner -m identifier=none,ls,plsr 'disturbance=noise,[constant,noise],[wind,noise]' \
+	    'seed=range(0,20)' hydra/launcher=joblib
+	$(BIN)/python -m runner.compare table --metric e_pos_mae --statistic median,n --baseline identifier=none
+	$(BIN)/python -m runner.compare table --metric velocity_rmse_free_run --dof sway --statistic median,n \
+	    --baseline identifier=none
+	for figure in 'bars --metric e_pos_mae' orders residual track errors coefficients; do \
 	    $(BIN)/python -m runner.compare plot $$figure || exit 1; \
 	done
 
 comparison: $(VENV)/demo.stamp
 	$(BIN)/python -m runner -m \
 	    identifier=none,ls,ridge,iv,plsr,surface_plsr,least_squares,nsga2,dsr \
-	    disturbance=calm,noise,constant evaluation=none results_dir=results/comparison
+	    'disturbance=noise,[constant,noise],[wind,noise]' 'seed=range(0,20)' evaluation=none \
+	    results_dir=results/comparison hydra/launcher=joblib
 
 # The tables and the figure of README.md, made again from the demo's runs.
 readme: demo comparison
 	$(BIN)/python docs/refresh.py
-	cp results/figures/bars-force_mse.svg docs/force_mse.svg
+	cp results/figures/bars-e_pos_mae.svg docs/tracking_error.svg
 
 # A run that fails or diverges (exit code 1) is kept and counted on the page. An experiment on
 # outside data, which names SEATRIAL_DATA, is left out where there are none.

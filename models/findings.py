@@ -5,6 +5,9 @@ Each is stored unchanged as a row of the table `diagnostic`.
 
 from dataclasses import dataclass
 
+# 1: the standard errors are of the estimate only, which may be biased; 0: of the coefficient.
+INTERVAL_OF_ESTIMATE = "interval_of_estimate"
+
 
 @dataclass(frozen=True)
 class Finding:

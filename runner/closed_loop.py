@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.config import Trial
+from seatrial.runner.vocabulary import STREAMS, Stream
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +56,32 @@ class SimulatedMission:
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
 
 
-class Streams(NamedTuple):
-    """Independent seeds of one trial; equal seeds give generators with equal numbers."""
+class Streams:
+    """The independent random streams of one trial, spawned from its seed.
 
-    excitation: np.random.SeedSequence
-    noise: np.random.SeedSequence
-    disturbance: np.random.SeedSequence
-    identifier: np.random.SeedSequence
+    Generators of one stream give equal numbers. A trial whose result draws from no stream does not
+    depend on its seed.
+    """
 
+    def __init__(self, seed: int) -> None:
+        seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
+        self._seeds = dict(zip(STREAMS, seeds, strict=True))
+        self._generators: list[tuple[Stream, np.random.Generator]] = []
 
-def streams(seed: int) -> Streams:
-    """Spawn the independent seeds of a trial."""
-    return Streams(*np.random.SeedSequence(seed).spawn(len(Streams._fields)))
+    def generator(self, stream: Stream) -> np.random.Generator:
+        """Return a new generator of a stream."""
+        generator = np.random.default_rng(self._seeds[stream])
+        self._generators.append((stream, generator))
+        return generator
+
+    def drawn(self) -> tuple[Stream, ...]:
+        """Return the streams from which a number was drawn so far."""
+        used = set()
+        for stream, generator in self._generators:
+            fresh = np.random.default_rng(self._seeds[stream])
+            if generator.bit_generator.state != fresh.bit_generator.state:
+                used.add(stream)
+        return tuple(stream for stream in STREAMS if stream in used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +140,7 @@ def prepare(
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
     weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
-    added = mission.force(t, vessel.dofs, np.random.default_rng(seeds.excitation))
+    added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     design = Design(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
@@ -192,7 +206,7 @@ def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
 def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
     """Realise the trial's disturbance over n control instants."""
     disturbance, dofs = trial.disturbance, trial.vessel.dofs
-    noise, weather = (np.random.default_rng(s) for s in (seeds.noise, seeds.disturbance))
+    noise, weather = seeds.generator("noise"), seeds.generator("disturbance")
     return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
 
 
@@ -219,7 +233,7 @@ def adapter_of(
 
     return Adapter(
         trial.update, trial.identifier, vessel.thruster, weather, vessel.dofs, period, model,
-        np.random.default_rng(seeds.identifier), adapt,
+        seeds.generator("identifier"), adapt,
     )  # fmt: skip
 
 

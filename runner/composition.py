@@ -180,6 +180,7 @@ class Composer:
         self._choices: list[str] | None = None
         self._chosen: _Chosen | None = None
         self._resolutions: dict[tuple[str, ...], Resolution] = {}
+        self._options: dict[tuple[tuple[str, ...], str], bool] = {}  # by choices and key
         # The last values of vessel.tuning that were accepted, and the overrides that may read them.
         self._accepted: tuple[Mapping[str, object], list[str]] | None = None
 
@@ -190,6 +191,41 @@ class Composer:
         except HydraException:
             return []
         return split[0] if split is not None else []
+
+    def applicable(self, jobs: Sequence[list[str]]) -> list[list[str]]:
+        """Leave out of each job the options that its choices do not have but another job's do."""
+        lacking = [self._lacking(job) for job in jobs]
+        if not any(lacking):
+            return list(jobs)
+        keys = [{text.partition("=")[0] for text in job} for job in jobs]
+        known = set[str]().union(*(own - bare for own, bare in zip(keys, lacking, strict=True)))
+        shorter = (
+            tuple(text for text in job if text.partition("=")[0] not in bare & known)
+            for job, bare in zip(jobs, lacking, strict=True)
+        )
+        return [list(job) for job in dict.fromkeys(shorter)]
+
+    def _lacking(self, job: list[str]) -> set[str]:
+        """Return the options of a group that a job sets but its choices do not have."""
+        try:
+            split = self._loader.split(self._parser.parse(job))
+        except HydraException:
+            return set()
+        if split is None:
+            return set()
+        choices, values = split
+        keys = (value.key_or_group for value in values if not (value.is_add() or value.is_delete()))
+        return {key for key in keys if _group_of(key) and not self._has(tuple(choices), key)}
+
+    def _has(self, choices: tuple[str, ...], key: str) -> bool:
+        if (choices, key) not in self._options:
+            parent, _, name = key.rpartition(".")
+            try:
+                node = OmegaConf.select(self._loader.base(self._master, list(choices)), parent)
+            except (HydraException, OmegaConfBaseException):
+                return True  # the composition of the job reports it
+            self._options[choices, key] = isinstance(node, DictConfig) and name in list(node.keys())
+        return self._options[choices, key]
 
     def order(self, job: list[str]) -> Order:
         """Return the order of one job; raises errors of Hydra and OmegaConf."""
@@ -251,6 +287,12 @@ class Composer:
         config = self._loader.hydra.load_sweep_config(self._master, job)
         HydraConfig.instance().set_config(config)
         return order_of(_task_of(config), config.hydra, job)
+
+
+def _group_of(key: str) -> str:
+    """Return the group that an option belongs to; empty for the options of every trial."""
+    group, dot, _ = key.partition(".")
+    return group if dot and group in GROUPS else ""
 
 
 def _task_of(config: DictConfig) -> DictConfig:

@@ -7,7 +7,7 @@ Every error names the key, what was got and what was expected.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -79,6 +79,7 @@ class Trial:
     database_url: str
     rerun: bool = False
     dry_run: bool = False
+    sweep: "SweepLabels" = field(default_factory=lambda: SweepLabels())
     metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
@@ -118,6 +119,19 @@ class Plant:
 
 
 @dataclass(frozen=True)
+class SweepLabels:
+    """Labels of the sweep that a trial belongs to; they do not change its results."""
+
+    name: str | None = None
+    tags: tuple[str, ...] = ()
+    note: str | None = None
+
+    def __bool__(self) -> bool:
+        """Whether there is a label."""
+        return self != SweepLabels()
+
+
+@dataclass(frozen=True)
 class Database:
     """The address of the logbook; None: a SQLite file in the folder of results."""
 
@@ -145,6 +159,7 @@ class Settings:
     limits: Limits = Limits()
     rerun: bool = False
     dry_run: bool = False
+    sweep: SweepLabels = field(default_factory=SweepLabels)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -176,6 +191,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         or database.engine.file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
         dry_run=settings.dry_run,
+        sweep=settings.sweep,
         names=names,
         config=config,
     )

@@ -69,9 +69,10 @@ def sweep_summary(
 def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
     """Return the command that shows a sweep: a table over its factors, or a list."""
     if not factors:
-        return compare("runs", url, "--where", f"sweep_id={status.sweep_id}")
+        return compare("runs", url, "--sweep", str(status.sweep_id))
     columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
-    return compare("table", url, "--rows", factors[0], *columns)
+    sweep = ("--sweep", str(status.sweep_id))  # stays right when other sweeps follow
+    return compare("table", url, "--rows", factors[0], *columns, *sweep)
 
 
 def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:

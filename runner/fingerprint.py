@@ -20,7 +20,7 @@ STORAGE = ("database", "compare")  # subpackages that store and show what was co
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
 # Where results are stored and how a trial is started do not change the results.
-NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run", "limits"})
+NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run", "limits", "sweep"})
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import Diverged
 from seatrial.runner import database
-from seatrial.runner.config import Trial, build_trial
+from seatrial.runner.config import SweepLabels, Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
@@ -42,6 +42,11 @@ class Order:
     def fingerprint(self, sources: str) -> str:
         """Return the fingerprint of the trial; `sources` is the digest of the code."""
         return fingerprint(self.config, self.names, sources)
+
+    def experiment(self, sources: str) -> str:
+        """Return the fingerprint without the seed, equal for the replicates of one experiment."""
+        unseeded = {key: value for key, value in self.config.items() if key != "seed"}
+        return fingerprint(unseeded, self.names, sources)
 
 
 @dataclass(frozen=True)
@@ -117,8 +122,9 @@ def _store_failure(
 
 
 def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunStart":
-    # The address of the database may contain a password, and is not part of the trial.
-    stored = {key: value for key, value in order.config.items() if key != "database"}
+    # The address of the database may contain a password; the sweep has a row of its own.
+    apart = ("database", "sweep")
+    stored = {key: value for key, value in order.config.items() if key not in apart}
     return database.RunStart(
         fingerprint=order.fingerprint(provenance.sources),
         **{group: order.names[group] for group in GROUPS},
@@ -129,6 +135,8 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunS
         git_dirty=provenance.git_dirty,
         versions=provenance.versions,
         command=provenance.command,
+        code=provenance.sources[:16],
+        experiment=order.experiment(provenance.sources),
     )
 
 
@@ -144,6 +152,7 @@ class Plan:
     database_url: str
     results_dir: Path
     rerun: bool
+    labels: SweepLabels
 
     def __str__(self) -> str:
         return shown(self.overrides)

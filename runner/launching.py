@@ -168,6 +168,8 @@ def shielded_workers() -> Iterator[None]:
     resource_tracker.ensure_running()  # both now, since they unblock SIGINT after their start
     joblib_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    # A signal without effect, which ends a system call that the main thread waits in.
+    waking = signal.signal(signal.SIGURG, lambda number, frame: None)
     stop = Event()
     thread = Thread(target=_pass_on, args=(signals, stop), name="signals", daemon=True)
     thread.start()
@@ -176,12 +178,15 @@ def shielded_workers() -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
+        signal.signal(signal.SIGURG, waking)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
-    while not stop.is_set():
-        received = signal.sigtimedwait(signals, 0.1)
-        if received is not None:
-            number = signal.Signals(received.si_signo)
+    # Not sigtimedwait: after a suspension it returns signals that were not sent.
+    main = main_thread().ident or 0
+    while not stop.wait(0.1):
+        if signals & signal.sigpending():
+            number = signal.Signals(signal.sigwait(signals))
             _thread.interrupt_main(number)  # does nothing where the signal is ignored
+            signal.pthread_kill(main, signal.SIGURG)

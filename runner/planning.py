@@ -35,6 +35,7 @@ class Planner:
             database_url=intern(trial.database_url),
             results_dir=self._folders.setdefault(trial.results_dir, trial.results_dir),
             rerun=trial.rerun,
+            labels=trial.sweep,
         )
 
 

@@ -28,7 +28,7 @@ from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Limits, build_as, build_trial, check_finite
+from seatrial.runner.config import Limits, SweepLabels, Trial, build_as, build_trial, check_finite
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
@@ -61,26 +61,35 @@ Options = Mapping[str, object]
 def jobs_of(
     parser: OverridesParser,
     params: Options,
-    variants: Sequence[Options],
+    variants: Sequence[Options | Sequence[str]],
     arguments: Sequence[str],
 ) -> list[list[str]]:
     """Return the overrides of every job: the grid of params and arguments, for each variant.
 
-    A variant replaces the params of the same name; the command line replaces both.
+    A variant is options by name, or overrides as on the command line. It replaces the params of the
+    same name; the arguments replace both.
     """
     given = parser.parse_overrides(list(arguments))
     keys = {override.key_or_group for override in given}
     limits = _limits(given)
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
-        options = {str(key): value for key, value in {**params, **variant}.items()}
-        texts = [f"{key}={_text(value)}" for key, value in options.items() if key not in keys]
+        own = _texts(variant) if isinstance(variant, Mapping) else list(variant)
+        texts = [
+            text
+            for text in [*_texts(params), *own]
+            if text.partition("=")[0].lstrip("+") not in keys
+        ]
         overrides = parser.parse_overrides([*texts, *arguments])
         budget.check_sweep([_count(override) for override in overrides], limits)
         # Of several overrides of one option the last counts, at the position of the first.
         values = {override.get_key_element(): _values(override) for override in overrides}
         jobs += map(list, product(*values.values()))
     return jobs
+
+
+def _texts(options: Options) -> list[str]:
+    return [f"{key}={_text(value)}" for key, value in options.items()]
 
 
 def _count(override: Override) -> tuple[str, float]:
@@ -141,6 +150,7 @@ class Session:
     """
 
     def __init__(self) -> None:
+        self.variants: list[list[str]] = []  # overrides of each --variant
         self.exit_code = 0
         self.error: Exception | str | None = None
         self.started = False  # before that, an exception is about the command line
@@ -159,7 +169,7 @@ class Session:
             print("\n".join(console.dry_run(listed([Planner(collect().sources).plan(order)]))))
             return
         trial = prepare(order)
-        outcome = perform(trial, order, collect())
+        outcome = _perform(trial, order, collect())
         line = console.outcome_line(outcome, trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
@@ -222,8 +232,10 @@ class SeatrialSweeper(Sweeper):
         self.session.started = True
         _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
-        jobs = jobs_of(parser, self.params, self.variants, arguments)
-        plans = _planned(Composer(self._loader, self._config), jobs)
+        jobs = jobs_of(parser, self.params, self.session.variants or self.variants, arguments)
+        composer = Composer(self._loader, self._config)
+        jobs = composer.applicable(jobs)
+        plans = _planned(composer, jobs)
         if any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(console.dry_run(listed(plans))))
         else:
@@ -236,9 +248,7 @@ class SeatrialSweeper(Sweeper):
             database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
-            sweep_id = logbook.begin_sweep(
-                _sweep_name(arguments), provenance.command, arguments, len(plans)
-            )
+            sweep_id = _begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
             outcomes, remaining = _finished_before(plans, logbook, sweep_id)
             with console.shown(url, sweep_id, job.compile_times):
@@ -268,6 +278,35 @@ class SeatrialSweeper(Sweeper):
             )
 
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
+
+
+def _begin_sweep(
+    logbook: "database.Logbook",
+    labels: SweepLabels,
+    provenance: Provenance,
+    arguments: Sequence[str],
+    planned: int,
+) -> int:
+    """Store the start of a sweep with its labels; returns its id."""
+    return logbook.begin_sweep(
+        labels.name or _sweep_name(arguments),
+        provenance.command,
+        arguments,
+        planned,
+        tags=labels.tags,
+        note=labels.note,
+    )
+
+
+def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
+    """Run a single trial; one with labels is a sweep of its own."""
+    if not trial.sweep:
+        return perform(trial, order, provenance)
+    with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+        sweep_id = _begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
+        outcome = perform(trial, order, provenance, sweep_id)
+        logbook.end_sweep(sweep_id)
+    return outcome
 
 
 def _check_hydra(hydra: Any) -> None:

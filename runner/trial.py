@@ -22,6 +22,7 @@ from seatrial.models.identification.problem import (
     Identifier,
     Problem,
     check_needs,
+    with_interval,
 )
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
@@ -37,7 +38,6 @@ from seatrial.runner.closed_loop import (
     SimulatedMission,
     Streams,
     prepare,
-    streams,
 )
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
@@ -129,11 +129,25 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         raise ConfigurationError(
             f"controller=none: excitation={trial.names['excitation']} needs a controller"
         )
+    for group, mission in (("excitation", excitation), ("evaluation", trial.evaluation)):
+        if isinstance(mission, Mission):
+            _check_length(trial, group, mission)
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
     excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
     evaluation = trial.evaluation
     if evaluation is not None:
         named(trial, "evaluation", lambda: evaluation.check(dofs))
+
+
+def _check_length(trial: Trial, group: str, mission: Mission) -> None:
+    """Check that a mission has samples for training and for testing."""
+    seconds, period = mission.length().seconds, trial.sample_time_s
+    count, fewest = round(seconds / period), 2 * FEWEST
+    if count < fewest:
+        raise ConfigurationError(
+            f"{group}={trial.names[group]}: got {seconds:g} s, {count} samples of"
+            f" sample_time_s={period:g}; expected at least {fewest}"
+        )
 
 
 def named(trial: Trial, group: str, check: Callable[[], None]) -> None:
@@ -171,7 +185,15 @@ def check_periods(trial: Trial, controller: Controller) -> None:
 
 def run(trial: Trial) -> Results:
     """Run a checked trial; raises TrialDiverged with the results that are valid all the same."""
-    seeds = streams(trial.seed)
+    streams = Streams(trial.seed)
+    try:
+        return replace(_run(trial, streams), drawn=streams.drawn())
+    except TrialDiverged as error:
+        error.results = replace(error.results, drawn=streams.drawn())
+        raise
+
+
+def _run(trial: Trial, seeds: Streams) -> Results:
     excited = excite(trial, seeds)
     problem = Problem(
         training=excited.recording.part(excited.training),
@@ -179,7 +201,9 @@ def run(trial: Trial) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = trial.identifier.identify(problem, np.random.default_rng(seeds.identifier))
+    identified = with_interval(
+        trial.identifier, trial.identifier.identify(problem, seeds.generator("identifier"))
+    )
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )

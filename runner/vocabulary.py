@@ -8,7 +8,11 @@ from seatrial.models.notation import DOFS
 GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
 Stage = Literal["identification", "validation", "deployment"]  # of a trial, as its metrics name it
-MODELS = ("nominal", "identified", "plant", "residual")
+MODELS = ("mean_motion", "nominal", "identified", "plant", "residual")
+
+# Independent random streams of a trial, in the order in which its seed spawns them.
+Stream = Literal["excitation", "noise", "disturbance", "identifier"]
+STREAMS: tuple[Stream, ...] = get_args(Stream)
 
 # Values of `dof` for several degrees of freedom, and all values in the order of tables.
 COMBINED = ("position", "heading", "all")

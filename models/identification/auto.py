@@ -31,6 +31,7 @@ from seatrial.models.identification.problem import (
     Needs,
     Problem,
     check_force,
+    with_interval,
 )
 from seatrial.models.identification.validation import prediction
 from seatrial.models.ranges import Positive, check_ranges
@@ -99,7 +100,8 @@ class Auto(Identifier):
             for (name, candidate), seed in zip(self.candidates.items(), seeds, strict=True)
         }
         chosen = one_standard_error(errors)
-        result = self.candidates[chosen].identify(problem, rng)
+        candidate = self.candidates[chosen]
+        result = with_interval(candidate, candidate.identify(problem, rng))
         return replace(result, findings=(*result.findings, *_findings(errors, chosen)))
 
     def _errors(self, candidate: Identifier, problem: Problem, seed: int) -> Array:
@@ -124,8 +126,8 @@ class Auto(Identifier):
         self, model: Vessel, block: Recording, thruster: SecondOrderLag | None, scale: Array
     ) -> float:
         horizon = max(round(self.horizon_s / block.period_s), 2)
-        rmse, limited = prediction(model, block, thruster, self.force, horizon).ahead(None)
-        return LOST if limited else float(np.mean(rmse[len(scale) :] / scale))
+        ahead = prediction(model, block, thruster, self.force, horizon).ahead(None)
+        return LOST if ahead.diverged else float(np.mean(ahead.rmse[len(scale) :] / scale))
 
 
 def one_standard_error(errors: dict[str, Array]) -> str:

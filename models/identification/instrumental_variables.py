@@ -169,6 +169,11 @@ class InstrumentalVariables(ResidualOptions):
                 f"{', '.join(basis.AIR)}"
             )
 
+    @property
+    def interval_covers(self) -> bool:
+        """With instruments the estimate is consistent; without them it is that of least squares."""
+        return self.instruments != "none"
+
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)

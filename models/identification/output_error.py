@@ -85,6 +85,11 @@ class OutputError(PredictionOptions):
         check_horizons(self.horizons)
         Uncertainty(self.errors, self.bootstrap, self.block_s)
 
+    @property
+    def interval_covers(self) -> bool:
+        """Only the output is fitted, so that measurement noise does not bias the estimate."""
+        return True
+
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for parameters, bounds or sigma that do not fit the vessel."""
         self.free(nominal)

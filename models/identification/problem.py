@@ -2,14 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.simulation.statespace import StateSpace
@@ -61,6 +61,14 @@ class Needs(NamedTuple):
 class Identifier(ABC):
     """An identifier: frozen options; fitting returns a new object."""
 
+    @property
+    def interval_covers(self) -> bool:
+        """Whether 1.96 standard errors are tested to cover 90 to 98 % of the true coefficients.
+
+        Otherwise they are an interval of the estimate, whose bias they do not include.
+        """
+        return False
+
     @abstractmethod
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the vessel; raises IdentificationError when the data do not determine it."""
@@ -88,6 +96,16 @@ class Identifier(ABC):
     def without_bootstrap(self) -> "Identifier":
         """This identifier without bootstrap standard errors, for a cross-validation."""
         return self
+
+
+def with_interval(identifier: Identifier, identified: Identified) -> Identified:
+    """Add the finding `interval_of_estimate` to a model with standard errors, unless it has it."""
+    errors = identified.std_error
+    known = any(finding.name == INTERVAL_OF_ESTIMATE for finding in identified.findings)
+    if known or errors is None or not np.any(np.isfinite(errors)):
+        return identified
+    finding = Finding(INTERVAL_OF_ESTIMATE, "all", float(not identifier.interval_covers))
+    return replace(identified, findings=(*identified.findings, finding))
 
 
 def check_needs(

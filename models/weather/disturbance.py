@@ -107,7 +107,7 @@ class Disturbance:
         """A realisation over n control instants; the same generators give the same weather.
 
         `weather_rng` and the control period [s] are required for every varying part except the
-        measurement noise.
+        measurement noise. A generator stays as it was if nothing random depends on it.
         """
         weather = self._measured(n, dofs, noise_rng)
         parts = self.parts
@@ -115,19 +115,30 @@ class Disturbance:
             if any(part is not None and part.varies for part in parts):
                 raise TypeError("weather_rng and period_s are required by a part that varies")
             weather_rng, period_s = np.random.default_rng(0), 0.0
+        before, used = weather_rng.bit_generator.state, False
         seeds = weather_rng.integers(0, 2**63, size=len(parts))
         for part, seed in zip(parts, seeds, strict=True):
             if part is not None:
-                weather = part.added(weather, dofs, period_s, np.random.default_rng(seed))
+                rng = np.random.default_rng(seed)
+                fresh = rng.bit_generator.state
+                weather = part.added(weather, dofs, period_s, rng)
+                used = used or rng.bit_generator.state != fresh
+        if not used:
+            weather_rng.bit_generator.state = before
         if len(weather.wind_ned):
-            deviation = 0.0 if self.noise is None else self.noise.wind_m_s
-            weather = weather._replace(wind_noise=deviation * noise_rng.standard_normal((n, 2)))
+            wind_noise = np.zeros((n, 2))
+            if self.noise is not None and self.noise.wind_m_s:
+                wind_noise = self.noise.wind_m_s * noise_rng.standard_normal((n, 2))
+            weather = weather._replace(wind_noise=wind_noise)
         return weather
 
     def _measured(self, n: int, dofs: Sequence[str], noise_rng: np.random.Generator) -> Weather:
         """Weather with the measurement noise and zero force."""
-        deviations = np.zeros((3, len(dofs))) if self.noise is None else self.noise.deviations(dofs)
-        draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
+        draws = np.zeros((n, 3, len(dofs)))
+        if self.noise is not None:
+            deviations, wind = self.noise.deviations(dofs), self.noise.wind_m_s
+            if np.any(deviations) or wind:  # a generator that gives nothing is left as it was
+                draws = noise_rng.standard_normal((n, 3, len(dofs))) * deviations
         pose, velocity, acceleration = (np.ascontiguousarray(draws[:, i]) for i in range(3))
         return Weather(pose, velocity, acceleration, np.zeros((n, len(dofs))))
 

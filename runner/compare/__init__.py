@@ -7,6 +7,7 @@ The modules that need SQLAlchemy or matplotlib are loaded when a command first u
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import browse as browse
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
@@ -25,7 +26,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("browse", "comparison_table", "housekeeping", "plots", "printed_figures"),
+            *("audit", "browse", "comparison_table", "housekeeping", "plots", "printed_figures"),
             *("published", "published_page", "published_summary"),
             *("report", "results", "runs", "selection"),
         ],

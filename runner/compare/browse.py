@@ -15,6 +15,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database.engine import open_to_read
 from seatrial.runner.database.tables import Base
+from seatrial.runner.record.catalogue import METRICS
 
 HOST = "127.0.0.1"
 LICENCE_NOTE = "Numbers are SI, angles radians, unless a column `unit` says otherwise; times UTC."
@@ -46,27 +47,11 @@ COLUMNS = {
     "std_error": "standard error of the estimate, in the row's unit",
     "true_value": "the plant's value, where it is known",
     "relative_error": "|value - true_value| / |true_value|",
-    "below_true_model": "1 where the force error fits lag or feedback, not the vessel",
-    "force_mse": "mean square lack of fit of the force, held-out part [N^2 or (Nm)^2]",
-    "force_mae": "mean absolute lack of fit of the force [N or Nm]",
-    "force_mse_filtered": "as force_mse, corrected for thruster lag [N^2 or (Nm)^2]",
-    "coefficient_error": "largest relative error of a coefficient [1]",
-    "pose_rmse_one_step": "RMS pose error one step ahead, held-out part; hides bias",
-    "pose_rmse_ten_step": "the same ten steps ahead [m or rad]",
-    "pose_rmse_free_run": "the same of a free run from the first sample [m or rad]",
-    "velocity_rmse_one_step": "as pose_rmse_one_step [m/s or rad/s]; hides bias",
-    "velocity_rmse_ten_step": "the same ten steps ahead [m/s or rad/s]",
-    "velocity_rmse_free_run": "the same of a free run from the first sample [m/s or rad/s]",
-    "e_pos_mae": "mean absolute position error [m]",
-    "e_pos_mse": "mean square position error [m^2]",
-    "e_psi_mae": "mean absolute heading error [deg]",
-    "e_psi_mse": "mean square heading error [deg^2]",
-    "nu_mse": "mean square velocity error [(m/s)^2 or (rad/s)^2]",
-    "nu_dot_mse": "mean square acceleration error [(m/s^2)^2 or (rad/s^2)^2]",
-    "tau_mean_abs": "mean absolute force [N or Nm]",
-    "tau_fb_mean_abs": "mean absolute feedback force [N or Nm]",
-    "power_mean": "mean power [W]",
-    "iaew": "integral of absolute error times work [m J s or rad J s]",
+    **{
+        metric.name: f"{metric.formula} [{metric.units or '1'}]"
+        for metric in METRICS
+        if metric.wide
+    },
 }
 QUERIES = {
     "compare_identifiers": (

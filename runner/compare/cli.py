@@ -37,6 +37,21 @@ Where = Annotated[
         "--where", help='Only runs that meet this condition: "seed<10 and identifier=ls".'
     ),
 ]
+Sweep = Annotated[
+    str | None,
+    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: the newest sweep]"),
+]
+EverySweep = Annotated[
+    str | None,
+    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: all]"),
+]
+Tag = Annotated[
+    str | None, typer.Option("--tag", help="Only sweeps with this tag, all of them by default.")
+]
+Pool = Annotated[
+    list[str] | None,
+    typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
+]
 ResultsDir = Annotated[
     Path | None,
     typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
@@ -145,10 +160,13 @@ class TableOptions:
         Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
     ] = "t"
     baseline: Annotated[
-        str | None,
+        Several,
         typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
     ] = None
     where: Where = None
+    sweep: Sweep = None
+    tag: Tag = None
+    pool: Pool = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
     database: Database = DEFAULT_DATABASE
     form: Form = Format.RICH
@@ -193,6 +211,9 @@ class PlotOptions:
         ),
     ] = None
     where: Where = None
+    sweep: Sweep = None
+    tag: Tag = None
+    pool: Pool = None
     output: Annotated[
         Path | None,
         typer.Option(

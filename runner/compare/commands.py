@@ -10,9 +10,11 @@ from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     MOST,
     Database,
+    EverySweep,
     Form,
     PlotOptions,
     TableOptions,
+    Tag,
     Where,
     app,
     axes_of,
@@ -32,13 +34,15 @@ from seatrial.runner.record.catalogue import all_declared
 def runs(
     database: Database = DEFAULT_DATABASE,
     where: Where = None,
+    sweep: EverySweep = None,
+    tag: Tag = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
     limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of runs, newest first.")] = 50,
     form: Form = Format.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""
     with compare.results.open_results(database) as results:
-        show_grid(compare.runs.run_list(results, where, status, limit), form)
+        show_grid(compare.runs.run_list(results, where, status, limit, sweep, tag), form)
 
 
 @app.command()
@@ -108,6 +112,9 @@ def plot(options: PlotOptions) -> None:
         facet=options.facet,
         log=options.log,
         where=options.where,
+        sweep=options.sweep,
+        tag=options.tag,
+        pool=split(options.pool),
     )
     with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")

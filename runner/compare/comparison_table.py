@@ -2,20 +2,27 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from seatrial.runner.compare.grid import Cell as GridCell
 from seatrial.runner.compare.grid import Grid, Scalar, number_text, unit_text, with_unit
-from seatrial.runner.compare.pivot import Cell, Key, Pivot, against_baseline, best_cells, pivot
+from seatrial.runner.compare.pivot import (
+    Cell,
+    Key,
+    Pivot,
+    Place,
+    against_baseline,
+    best_cells,
+    pivot,
+)
 from seatrial.runner.compare.results import OWN_FACTORS, Results
-from seatrial.runner.compare.selection import Found, TableRequest, gather, pooled
+from seatrial.runner.compare.selection import Selection, TableRequest, gather
 from seatrial.runner.compare.statistics import SAME, PairedTest, loss, summary
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import UNFINISHED
 
-Place = tuple[Key, Key]
 EMPTY = "–"
 MARK = "†"
 UNSETTLED, INFEASIBLE = "‡", "§"
@@ -32,9 +39,18 @@ INFEASIBLE_NOTE = (
     f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
 )
 TEST_NOTE = (
-    "× is the ratio of means to {}; p is that of the two-sided Wilcoxon signed-rank test over"
-    " paired seeds (not corrected for multiple comparisons); won is the number of pairs in which it"
-    " is better"
+    "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
+    " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
+    " pairs (not corrected for multiple comparisons); won is the number of pairs in which it is"
+    " better"
+)
+ESTIMATE_NOTE = (
+    "se of the estimate: an interval of this identifier is one of its estimate, not of the"
+    " coefficient, because it does not include the bias"
+)
+DIVERGED_NOTE = (
+    "not included: {} prediction{} that diverged (see the metrics limited_share_... and"
+    " held_free_run)"
 )
 
 
@@ -45,14 +61,15 @@ def comparison(results: Results, request: TableRequest) -> Grid:
     statistics of a cell.
     """
     selection = gather(results, request)
-    rows = (*selection.extra, *request.rows)
+    rows = (*selection.extra, *request.rows, *selection.split)
     table = pivot(
-        selection.shown, selection.runs, rows, request.columns, selection.flagged, request.names
-    )
+        selection.shown, selection.runs, rows, request.columns, selection.flagged, request.names,
+        selection.likeness, selection.diverged,
+    )  # fmt: skip
     tests = {}
-    if request.baseline is not None:
-        tests = against_baseline(table, selection.all, *request.baseline)
-    return _Writer(request, selection, table, tests, pooled(results, table)).grid()
+    if request.baseline:
+        tests = against_baseline(table, selection.all, request.baseline, selection.likeness)
+    return _Writer(request, selection, table, tests).grid()
 
 
 class _Writer:
@@ -61,20 +78,19 @@ class _Writer:
     def __init__(
         self,
         request: TableRequest,
-        selection: Found,
+        selection: Selection,
         table: Pivot,
         tests: Mapping[Place, PairedTest],
-        notes: Sequence[str],
     ) -> None:
         self.request, self.selection = request, selection
         self.table, self.tests = table, tests
-        self.notes, self.row_keys = notes, table.row_keys
+        self.row_keys = table.row_keys
         self.figures = {
             place: summary(cell.sample, request.statistics, request.interval)
             for place, cell in table.cells.items()
         }
         self.location = {place: self._location(cell) for place, cell in table.cells.items()}
-        self.best = best_cells(table, self._losses())
+        self.best = best_cells(table, self._losses(), selection.likeness)
 
     def grid(self) -> Grid:
         """Return the table; it has a column of units if the rows have different units."""
@@ -89,7 +105,7 @@ class _Writer:
         ]
         labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
         headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
-        notes = [*self.notes, *self._qualifications()]
+        notes = self._qualifications()
         return Grid(self._title(), headers, rows, len(labels), notes, self._records())
 
     def _name(self, factor: str) -> str:
@@ -112,9 +128,12 @@ class _Writer:
         """Return the loss of a value; for a coefficient the distance from the true value."""
         if self.request.of_coefficients:
             return abs(value - _truth(self.table.cells[place]))
-        name = self.table.level(*place, "metric") or self.selection.fixed.get("metric") or ""
-        better = definition_of(name).better
+        better = definition_of(self._metric(place)).better
         return math.nan if better is None else float(loss(np.array(value), better))
+
+    def _metric(self, place: Place) -> str:
+        """Return the metric of a cell."""
+        return self.table.level(*place, "metric") or self.selection.fixed.get("metric") or ""
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
@@ -126,13 +145,23 @@ class _Writer:
         text += f" {' '.join(marks)}" if marks else ""
         text += _counts_text(cell, self.request)
         if self.request.of_coefficients and cell.observed:
-            text += _uncertainty_text(cell, self.request.digits)
+            text += _uncertainty_text(cell, self.request.digits, self._of_estimate(cell))
         if place in self.tests:
-            text += "\n" + _test_text(self.tests[place])
+            text += "\n" + _test_text(
+                self.tests[place], len(cell.observed), self.request.digits,
+                definition_of(self._metric(place)).score,
+            )  # fmt: skip
         elif self._is_baseline(place) and cell.observed:
             text += "\nbaseline"
         value = self.location[place]
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
+
+    def _of_estimate(self, cell: Cell) -> bool:
+        """Return whether a standard error of a cell is of the estimate, not of the coefficient."""
+        return any(
+            observation.std_error is not None and observation.run.id not in self.selection.covering
+            for observation in cell.observed
+        )
 
     def _flaws(self, cells: Iterable[Cell]) -> list[tuple[str, str]]:
         """Return marks and notes on flaws of the controllers behind the deployment metrics."""
@@ -148,10 +177,12 @@ class _Writer:
         )
 
     def _is_baseline(self, place: Place) -> bool:
-        if self.request.baseline is None:
-            return False
-        factor, level = self.request.baseline
-        return self.table.level(*place, factor) == level
+        """Return whether the numbers of a cell are the baseline's."""
+        observed = self.table.cells[place].observed
+        levels = self.request.baseline.items()
+        return bool(levels) and all(
+            o.level(name) == level for o in observed for name, level in levels
+        )
 
     def _unit(self, row: Key | None = None, column: Key | None = None) -> str:
         """Return the unit of a row, a column or the whole table; MIXED if there are several."""
@@ -176,10 +207,19 @@ class _Writer:
         about = [with_unit(subject, "" if unit == MIXED else unit)]
         about += [fixed[name] for name in factors if name in fixed]
         runs = len({run.id for run in self.selection.runs})
-        return f"{', '.join(about)}: {_statistics_text(self.request)}, {runs} run{'s'[: runs != 1]}"
+        scope = f", {self.selection.scope}" if self.selection.scope else ""
+        counted = f"{runs} run{'s'[: runs != 1]}{scope}"
+        return f"{', '.join(about)}: {_statistics_text(self.request)}, {counted}"
 
     def _qualifications(self) -> list[str]:
         notes = []
+        if self.selection.split:
+            notes.append(
+                f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
+                f" (--pool {','.join(self.selection.split)} averages over it)"
+            )
+        if self.request.pool:
+            notes.append(f"cells average over {', '.join(self.request.pool)}, as requested")
         if any(cell.flagged for cell in self.table.cells.values()):
             notes.append(FLAG_NOTE)
         shown = {
@@ -187,8 +227,13 @@ class _Writer:
         }
         notes += sorted({definition_of(name).note for name in shown} - {""})
         notes += [note for _, note in self._flaws(self.table.cells.values())]
-        if self.tests and self.request.baseline is not None:
-            notes.append(TEST_NOTE.format("=".join(self.request.baseline)))
+        if self.tests:
+            notes.append(TEST_NOTE.format(_baseline_text(self.request)))
+        if any(map(self._of_estimate, self.table.cells.values())):
+            notes.append(ESTIMATE_NOTE)
+        diverged = sum(cell.diverged for cell in self.table.cells.values())
+        if diverged:
+            notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
         unfinished = Counter(run.status for run in self.selection.runs if run.status != "finished")
         if unfinished:
             counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
@@ -219,10 +264,14 @@ class _Writer:
         record |= self.figures[place]
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
+            record["interval_of_estimate"] = self._of_estimate(cell)
         record["n"] = len(cell.observed)
         for status in UNFINISHED:
             record[status] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
+        record["diverged_predictions"] = cell.diverged
+        record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
+        record["deterministic"] = cell.deterministic
         record["below_true_model"] = cell.flagged
         marks = [mark for mark, _ in self._flaws([cell])]
         record["unsettled"], record["infeasible"] = UNSETTLED in marks, INFEASIBLE in marks
@@ -230,12 +279,13 @@ class _Writer:
         return record | self._test_record(place)
 
     def _test_record(self, place: Place) -> dict[str, Scalar]:
-        if self.request.baseline is None:
+        if not self.request.baseline:
             return {}
         test = self.tests.get(place)
         return {
-            "baseline": "=".join(self.request.baseline),
+            "baseline": _baseline_text(self.request),
             "ratio": test.ratio if test else None,
+            "difference": test.difference if test else None,
             "p_value": test.p_value if test else None,
             "wins": test.wins if test else None,
             "pairs": test.pairs if test else None,
@@ -280,17 +330,22 @@ def _spread_text(figures: Mapping[str, float | int]) -> str:
 def _counts_text(cell: Cell, request: TableRequest) -> str:
     """Return ` (n=18, 2 failed)`; missing runs are shown with any choice of statistics."""
     counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
+    if cell.diverged:
+        held = "" if math.isnan(cell.held_s) else f", held {number_text(cell.held_s, 2)} s"
+        counts.append(f"{cell.diverged} diverged in prediction{held}")
     if cell.without:
         counts.append(f"{cell.without} without value")
     if "n" in request.statistics and cell.observed:
-        counts.insert(0, f"n={len(cell.observed)}")
+        once = cell.deterministic and len(cell.observed) == 1
+        counts.insert(0, "deterministic" if once else f"n={len(cell.observed)}")
     return f" ({', '.join(counts)})" if counts else ""
 
 
-def _uncertainty_text(cell: Cell, digits: int) -> str:
-    """Return the standard error of the estimate and the true value, if known."""
+def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
+    """Return the standard error and the true value, if known."""
     error, truth = _std_error(cell), _truth(cell)
-    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}"]
+    what = " of the estimate" if of_estimate else ""
+    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}{what}"]
     if not math.isnan(truth):
         texts.append(f"true {number_text(truth, digits)}")
     return "\n" + ", ".join(texts) if texts else ""
@@ -311,10 +366,19 @@ def _truth(cell: Cell) -> float:
     return math.nan if truth is None else truth
 
 
-def _test_text(test: PairedTest) -> str:
+def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
     if not test.pairs:
-        return "no pairs"
-    p_value = "p –" if math.isnan(test.p_value) else f"p {test.p_value:.2g}"
+        return "no counterpart"
+    p_value = f"p {test.p_value:.2g}"
+    if math.isnan(test.p_value):
+        p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
     ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
+    if is_score:
+        ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
     won = "" if test.wins is None else f", won {test.wins}/{test.pairs}"
-    return f"{ratio}, {p_value}{won}"
+    own = f" (mean {number_text(test.mean, digits)} of the pairs)" if test.pairs != n else ""
+    return f"{ratio}, {p_value}{won}{own}"
+
+
+def _baseline_text(request: TableRequest) -> str:
+    return ", ".join(f"{name}={level}" for name, level in request.baseline.items())

@@ -30,7 +30,9 @@ def retry_commands(results: Results, where: str | None, statuses: Sequence[str])
     ConfigurationError for any other status.
     """
     _check_statuses(statuses, LOST)
-    candidates = [run for run in runs_of(results, where, statuses) if not run.superseded]
+    candidates = [
+        run for run in runs_of(results, results.where(where), statuses) if not run.superseded
+    ]
     return [
         repeat_command(
             results.reader.run(run.run_id).overrides, results.reader.address.path, rerun=False

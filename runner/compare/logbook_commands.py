@@ -1,4 +1,7 @@
-"""Commands on the whole logbook: report, published, retry, export, prune, verify, scrub, browse."""
+"""Commands on the whole logbook.
+
+report, published, doctor, retry, export, prune, verify, scrub and browse.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -11,9 +14,12 @@ from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     Database,
+    EverySweep,
     Form,
     ResultsDir,
     Several,
+    Sweep,
+    Tag,
     Where,
     app,
     axes_of,
@@ -28,7 +34,8 @@ from seatrial.runner.compare.formats import Format
 @app.command()
 def report(
     database: Database = DEFAULT_DATABASE,
-    sweep: Annotated[int | None, typer.Option(help="Only the runs of this sweep.")] = None,
+    sweep: Sweep = None,
+    tag: Tag = None,
     where: Where = None,
     rows: Annotated[
         str | None, typer.Option("--rows", "-r", help="Factor of the rows.  [default: identifier]")
@@ -49,7 +56,7 @@ def report(
     results_dir: ResultsDir = None,
 ) -> None:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, title)
+    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, tag, title)
     with compare.results.open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         compare.report.write_report(results, request, file)
@@ -148,6 +155,19 @@ def verify(
     show_grid(grid, form)
     if not intact:
         raise typer.Exit(1)
+
+
+@app.command()
+def doctor(
+    database: Database = DEFAULT_DATABASE,
+    where: Where = None,
+    sweep: EverySweep = None,
+    tag: Tag = None,
+    form: Form = Format.RICH,
+) -> None:
+    """List runs that mislead in a comparison, with the remedy: nothing is changed."""
+    with compare.results.open_results(database) as results:
+        show_grid(compare.audit.audit(results, where, sweep, tag), form)
 
 
 @app.command()

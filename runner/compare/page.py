@@ -1,6 +1,7 @@
 """Self-contained HTML pages: templates, figures as inline SVG, and atomic writing of files."""
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import StringIO
@@ -16,6 +17,7 @@ from seatrial.runner.database.terminal import visible
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SQLITE = b"SQLite format 3\0"  # the first bytes of a database
 WIDE = 7.0  # a wider figure fills a row of the page [inch]
 CSS_PX_PER_POINT = 4.0 / 3.0
 LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
@@ -48,13 +50,25 @@ def write_page(page: str, file: Path) -> None:
     """Write a page atomically; raises LogbookError if the file cannot be written."""
     if not file.name:
         raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
+    if _is_database(file):
+        raise LogbookError(f"{file}: got a SQLite database, expected the name of the report")
+    temporary = file.with_name(f".{file.name}.tmp")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_name(f".{file.name}.tmp")
         temporary.write_text(visible(page), encoding="utf-8")
         temporary.replace(file)
     except OSError as error:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
+
+
+def _is_database(file: Path) -> bool:
+    try:
+        with file.open("rb") as stream:
+            return stream.read(len(SQLITE)) == SQLITE
+    except OSError:  # there is none; or what it is shows when it is written
+        return False
 
 
 def picture(figure: "Figure", caption: str, prefix: str) -> Picture:

@@ -1,37 +1,47 @@
 """Grouping of observations into the cells of a table, the best cells and the paired baseline."""
 
+import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from seatrial.runner.compare.likeness import Counterparts, Likeness, within
 from seatrial.runner.compare.results import FINISHED, OWN_FACTORS, Observation, Run, ordered
 from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
-from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.vocabulary import DOF_ORDER, GROUPS, MODELS
+from seatrial.runner.record.catalogue import HORIZONS, definition_of
+from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
 
 Key = tuple[str, ...]
-# Cells that differ in one of these factors are not compared with each other.
-CIRCUMSTANCES = (
-    *("metric", "stage", "dof"),
-    *("vessel", "plant", "disturbance", "excitation", "evaluation", "seed"),
-)
+Place = tuple[Key, Key]
+Prediction = tuple[int, str, str]  # run, model and horizon
+# Cells are compared with each other if they differ in nothing but these.
+COMPARED = ("identifier", "controller", "update")
 
 
 @dataclass(frozen=True)
 class Cell:
     """The content of one cell.
 
-    `observed` are the finite values; `unfinished` counts the unfinished runs by status, `without`
-    the finished runs that lack this number, and `flagged` the runs below the true model, which fit
-    lag or feedback instead of the vessel.
+    `observed` are the finite values, one for each experiment; `unfinished` counts the unfinished
+    runs by status, `diverged` the validations of finished runs that diverged, `without` the other
+    finished runs that lack this number, and `flagged` the runs below the true model, which fit lag
+    or feedback instead of the vessel. `deterministic` says that no number depends on a seed.
     """
 
     observed: Sequence[Observation] = ()
     unfinished: Mapping[str, int] = field(default_factory=dict)
     without: int = 0
     flagged: int = 0
+    diverged: int = 0
+    held_s: float = math.nan  # median time that the diverged free runs held
+    deterministic: bool = False
+
+    @property
+    def lost(self) -> bool:
+        """Whether an experiment of the cell failed or diverged."""
+        return self.diverged > 0 or any(self.unfinished.get(name, 0) for name in LOST)
 
     @property
     def sample(self) -> Sample:
@@ -66,11 +76,15 @@ def pivot(
     column_factors: Key,
     flagged: frozenset[tuple[int, str]] = frozenset(),
     name_order: Sequence[str] = (),
+    likeness: Likeness | None = None,
+    diverged: Mapping[Prediction, float] | None = None,
 ) -> Pivot:
     """Group observations of `runs` by the levels of the factors.
 
     `runs` are all runs of the table, finished or not; `flagged` holds (run id, dof) of those below
-    the true model; `name_order` is the order of the metrics in the request.
+    the true model, `diverged` the predictions that diverged with the time that they held [s];
+    `name_order` is the order of the metrics in the request. With `likeness` every experiment counts
+    once.
     """
     grouped: dict[tuple[Key, Key], list[Observation]] = defaultdict(list)
     for observation in observations:
@@ -83,7 +97,8 @@ def pivot(
     for row, column in keys:
         part = _run_part(row + column, (*row_factors, *column_factors))
         members = by_run_part.get(part, [])
-        cells[row, column] = _cell(grouped.get((row, column), []), members, flagged)
+        observed = grouped.get((row, column), [])
+        cells[row, column] = _cell(observed, members, flagged, likeness, diverged or {})
     order = _KeyOrder(name_order)
     rows = order.sort((row for row, _ in keys), row_factors)
     columns = order.sort((column for _, column in keys), column_factors)
@@ -91,14 +106,34 @@ def pivot(
 
 
 def _cell(
-    observations: Sequence[Observation], runs: Sequence[Run], flagged: frozenset[tuple[int, str]]
+    observations: Sequence[Observation],
+    runs: Sequence[Run],
+    flagged: frozenset[tuple[int, str]],
+    likeness: Likeness | None,
+    diverged: Mapping[Prediction, float],
 ) -> Cell:
     finite = [o for o in observations if o.value is not None and np.isfinite(o.value)]
     run_ids = {o.run.id for o in finite}
+    lost = [o for o in observations if o.run.id not in run_ids and prediction_of(o) in diverged]
+    run_ids |= {o.run.id for o in lost}
     unfinished = Counter(run.status for run in runs if run.status != FINISHED)
     without = sum(run.status == FINISHED and run.id not in run_ids for run in runs)
+    deterministic = False
+    if likeness is not None:
+        deterministic = bool(finite) and all(likeness.seed(o) is None for o in finite)
+        finite, lost = likeness.distinct(finite), likeness.distinct(lost)
     flagged_ids = {o.run.id for o in finite if is_flagged(o, flagged)}
-    return Cell(finite, dict(unfinished), without, len(flagged_ids))
+    held = [diverged[prediction_of(o)] for o in lost]
+    return Cell(
+        finite, dict(unfinished), without, len(flagged_ids), len({o.run.id for o in lost}),
+        float(np.median(held)) if held else math.nan, deterministic,
+    )  # fmt: skip
+
+
+def prediction_of(observation: Observation) -> Prediction:
+    """Return the run, the model and the horizon of the prediction that a metric is about."""
+    horizon = next((name for name in HORIZONS if observation.name.endswith(f"_{name}")), "")
+    return observation.run.id, observation.model, horizon
 
 
 def is_flagged(observation: Observation, flagged: frozenset[tuple[int, str]]) -> bool:
@@ -167,59 +202,78 @@ class _KeyOrder:
         return sorted(distinct, key=lambda key: [r[v] for r, v in zip(ranks, key, strict=True)])
 
 
-def best_cells(table: Pivot, loss: Mapping[tuple[Key, Key], float]) -> set[tuple[Key, Key]]:
-    """Return the cells to set in bold: the best among those under equal conditions.
+def best_cells(
+    table: Pivot, loss: Mapping[Place, float], likeness: Likeness | None = None
+) -> set[Place]:
+    """Return the cells to set in bold: the best among those under equal circumstances.
 
     `loss` is the number that cells are compared by: smaller is better, NaN excludes a cell. Cells
-    below the true model are excluded, because they do not fit the vessel.
+    below the true model are excluded, because they do not fit the vessel, and so are cells that
+    lost an experiment, because the remaining ones are the easier ones.
     """
-    groups: dict[Key, list[tuple[Key, Key]]] = defaultdict(list)
-    factors = (*table.row_factors, *table.column_factors)
-    positions = [i for i, factor in enumerate(factors) if factor.partition(".")[0] in CIRCUMSTANCES]
-    for row, column in table.cells:
-        groups[tuple((row + column)[i] for i in positions)].append((row, column))
+    groups: dict[Hashable, list[Place]] = defaultdict(list)
+    for place, cell in table.cells.items():
+        groups[_circumstances(table, place, cell, likeness)].append(place)
     best = set()
     for members in groups.values():
         candidates = [key for key in members if np.isfinite(loss[key])]
-        candidates = [key for key in candidates if not table.cells[key].flagged]
+        candidates = [
+            key for key in candidates if not (table.cells[key].flagged or table.cells[key].lost)
+        ]
         if len(members) > 1 and candidates:
             lowest = min(loss[key] for key in candidates)
             best |= {key for key in candidates if abs(loss[key] - lowest) <= SAME * abs(lowest)}
     return best
 
 
-def against_baseline(
-    table: Pivot, observations: Sequence[Observation], factor: str, level: str
-) -> dict[tuple[Key, Key], PairedTest]:
-    """Test each cell against the runs with `factor` equal to `level`, paired by seed and choices.
+def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness | None) -> Hashable:
+    """Return what must be equal for two cells to be compared with each other."""
+    named = zip((*table.row_factors, *table.column_factors), place[0] + place[1], strict=True)
+    own = tuple(
+        (factor, level)
+        for factor, level in named
+        if factor in ("metric", "stage", "dof") or not within(factor, (*COMPARED, *OWN_FACTORS))
+    )
+    if likeness is None:
+        return own
+    shared = frozenset(
+        (name, level)
+        for observation in cell.observed[:1]
+        for name, level in likeness.of(observation).items()
+        if not within(name, COMPARED)
+    )
+    return own, shared
 
-    `observations` are the numbers of the table. Cells of the baseline itself are omitted. Trials of
-    one cell with equal seed and choices count as one pair, with their mean.
+
+def against_baseline(
+    table: Pivot,
+    observations: Sequence[Observation],
+    baseline: Mapping[str, str],
+    likeness: Likeness,
+) -> dict[Place, PairedTest]:
+    """Test each cell against its counterparts, which have the levels of `baseline`.
+
+    A counterpart is equal in everything but the factors of the baseline, and in the seed if
+    numbers depend on it. Where the baseline has several configurations, a counterpart is also
+    equal in what they differ in. Cells of the baseline itself are omitted; a cell without a
+    counterpart has a test without pairs. Each pair of experiments counts once.
     """
-    factors = (*GROUPS, "seed", *OWN_FACTORS, *table.row_factors, *table.column_factors)
-    shared_factors = tuple(
-        dict.fromkeys(f for f in factors if not f"{f}.".startswith(f"{factor}."))
-    )
-    reference = _means(
-        (o for o in observations if o.level(factor) == level and o.value is not None),
-        shared_factors,
-    )
+    counterparts = Counterparts(observations, baseline, likeness, _named(table, baseline))
     tests = {}
-    for (row, column), cell in table.cells.items():
-        own = [o for o in cell.observed if o.level(factor) != level]
+    for place, cell in table.cells.items():
+        own = [o for o in cell.observed if not counterparts.is_reference(o)]
         if own:
-            values = _means(own, shared_factors)
-            common = sorted(values.keys() & reference.keys())
-            better = definition_of(own[0].name).better
-            left = np.array([values[key] for key in common], dtype=np.float64)
-            right = np.array([reference[key] for key in common], dtype=np.float64)
-            tests[row, column] = paired_test(left, right, better)
+            pairs = counterparts.pairs(own)
+            left, right = (
+                (np.array(side, dtype=np.float64) for side in zip(*pairs, strict=True))
+                if pairs
+                else (np.zeros(0), np.zeros(0))
+            )
+            tests[place] = paired_test(left, right, definition_of(own[0].name).better)
     return tests
 
 
-def _means(observations: Iterable[Observation], factors: Key) -> dict[Key, float]:
-    grouped: dict[Key, list[float]] = defaultdict(list)
-    for observation in observations:
-        if observation.value is not None and np.isfinite(observation.value):
-            grouped[_key(observation, factors)].append(observation.value)
-    return {key: float(np.mean(values)) for key, values in grouped.items()}
+def _named(table: Pivot, baseline: Mapping[str, str]) -> Key:
+    """Return the factors of the table that the baseline does not fix."""
+    factors = (*table.row_factors, *table.column_factors)
+    return tuple(name for name in factors if name not in baseline and name not in OWN_FACTORS)

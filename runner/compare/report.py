@@ -16,7 +16,7 @@ from seatrial.runner.compare.page import Picture, picture, render_page, write_pa
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import Results, Run, ordered
-from seatrial.runner.compare.runs import RUN_COLUMNS, plain
+from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.mask import without_passwords
@@ -50,7 +50,8 @@ class ReportRequest:
     rows: str = "identifier"
     columns: str = "disturbance"
     where: str | None = None
-    sweep: int | None = None
+    sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
     title: str | None = None
 
 
@@ -73,14 +74,14 @@ def write_report(results: Results, request: ReportRequest, file: Path) -> None:
 
 def render_report(results: Results, request: ReportRequest) -> str:
     """Return the page as text; raises ConfigurationError if no run matches."""
-    where = _where(results, request)
-    condition = results.where(where)
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition)
     sweeps = _sweeps(results, runs)
-    pictures, trouble = _pictures(results, request, where, runs)
+    tables, refused = _tables(results, request, runs)
+    pictures, trouble = _pictures(results, request)
     return render_page(
         "report.html",
-        title=request.title or _title(sweeps, request),
+        title=request.title or (f"Sea trials, {scope}" if scope else "Sea trials"),
         database=str(results.reader.address),
         where=request.where,
         statuses=Counter(run.status for run in runs),
@@ -88,35 +89,14 @@ def render_report(results: Results, request: ReportRequest) -> str:
         varied=_varied(runs),
         sweeps=sweeps,
         settings=_settings(results, runs),
-        tables=_tables(results, request, where, runs),
+        tables=tables,
         pictures=pictures,
-        trouble=trouble,
+        trouble=[*refused, *trouble],
         warnings=_warnings(results, condition),
         failures=_failures(results, runs),
         provenance=_provenance(results, condition),
         listed=html_table(_listed(results, runs)),
     )
-
-
-def _where(results: Results, request: ReportRequest) -> str | None:
-    """Return the condition, restricted to the runs of the sweep and those it reused."""
-    if request.sweep is None:
-        return request.where
-    sweeps = [sweep.id for sweep in results.reader.sweeps()]
-    if request.sweep not in sweeps:
-        expected = f"one of 1 to {max(sweeps)}" if sweeps else "no sweep: the logbook has none"
-        raise ConfigurationError(f"--sweep: got {request.sweep}, expected {expected}")
-    ids = results.of_sweep(request.sweep)
-    if not ids:
-        raise ConfigurationError(f"--sweep: sweep {request.sweep} has no runs yet")
-    in_sweep = f"id in ({', '.join(map(str, ids))})"
-    return f"({request.where}) and {in_sweep}" if request.where else in_sweep
-
-
-def _title(sweeps: Sequence[SweepSummary], request: ReportRequest) -> str:
-    if request.sweep is not None and sweeps:
-        return f"Sea trials, sweep {request.sweep}"
-    return "Sea trials"
 
 
 def _sweeps(results: Results, runs: Sequence[Run]) -> list[SweepSummary]:
@@ -149,36 +129,42 @@ def _settings(results: Results, runs: Sequence[Run]) -> Markup:
 
 
 def _tables(
-    results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
-) -> list[Section]:
+    results: Results, request: ReportRequest, runs: Sequence[Run]
+) -> tuple[list[Section], list[str]]:
+    """Return the tables, and messages on those whose runs differ in too much."""
     levels = {run.levels.get(request.rows) for run in runs}
-    baseline = (request.rows, "none") if "none" in levels and len(levels) > 1 else None
-    stored, sections = results.metric_names(), []
-    vessel_rows = ("vessel",) if _several_vessels(runs) and request.rows != "vessel" else ()
+    baseline = {request.rows: "none"} if "none" in levels and len(levels) > 1 else {}
+    stored, sections, messages = results.metric_names(), [], []
     for metric, shown in TABLES.items():
         if metric not in stored:
             continue
         table_request = TableRequest(
             names=[metric],
-            rows=(*vessel_rows, request.rows),
+            rows=(request.rows,),
             columns=(request.columns,),
             baseline=baseline,
-            where=where,
+            where=request.where,
+            sweep=request.sweep,
+            tag=request.tag,
         )
-        grid = comparison(results, table_request)
+        caption = definition_of(metric).caption
+        try:
+            grid = comparison(results, table_request)
+        except ConfigurationError as error:
+            messages.append(f"{caption}: {error}")
+            continue
         if any(cell.sort is not None for row in grid.rows for cell in row):
-            sections.append(Section(definition_of(metric).caption, html_table(grid), shown))
-    return sections
+            sections.append(Section(caption, html_table(grid), shown))
+    return sections, messages
 
 
-def _pictures(
-    results: Results, request: ReportRequest, where: str | None, runs: Sequence[Run]
-) -> tuple[list[Picture], list[str]]:
+def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], list[str]]:
     """Return every figure that the runs have data for, and messages on failed figures."""
     pictures: list[Picture] = []
     messages: list[str] = []
-    facet = "vessel" if _several_vessels(runs) else None
-    shared = PlotRequest(columns=request.columns, facet=facet, where=where)
+    shared = PlotRequest(
+        columns=request.columns, where=request.where, sweep=request.sweep, tag=request.tag
+    )
     kinds = sorted(
         (entry for entry in figures().values() if entry.caption), key=lambda entry: entry.place
     )
@@ -213,10 +199,6 @@ def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[
             yield figure.caption, replace(request, facet=request.columns)
         case _:
             yield figure.caption, request
-
-
-def _several_vessels(runs: Sequence[Run]) -> bool:
-    return len({run.levels["vessel"] for run in runs}) > 1
 
 
 def _is_dof(dofs: Sequence[str]) -> bool:
@@ -256,6 +238,6 @@ def _listed(results: Results, runs: Sequence[Run]) -> Grid:
     chosen = [run.id for run in runs][-MOST_LISTED:]
     summaries = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
     names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]
-    rows = [[plain(getattr(run, name)) for name in names] for run in summaries]
+    rows = run_rows(results, summaries, names)
     notes = [f"the newest {MOST_LISTED} of {len(runs)}"] if len(runs) > MOST_LISTED else []
     return grid_of("", names, rows, labels=1, notes=notes)

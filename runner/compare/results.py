@@ -17,8 +17,9 @@ from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import Expression, Names, flat
-from seatrial.runner.compare.where import Condition, parse
+from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
 from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
@@ -28,6 +29,7 @@ from seatrial.runner.vocabulary import GROUPS
 # configuration, or a property of the number itself (metric, stage, model, dof).
 OWN_FACTORS = ("metric", "stage", "model", "dof")  # properties of the number, not of its run
 BELOW_TRUE_MODEL = "below_true_model"
+INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a finding; 0: intervals are of the coefficient
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
 FINISHED = "finished"
 
@@ -40,6 +42,9 @@ class Run:
     status: str  # running, finished, diverged, failed or interrupted
     levels: Mapping[str, str] = field(repr=False)
     sweep: int | None = None
+    experiment: str | None = None  # equal for runs that differ in nothing but the seed
+    drawn: frozenset[str] | None = None  # random streams that its results depend on, if known
+    code: str | None = None  # digest of the code that computed it
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +93,7 @@ DiagnosticRow = sa.Row[*tuple[object, ...]]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
+MOST_VARIABLES = 5_000  # in one statement
 
 
 @contextmanager
@@ -117,6 +123,7 @@ class Results:
         keys = {key for row in rows for key in _keys(row.text)}
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
+        columns["sweep"] = run_overview.c.sweep
         return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
@@ -128,6 +135,28 @@ class Results:
         if condition is not None:
             self.names.clause(condition)
         return condition
+
+    def selected(
+        self, where: str | None, sweep: str | None, tag: str | None = None
+    ) -> tuple[Condition | None, str]:
+        """Return the condition of --where, --sweep and --tag, and the words for the sweeps.
+
+        `sweep` is a number, a name, or `all`; with None it is every sweep with the tag, or the
+        newest sweep. Raises ConfigurationError for an unknown sweep or tag. A logbook without
+        sweeps, and a condition on a run or a sweep, select from all runs.
+        """
+        condition = self.where(where)
+        sweeps = self.reader.sweeps()
+        if sweep is None and tag is None:
+            chosen = [] if chooses(condition) else sweeps[-1:]
+        elif tag is None and sweep == "all":
+            chosen = []
+        else:
+            chosen = _matching(sweeps, sweep, tag)
+        if not chosen:
+            return condition, ""
+        own = Among("id", tuple(id_ for one in chosen for id_ in self.of_sweep(one.id)))
+        return own if condition is None else Joined("and", (condition, own)), _scope(chosen)
 
     def runs(
         self,
@@ -142,13 +171,31 @@ class Results:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         texts = [self.names.text(name) for name in names]
-        columns = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, *texts)
+        columns = (
+            *(
+                RUN.c.id,
+                run_overview.c.status,
+                RUN.c.sweep_id,
+                RUN.c.experiment,
+                RUN.c.drawn,
+                RUN.c.code,
+            ),
+            *texts,
+        )
         query = self._of_runs(sa.select(*columns), condition)
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = [
-            Run(id_, status, dict(zip(names, map(_text, levels), strict=True)), sweep)
-            for id_, status, sweep, *levels in map(
+            Run(
+                id_,
+                status,
+                dict(zip(names, map(_text, levels), strict=True)),
+                sweep,
+                experiment,
+                None if drawn is None else frozenset(drawn),
+                code,
+            )
+            for id_, status, sweep, experiment, drawn, code, *levels in map(
                 tuple, self.reader.select(query.order_by(RUN.c.id))
             )
         ]
@@ -213,6 +260,21 @@ class Results:
                 by_run[row.run_id].append(row)
         return by_run
 
+    def covering(self, runs: Sequence[Run], condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs whose standard errors are of the coefficient, not only of the estimate.
+
+        Of runs of earlier versions, and of identifiers that do not say so, it is not known.
+        """
+        rows = self.diagnostics(runs, [INTERVAL_OF_ESTIMATE], condition)
+        return frozenset(id_ for id_, of_run in rows.items() for row in of_run if row.value == 0.0)
+
+    def with_standard_errors(self, condition: Condition | None = None) -> frozenset[int]:
+        """Return the runs that have a standard error of a coefficient."""
+        c = Coefficient.__table__.c
+        query = sa.select(c.run_id).where(c.std_error.is_not(None)).distinct()
+        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition))))
+        return frozenset(row.run_id for row in rows)
+
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""
         d = Diagnostic.__table__.c
@@ -243,6 +305,15 @@ class Results:
         query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
         return [flat(row.config) for row in self.reader.select(query)]
 
+    def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
+        """Return the configurations of the given runs by run number, with dotted names."""
+        configs: dict[int, Mapping[str, object]] = {}
+        for first in range(0, len(ids), MOST_VARIABLES):
+            query = sa.select(RUN.c.id, RUN.c.config)
+            query = query.where(RUN.c.id.in_(ids[first : first + MOST_VARIABLES]))
+            configs |= {row.id: flat(row.config) for row in self.reader.select(query)}
+        return configs
+
     def of_sweep(self, sweep: int) -> list[int]:
         """Return the numbers of a sweep's runs, including the finished runs that it reused."""
         own = sa.select(RUN.c.id).where(RUN.c.sweep_id == sweep)
@@ -270,6 +341,50 @@ class Results:
             return f"{self.reader.address}: no runs in the logbook yet"
         narrowed = any(item is not None for item in filters)
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
+
+
+def _matching(sweeps: list[SweepSummary], sweep: str | None, tag: str | None) -> list[SweepSummary]:
+    """Return the sweeps with this number or name and this tag.
+
+    None and `all` are any sweep. Raises ConfigurationError if there is none.
+    """
+    if tag is not None:
+        tags = dict.fromkeys(name for one in sweeps[::-1] for name in one.tags or ())
+        if tag not in tags:
+            expected = f"one of {', '.join([*tags][:8])}" if tags else "none: no sweep has tags"
+            raise ConfigurationError(f"--tag: got {tag!r}, expected {expected}")
+        sweeps = [one for one in sweeps if tag in (one.tags or ())]
+    if sweep in (None, "all"):
+        return sweeps
+    chosen = [one for one in sweeps if sweep in (str(one.id), one.name)]
+    if not chosen:
+        expected = ", ".join(dict.fromkeys(one.name for one in sweeps[-8:])) or "none yet"
+        having = "" if tag is None else f", with tag {tag}"
+        raise ConfigurationError(
+            f"--sweep: got {sweep!r}, expected all, a number or one of {expected}{having}"
+        )
+    return chosen
+
+
+def _scope(sweeps: Sequence[SweepSummary]) -> str:
+    """Return `sweep 1, 2 (name)`, or `sweep 1 (name), 2 (other)` for sweeps of several names."""
+    names = {sweep.name for sweep in sweeps}
+    if len(names) == 1:
+        return f"sweep {', '.join(str(sweep.id) for sweep in sweeps)} ({names.pop()})"
+    return f"sweep {', '.join(f'{sweep.id} ({sweep.name})' for sweep in sweeps)}"
+
+
+def chooses(condition: Condition | None) -> bool:
+    """Return whether a condition is about certain runs or sweeps."""
+    match condition:
+        case Comparison(name=name) | Among(name=name):
+            return name in ("id", "sweep_id", "sweep")
+        case Not(condition=inner):
+            return chooses(inner)
+        case Joined(conditions=parts):
+            return any(map(chooses, parts))
+        case _:
+            return False
 
 
 def _keys(config: str) -> list[str]:

@@ -12,7 +12,7 @@ from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import Results
-from seatrial.runner.compare.where import Comparison
+from seatrial.runner.compare.where import Comparison, Condition
 from seatrial.runner.database.engine import file_url
 from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
@@ -25,6 +25,8 @@ RUN_COLUMNS = (
     "status",
     *GROUPS,
     "seed",
+    "sweep",
+    "tags",
     "attempt",
     "superseded",
     "started_at",
@@ -45,20 +47,45 @@ PLACES = ("results_dir=", "database=")
 SHOWN_BYTES = 16
 
 
-def run_list(results: Results, where: str | None, status: str | None, limit: int) -> Grid:
+def run_list(
+    results: Results,
+    where: str | None,
+    status: str | None,
+    limit: int,
+    sweep: str | None = None,
+    tag: str | None = None,
+) -> Grid:
     """List the newest runs that meet the condition, newest first, with every attempt.
 
-    `where` is the text of --where; with `status` only runs of this status, and at most `limit`.
-    Raises ConfigurationError for a wrong condition or status, and if no run matches.
+    `where` is the text of --where; with `status` only runs of this status, with `sweep` (a number,
+    a name or `all`) and `tag` only runs of these sweeps, and at most `limit`. Raises
+    ConfigurationError for a wrong condition, status, sweep or tag, and if no run matches.
     """
-    summaries = runs_of(results, where, [status] if status else [], limit)[:limit]
+    condition, _ = results.selected(where, sweep or "all", tag)
+    summaries = runs_of(results, condition, [status] if status else [], limit)[:limit]
     if not summaries:
-        raise ConfigurationError(results.why_none(where, status))
-    return _runs_grid([[plain(getattr(run, n)) for n in RUN_COLUMNS] for run in summaries], limit)
+        raise ConfigurationError(results.why_none(condition, status))
+    return _runs_grid(run_rows(results, summaries, RUN_COLUMNS), limit)
+
+
+def run_rows(
+    results: Results, summaries: Sequence[RunSummary], names: Sequence[str]
+) -> list[list[Scalar]]:
+    """Return one row for each run with the named columns, some of RUN_COLUMNS."""
+    tags: dict[int | None, str | None] = {
+        sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()
+    }
+    return [
+        [tags.get(run.sweep_id) if n == "tags" else plain(getattr(run, n)) for n in names]
+        for run in summaries
+    ]
 
 
 def runs_of(
-    results: Results, where: str | None, statuses: Sequence[str], limit: int | None = None
+    results: Results,
+    condition: Condition | None,
+    statuses: Sequence[str],
+    limit: int | None = None,
 ) -> list[RunSummary]:
     """Return runs that meet the condition and have one of the statuses, newest first.
 
@@ -69,7 +96,6 @@ def runs_of(
         if status not in STATUSES:
             expected = ", ".join(STATUSES)
             raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
-    condition = results.where(where)
     conditions = [] if condition is None else [results.names.clause(condition)]
     if statuses:  # the view may still show an interrupted run as running
         candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]
@@ -99,7 +125,8 @@ def _is_informative(name: str, values: Sequence[Scalar]) -> bool:
         return any(value not in (1, 0, False) for value in values) or any(
             value and name == "superseded" for value in values
         )
-    return any(value not in (None, 0.0, "") for value in values)
+    unnamed = ("sweep",) if name == "sweep" else ()  # the name of a sweep without one
+    return any(value not in (None, 0.0, "", *unnamed) for value in values)
 
 
 def _brief(name: str, value: Scalar) -> Scalar:
@@ -110,6 +137,8 @@ def _brief(name: str, value: Scalar) -> Scalar:
             return None if value is None else f"{value:.1f}"
         case "error":
             return one_line(str(value or ""), 60)
+        case "sweep" | "tags":
+            return one_line(str(value or ""), 40)
         case "below_true_model":
             return "yes" if value else ""
         case "superseded":
@@ -127,6 +156,8 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
     run = reader.run(run_id)
     configuration = [[key, _config_text(value)] for key, value in flat(run.config).items()]
     properties = _properties(run)
+    after = next((i for i, (name, _) in enumerate(properties) if name == "sweep"), 0) + 1
+    properties[after:after] = _labels(results, run.summary.sweep_id)
     position = next(i for i, (name, _) in enumerate(properties) if name == "vessel")
     warnings = results.warnings(Comparison("id", "=", run_id))
     properties[position:position] = [["warning", text] for text, _ in warnings]
@@ -193,6 +224,16 @@ def _property(value: object) -> Scalar:
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d %H:%M:%S} UTC"
     return None if value is False else "yes" if value is True else plain(value)
+
+
+def _labels(results: Results, sweep_id: int | None) -> list[list[Scalar]]:
+    """Return tags and note of the sweep of a run, if it has them."""
+    labels: list[list[Scalar]] = []
+    for sweep in results.reader.sweeps():
+        if sweep.id == sweep_id:
+            labels += [["tags of the sweep", ", ".join(sweep.tags)]] if sweep.tags else []
+            labels += [["note on the sweep", sweep.note]] if sweep.note else []
+    return labels
 
 
 def _config_text(value: object) -> str:

@@ -1,12 +1,14 @@
 """The request of a comparison table, and the runs and numbers that it selects."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from operator import itemgetter
+import math
+from collections import defaultdict
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions, axes_of
-from seatrial.runner.compare.pivot import Key, Pivot
+from seatrial.runner.compare.likeness import Likeness, differing, require_few
+from seatrial.runner.compare.pivot import Key, Prediction, prediction_of
 from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
     DESIGN_FLAWS,
@@ -18,7 +20,11 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.catalogue import HORIZONS
+
+LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)
+HELD = "held_free_run"
+DIVERGENCE = (*LIMITED, HELD)
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,8 @@ class TableRequest:
     """The request of a table.
 
     `names` are metrics, or terms if `of_coefficients`; empty means all terms. Empty `dofs`,
-    `stages`, `models` mean all. `baseline` is a factor and its level.
+    `stages`, `models` mean all. `baseline` maps factors to the levels of the reference. Cells may
+    average over the factors of `pool`.
     """
 
     names: Sequence[str]
@@ -38,24 +45,30 @@ class TableRequest:
     models: Sequence[str] = ("identified",)
     statistics: Sequence[str] = DEFAULT
     interval: IntervalKind = "t"
-    baseline: tuple[str, str] | None = None
+    baseline: Mapping[str, str] = field(default_factory=dict)
     where: str | None = None
+    sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
+    pool: Key = ()
     digits: int = 4
 
     @property
     def factors(self) -> Key:
         """The factors that are properties of runs."""
-        wanted = (*self.rows, *self.columns, *(self.baseline or ())[:1])
+        wanted = (*self.rows, *self.columns, *self.baseline)
         return tuple(dict.fromkeys(name for name in wanted if name not in OWN_FACTORS))
 
 
 @dataclass(frozen=True)
-class Found:
+class Selection:
     """The numbers selected by a request: `shown` fill the cells, `all` include the baseline.
 
-    `unsettled` are the (run, model) whose controller is unstable on its own model, `infeasible`
-    those whose limits are too small for the weather. `fixed` are the own factors with one level,
-    `extra` those with several levels that are neither rows nor columns.
+    `split` are the factors that the runs of a cell would differ in; `diverged` are the predictions
+    that diverged; `scope` names the sweep. `unsettled` are the (run, model) whose controller is
+    unstable on its own model, `infeasible` those whose limits are too small for the weather.
+    `fixed` are the own factors with one level, `extra` those with several levels that are neither
+    rows nor columns. `covering` are the runs whose standard errors are of the coefficient, not only
+    of its estimate.
     """
 
     runs: Sequence[Run]
@@ -64,8 +77,13 @@ class Found:
     flagged: frozenset[tuple[int, str]]
     fixed: Mapping[str, str]
     extra: Key
+    likeness: Likeness
+    scope: str = ""
+    split: Key = ()
     unsettled: frozenset[tuple[int, str]] = frozenset()
     infeasible: frozenset[tuple[int, str]] = frozenset()
+    diverged: Mapping[Prediction, float] = field(default_factory=dict)
+    covering: frozenset[int] = frozenset()
 
 
 def request_of(options: TableOptions) -> TableRequest:
@@ -98,8 +116,11 @@ def request_of(options: TableOptions) -> TableRequest:
         models=_all_or(shown),
         statistics=checked(_listed(options.statistic) or DEFAULT),
         interval=options.interval,
-        baseline=_factor_and_level(options.baseline),
+        baseline=_baseline(options.baseline),
         where=options.where,
+        sweep=options.sweep,
+        tag=options.tag,
+        pool=_listed(options.pool),
         digits=options.digits,
     )
 
@@ -120,55 +141,92 @@ def _factors(text: str) -> Key:
     return () if names == ("none",) else tuple("metric" if n == "term" else n for n in names)
 
 
-def _factor_and_level(baseline: str | None) -> tuple[str, str] | None:
-    if baseline is None:
-        return None
-    factor, equals, level = (part.strip() for part in baseline.partition("="))
-    if not (factor and equals and level):
-        raise ConfigurationError(
-            f"--baseline: got {baseline!r}, expected a factor and its level such as identifier=none"
-        )
-    return factor, level
+def _baseline(texts: Sequence[str] | None) -> dict[str, str]:
+    """Return the levels of the baseline by factor."""
+    levels = {}
+    for text in _listed(texts):
+        factor, equals, level = (part.strip() for part in text.partition("="))
+        if not (factor and equals and level):
+            raise ConfigurationError(
+                f"--baseline: got {text!r}, expected a factor and its level such as identifier=none"
+            )
+        levels[factor] = level
+    return levels
 
 
-def gather(results: Results, request: TableRequest) -> Found:
-    """Read runs and numbers of a request; raises ConfigurationError for an unknown name."""
+def gather(results: Results, request: TableRequest) -> Selection:
+    """Read runs and numbers of a request; raise ConfigurationError for an unknown name.
+
+    A cell whose runs differ in more than the seed is split by what they differ in, or refused.
+    """
     for factor in request.factors:
         results.names.check(factor, "--rows/--columns")
-    condition = results.where(request.where)
+    for factor in request.pool:
+        if factor != "all":
+            results.names.check(factor, "--pool")
+    selection = _gathered(results, request)
+    cells: dict[Hashable, list[Observation]] = defaultdict(list)
+    for observation in selection.shown:
+        named = (*request.rows, *request.columns, *OWN_FACTORS)
+        cells[tuple(observation.level(name) for name in named)].append(observation)
+    split = [] if "all" in request.pool else differing(selection.likeness, cells, request.pool)
+    require_few(split, "the cells of this table")
+    if not split:
+        return selection
+    rows = (*request.rows, *split)
+    return replace(_gathered(results, replace(request, rows=rows)), split=tuple(split))
+
+
+def _gathered(results: Results, request: TableRequest) -> Selection:
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition, request.factors)
+    likeness = Likeness(results, runs)
+    flags: list[Observation] = []
     if request.of_coefficients:
-        numbers, flagged = results.coefficients(runs, condition), frozenset[tuple[int, str]]()
-        unsettled = infeasible = frozenset[tuple[int, str]]()
+        numbers = results.coefficients(runs, condition)
     else:
         only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
         numbers = results.metrics(runs, request.names, condition, only)
         if not numbers:  # read all levels, for the error message
             numbers = results.metrics(runs, request.names, condition)
-        flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS), condition)
-        flagged = frozenset(
-            (o.run.id, o.dof) for o in flags if o.name == BELOW_TRUE_MODEL and o.value
-        )
-        flaws = [o for o in flags if o.name in DESIGN_FLAWS and (o.value or 0.0) >= 1.0]
-        unsettled, infeasible = (
-            frozenset((o.run.id, o.model) for o in flaws if o.name == name) for name in DESIGN_FLAWS
-        )
+        names = (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE)
+        flags = results.metrics(runs, names, condition)
     numbers = _selected(results, numbers, request)
     _check_baseline(request, runs, numbers)
     finished = [o for o in numbers if o.run.status == FINISHED]
     shown = [o for o in finished if not request.models or o.model in request.models]
     levels = {name: ordered(o.level(name) for o in shown) for name in OWN_FACTORS}
     free = [n for n in OWN_FACTORS if n not in request.rows + request.columns]
-    return Found(
+    unsettled, infeasible = (
+        frozenset((o.run.id, o.model) for o in flags if o.name == name and (o.value or 0.0) >= 1.0)
+        for name in DESIGN_FLAWS
+    )
+    return Selection(
         runs,
         shown,
         finished,
-        flagged,
+        frozenset((o.run.id, o.dof) for o in flags if o.name == BELOW_TRUE_MODEL and o.value),
         fixed={name: levels[name][0] for name in OWN_FACTORS if len(levels[name]) == 1},
         extra=tuple(name for name in free if len(levels[name]) > 1),
+        likeness=likeness,
+        scope=scope,
         unsettled=unsettled,
         infeasible=infeasible,
+        diverged=diverged_predictions(flags),
+        covering=results.covering(runs, condition) if request.of_coefficients else frozenset(),
     )
+
+
+def diverged_predictions(numbers: Sequence[Observation]) -> dict[Prediction, float]:
+    """Return the predictions that diverged, and the time [s] that a free run held, else NaN.
+
+    `numbers` are the metrics DIVERGENCE of some runs.
+    """
+    held = {prediction_of(o): o.value for o in numbers if o.name == HELD}
+    return {
+        place: math.nan if held.get(place) is None else float(held[place] or 0.0)
+        for place in (prediction_of(o) for o in numbers if o.name in LIMITED and o.value)
+    }
 
 
 def _selected(
@@ -191,8 +249,8 @@ def _selected(
 def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
     """Return the requested levels of the own factors; an empty list means all levels."""
     models = list(request.models)
-    if models and request.baseline and request.baseline[0] == "model":
-        models.append(request.baseline[1])
+    if models and "model" in request.baseline:
+        models.append(request.baseline["model"])
     return {
         "metric": request.names,
         "dof": request.dofs,
@@ -217,44 +275,12 @@ def _check_names(results: Results, request: TableRequest, names: set[str]) -> No
 def _check_baseline(
     request: TableRequest, runs: Sequence[Run], numbers: Sequence[Observation]
 ) -> None:
-    if request.baseline is None:
-        return
-    factor, level = request.baseline
-    if factor in OWN_FACTORS:
-        available = ordered(o.level(factor) for o in numbers)
-    else:
-        available = ordered(run.levels[factor] for run in runs)
-    if level not in available:
-        raise ConfigurationError(
-            f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
-        )
-
-
-def pooled(results: Results, table: Pivot) -> list[str]:
-    """Return notes on the factors, other than the seed, that cells average over."""
-    choices: dict[str, set[str]] = {}
-    repeated: set[int] = set()
-    labels = itemgetter(*GROUPS, "seed")
-    for cell in table.cells.values():
-        first_runs: dict[tuple[str, ...], int] = {}
-        for run in {o.run.id: o.run for o in cell.observed}.values():
-            choice_levels = labels(run.levels)
-            if first_runs.setdefault(choice_levels, run.id) != run.id and len(repeated) < 40:
-                repeated |= {first_runs[choice_levels], run.id}
-        for name, levels in zip(GROUPS, map(set, zip(*first_runs, strict=True)), strict=False):
-            if len(levels) > 1:
-                choices.setdefault(name, set()).update(levels)
-    notes = [f"{name} ({', '.join(ordered(levels))})" for name, levels in choices.items()]
-    notes += _differing_keys(results, sorted(repeated))
-    return [f"cells average over {', '.join(notes)}: narrow by --where"] if notes else []
-
-
-def _differing_keys(results: Results, ids: Sequence[int]) -> list[str]:
-    configs = results.configs(ids)
-    keys = dict.fromkeys(key for config in configs for key in config)
-    notes = []
-    for key in keys:
-        levels = ordered(str(config.get(key)) for config in configs)
-        if len(levels) > 1 and key != "seed" and not key.startswith("database."):
-            notes.append(f"{key} ({', '.join(levels[:4])}{', …' if len(levels) > 4 else ''})")
-    return notes if len(notes) <= 4 else [*notes[:4], f"{len(notes) - 4} more keys"]
+    for factor, level in request.baseline.items():
+        if factor in OWN_FACTORS:
+            available = ordered(o.level(factor) for o in numbers)
+        else:
+            available = ordered(run.levels[factor] for run in runs)
+        if level not in available:
+            raise ConfigurationError(
+                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
+            )

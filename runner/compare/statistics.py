@@ -21,6 +21,7 @@ Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
 SAME = 1e-9  # relative: smaller differences are rounding errors
 BOOTSTRAP_RESAMPLES = 10_000
+LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
 BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
@@ -107,15 +108,18 @@ def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:
 class PairedTest:
     """Comparison of a cell with its baseline over their common seeds.
 
-    `ratio` is the ratio of the means, `wins` the number of pairs in which the cell is better (None
-    if the better direction is not known), `p_value` that of the two-sided Wilcoxon signed-rank
-    test (NaN without pairs or without differences).
+    `ratio` is the ratio of the means over the pairs, `wins` the number of pairs in which the cell
+    is better (None if the better direction is not known), `p_value` that of the two-sided Wilcoxon
+    signed-rank test (NaN with fewer than LEAST_PAIRS pairs that differ from each other, and without
+    differences). `mean` is that of the cell over the pairs.
     """
 
     pairs: int
     wins: int | None
     ratio: float
     p_value: float
+    mean: float = math.nan
+    difference: float = math.nan  # of the means over the pairs
 
 
 def loss(values: Sample, better: Better) -> Sample:
@@ -144,7 +148,10 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
     wins = None if better is None else int(np.sum(gain > 0.0))
     baseline_mean = float(np.mean(baseline))
     ratio = float(np.mean(sample)) / baseline_mean if baseline_mean != 0.0 else math.nan
-    return PairedTest(pairs, wins, ratio, _wilcoxon(gain))
+    distinct = len({*zip(sample.tolist(), baseline.tolist(), strict=True)})
+    p_value = _wilcoxon(gain) if distinct >= LEAST_PAIRS else math.nan
+    mean = float(np.mean(sample))
+    return PairedTest(pairs, wins, ratio, p_value, mean, mean - baseline_mean)
 
 
 def _wilcoxon(differences: Sample) -> float:

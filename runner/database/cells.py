@@ -30,7 +30,7 @@ from seatrial.runner.database.terminal import shortened
 
 UNREADABLE = (ValueError, TypeError, RecursionError)  # of the conversion of a cell
 _LISTED = 20  # damaged cells of one column
-_LISTS = ("overrides",)  # JSON columns that hold a list; the others hold an object
+_LISTS = ("overrides", "tags", "drawn")
 
 
 Columns = TypeVarTuple("Columns")

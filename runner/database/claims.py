@@ -162,6 +162,8 @@ def _row(
         "git_dirty": start.git_dirty,
         "versions": clean(start.versions),
         "command": command_without_address(start.command),
+        "code": start.code,
+        "experiment": start.experiment,
         "host": socket.gethostname(),
         "pid": pid,
         "started_at": moment,

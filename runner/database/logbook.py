@@ -95,13 +95,24 @@ class Logbook(Reader):
         with engines.explained(self.address):
             return repeated(transaction)
 
-    def begin_sweep(self, name: str, command: str, overrides: Sequence[str], planned: int) -> int:
+    def begin_sweep(
+        self,
+        name: str,
+        command: str,
+        overrides: Sequence[str],
+        planned: int,
+        *,
+        tags: Sequence[str] = (),
+        note: str | None = None,
+    ) -> int:
         """Store the start of a sweep of `planned` trials; returns its id."""
         row = {
-            "name": name,
+            "name": clean(name),
             "command": command_without_address(command),
             "overrides": clean(without_address(overrides)),
             "planned": planned,
+            "tags": clean(tags),
+            "note": clean(note),
             "started_at": datetime.now(UTC),
             "host": socket.gethostname(),
             "pid": os.getpid(),
@@ -174,6 +185,7 @@ class Logbook(Reader):
             "error": clean(error),
             "traceback": clean(traceback),
             "note": clean(results.note),
+            "drawn": None if results.drawn is None else list(results.drawn),
             "finished_at": datetime.now(UTC),
             "duration_s": self._duration(run_id),
         }

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.findings import Finding
-from seatrial.runner.vocabulary import Stage
+from seatrial.runner.vocabulary import Stage, Stream
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,7 @@ class Results:
     diagnostics: Sequence[Finding] = ()  # rows of the table `diagnostic`
     series: Sequence[Series] = ()
     note: str | None = None
+    drawn: Sequence[Stream] | None = None  # random streams that the results depend on, if known
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,8 @@ class RunStart:
     git_dirty: bool | None = None
     versions: Mapping[str, object] = field(default_factory=dict)
     command: str = ""
+    code: str | None = None  # digest of the code that computes results, 16 characters
+    experiment: str | None = None  # the fingerprint without the seed
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,8 @@ class RunDetail:
     host: str
     pid: int
     heartbeat_at: datetime | None
+    code: str | None = None  # digest of the code that computed the results
+    drawn: list[str] | None = None  # random streams that the results depend on, if known
 
 
 @dataclass(frozen=True)
@@ -202,6 +207,8 @@ class SweepSummary:
     finished_at: datetime | None
     host: str
     pid: int
+    tags: list[str] | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True)

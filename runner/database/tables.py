@@ -81,6 +81,9 @@ class Sweep(Base):
     finished_at: Mapped[datetime | None]
     host: Mapped[str]
     pid: Mapped[int]
+    # Since revision 0003.
+    tags: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
+    note: Mapped[str | None]
 
 
 class Run(Base):
@@ -134,6 +137,12 @@ class Run(Base):
         datetime | None
     ]  # by the database's clock, because the clocks of hosts differ
     process: Mapped[str | None]  # see liveness.py
+    # Since revision 0003.
+    code: Mapped[str | None] = mapped_column(String(16))  # digest of the code that computes
+    # The fingerprint without the seed: equal for the replicates of one experiment.
+    experiment: Mapped[str | None] = mapped_column(String(64))
+    # Random streams that the results depend on; NULL if unknown.
+    drawn: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
 
 
 class Metric(Base):

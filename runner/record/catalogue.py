@@ -8,7 +8,7 @@ is marked as better.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -34,7 +34,8 @@ class Definition:
     names the metric on axes, `formula` defines it in words, `caption` is the heading of its table
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
-    `run_overview`, for that degree of freedom.
+    `run_overview`, for that degree of freedom. A `score` has no
+    natural zero: it is compared by differences, not by ratios.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Definition:
     note: str = ""
     wide: bool = False
     headline: str = ""
+    score: bool = False
 
     def unit_of(self, dof: str) -> str:
         """Return the unit for a degree of freedom; raises KeyError if there is none."""
@@ -89,6 +91,53 @@ HIDES_BIAS = (
     " free_run"
 )
 
+# Horizons of the predictions: their words in labels and in formulas.
+HORIZONS = {
+    "one_step": ("one step (hides bias)", "one step after every measured state"),
+    "ten_step": ("ten steps", "ten steps after every measured state"),
+    "restarts": ("30 s", "in predictions of 30 s, each from a measured state"),
+    "free_run": ("free run", "in a free run over the held-out part"),
+}
+QUANTITIES: dict[str, Mapping[str, str]] = {"pose": POSE_UNIT, "velocity": VELOCITY_UNIT}
+SCORES = {
+    "fit": ("FIT", "%", "100 (1 - RMSE / standard deviation of the measured signal)"),
+    "r2": ("R^2", "", "1 - mean square error / variance of the measured signal"),
+    "vaf": ("VAF", "%", "100 (1 - variance of the error / variance of the measured signal)"),
+}
+OVER_AXES = "; of all axes the mean over those that moved"
+
+
+def _predictions() -> Iterator[Definition]:
+    """The errors, the scores and the divergence of predictions over each horizon."""
+    for horizon, (short, words) in HORIZONS.items():
+        note = HIDES_BIAS if horizon == "one_step" else ""
+        for quantity, units in QUANTITIES.items():
+            title = quantity.capitalize()
+            headed = quantity == "velocity" and horizon == "free_run"
+            yield Definition(
+                f"{quantity}_rmse_{horizon}", VALIDATION, units, "lower",
+                f"{title} RMSE, {short}", f"root mean square error of the {quantity} {words}",
+                "Velocity error of a free run over the held-out part" if headed else "",
+                note=note, wide=True,
+            )  # fmt: skip
+            for score, (label, unit, formula) in SCORES.items():
+                yield Definition(
+                    f"{quantity}_{score}_{horizon}", VALIDATION, unit, "higher",
+                    f"{title} {label}, {short}", f"{formula}, of the {quantity} {words}{OVER_AXES}",
+                    note=note, score=True,
+                )  # fmt: skip
+        yield Definition(
+            f"limited_share_{horizon}", VALIDATION, "", "lower", f"Limited rates, {short}",
+            f"share of the rates of change that had to be limited {words}; above 0 the model"
+            " diverges and its errors over this horizon have no value",
+        )  # fmt: skip
+    yield Definition(
+        "held_free_run", VALIDATION, "s", "higher", "Time the free run held",
+        "time until a rate of change had to be limited, or the length of the free run",
+    )  # fmt: skip
+
+
+PREDICTIONS = tuple(_predictions())
 METRICS = (
     Definition(
         "force_mse", VALIDATION, SQUARE_UNIT, "lower", "Force MSE",
@@ -122,47 +171,7 @@ METRICS = (
         "coefficient_error_median", VALIDATION, "", "lower", "Relative coefficient error, median",
         "median of |estimate - true| / |true| over the coefficients of the vessel's own terms",
     ),
-    Definition(
-        "pose_rmse_one_step", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, one step (hides bias)",
-        "root mean square error of the pose one step after every measured state",
-        note=HIDES_BIAS, wide=True,
-    ),
-    Definition(
-        "pose_rmse_ten_step", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, ten steps",
-        "root mean square error of the pose ten steps after every measured state", wide=True,
-    ),
-    Definition(
-        "pose_rmse_free_run", VALIDATION, POSE_UNIT, "lower", "Pose RMSE, free run",
-        "root mean square error of the pose in a free run over the held-out part", wide=True,
-    ),
-    Definition(
-        "velocity_rmse_one_step", VALIDATION, VELOCITY_UNIT, "lower",
-        "Velocity RMSE, one step (hides bias)",
-        "root mean square error of the velocity one step after every measured state",
-        "Velocity error one step ahead, which hides bias", HIDES_BIAS, wide=True,
-    ),
-    Definition(
-        "velocity_rmse_ten_step", VALIDATION, VELOCITY_UNIT, "lower", "Velocity RMSE, ten steps",
-        "root mean square error of the velocity ten steps after every measured state", wide=True,
-    ),
-    Definition(
-        "velocity_rmse_free_run", VALIDATION, VELOCITY_UNIT, "lower", "Velocity RMSE, free run",
-        "root mean square error of the velocity in a free run over the held-out part",
-        "Velocity error of a free run over the held-out part", wide=True,
-    ),
-    Definition(
-        "limited_share_one_step", VALIDATION, "", "lower", "Limited rates, one step",
-        "share of the rates of change that had to be limited one step ahead",
-    ),
-    Definition(
-        "limited_share_ten_step", VALIDATION, "", "lower", "Limited rates, ten steps",
-        "share of the rates of change that had to be limited within ten steps",
-    ),
-    Definition(
-        "limited_share_free_run", VALIDATION, "", "lower", "Limited rates, free run",
-        "share of the rates of change that had to be limited in a free run; above 0 the model is"
-        " unstable",
-    ),
+    *PREDICTIONS,
     Definition(
         "e_pos_mae", DEPLOYMENT, {"position": "m"}, "lower", "Position MAE",
         "mean distance from the reference position", "Position error when deployed",

@@ -5,12 +5,23 @@ import numpy as np
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit
-from seatrial.models.identification.validation import AHEAD, Ahead, prediction
+from seatrial.models.identification.validation import (
+    HORIZONS,
+    Ahead,
+    InertiaError,
+    Prediction,
+    combined,
+    prediction,
+    scores,
+)
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
+
+QUANTITIES = ("pose", "velocity")
 
 
 def validation(
@@ -72,35 +83,76 @@ def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
     return [metric("coefficient_error_median", "validation", name, "all", median)]
 
 
-UNKNOWN = Ahead(np.array(np.nan), float("nan"))  # for a model that cannot predict
-
-
 def prediction_metrics(
     problem: Problem, identified: Identified, truth: Vessel | None
 ) -> tuple[list[Metric], list[Finding]]:
-    """Compute the RMSE of pose and velocity of every model on the held-out part.
+    """Compute errors and scores of the predictions of every model on the held-out part.
 
-    The predictions start at every measured state and last one step and ten steps; a free run
-    starts at the first state only. For a model that cannot predict, the metrics are NaN and the
-    reason is returned as a finding.
+    A horizon over which a model diverges has its share of limited rates but no errors, nor has a
+    model that cannot predict; the reason is returned as a finding. The rows of `mean_motion` are
+    those of a model that always predicts the mean of the measured motion.
     """
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
-    held_out, dofs = problem.validation, problem.validation.dofs
     metrics: list[Metric] = []
     reasons: list[Finding] = []
+    spread: Array | None = None
     for model, table in models.items():
         try:
-            predictor = prediction(table, held_out, problem.thruster)
-            errors = {name: predictor.ahead(steps) for name, steps in AHEAD.items()}
+            predictor = prediction(table, problem.validation, problem.thruster)
         except IdentificationError as error:
-            reason = f"{model} model: {error}"
-            reasons.append(Finding("no_prediction", "all", 1.0, label=reason))
-            errors = dict.fromkeys(AHEAD, UNKNOWN)
-        for name, (rmse, limited) in errors.items():
-            halves = np.split(np.broadcast_to(rmse, 2 * len(dofs)), 2)
-            for quantity, half in zip(("pose", "velocity"), halves, strict=True):
-                metrics += per_dof(f"{quantity}_rmse_{name}", "validation", model, dofs, half)
-            metrics.append(metric(f"limited_share_{name}", "validation", model, "all", limited))
+            reasons.append(Finding("no_prediction", "all", 1.0, label=f"{model} model: {error}"))
+            lost = 1.0 if isinstance(error, InertiaError) else np.nan
+            metrics += _without_prediction(model, problem.validation.dofs, lost)
+            continue
+        if spread is None:
+            spread = predictor.mean_motion()
+            metrics += _mean_motion(spread, problem.validation.dofs)
+        metrics += _predictions(model, predictor, spread, problem.validation.dofs)
     return metrics, reasons
+
+
+def _predictions(
+    model: str, predictor: Prediction, spread: Array, dofs: tuple[str, ...]
+) -> list[Metric]:
+    metrics: list[Metric] = []
+    for horizon in HORIZONS:
+        ahead = predictor.over(horizon)
+        metrics.append(
+            metric(f"limited_share_{horizon}", "validation", model, "all", ahead.limited)
+        )
+        if ahead.diverged:
+            ahead = Ahead(np.full(len(spread), np.nan), ahead.limited, np.full(len(spread), np.nan))
+        metrics += _errors(model, horizon, ahead.rmse, dofs)
+        for name, score in scores(ahead, spread)._asdict().items():
+            for quantity, half in zip(QUANTITIES, np.split(score, 2), strict=True):
+                full = f"{quantity}_{name}_{horizon}"
+                metrics += per_dof(full, "validation", model, dofs, half)
+                metrics.append(metric(full, "validation", model, "all", combined(half)))
+    metrics.append(metric("held_free_run", "validation", model, "all", predictor.held_s()))
+    return metrics
+
+
+def _errors(model: str, horizon: str, rmse: Array, dofs: tuple[str, ...]) -> list[Metric]:
+    return [
+        row
+        for quantity, half in zip(QUANTITIES, np.split(rmse, 2), strict=True)
+        for row in per_dof(f"{quantity}_rmse_{horizon}", "validation", model, dofs, half)
+    ]
+
+
+def _mean_motion(spread: Array, dofs: tuple[str, ...]) -> list[Metric]:
+    return [row for horizon in HORIZONS for row in _errors("mean_motion", horizon, spread, dofs)]
+
+
+def _without_prediction(model: str, dofs: tuple[str, ...], limited: float) -> list[Metric]:
+    """Rows of a model that cannot predict; `limited` is 1 if its inertia makes it impossible."""
+    unknown = np.full(2 * len(dofs), np.nan)
+    rows = [row for horizon in HORIZONS for row in _errors(model, horizon, unknown, dofs)]
+    rows += [
+        metric(f"limited_share_{horizon}", "validation", model, "all", limited)
+        for horizon in HORIZONS
+    ]
+    held = 0.0 if limited == 1.0 else np.nan
+    return [*rows, metric("held_free_run", "validation", model, "all", held)]

@@ -4,18 +4,16 @@ It ends with a table of what was tried, what held and what did not; exit code 1 
 """
 
 import argparse
-import shutil
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from tests.abuse import isolated, ledger
 from tests.abuse.crowd import crowd, outage, suspended
 from tests.abuse.disks import disks
+from tests.abuse.guard import guarded
 from tests.abuse.ledger import Entry
 from tests.abuse.malformed import KINDS, malformed
 from tests.abuse.storm import storm
@@ -28,14 +26,21 @@ def main() -> int:
     """Try what was asked for, print the table and write the file."""
     options = _options()
     print(f"seed {options.seed}", flush=True)
+    with guarded() as place:
+        return _try(options, place)
+
+
+def _try(options: argparse.Namespace, place: Path) -> int:
     entries: list[Entry] = []
     began = time.monotonic()
     for name, task in _tasks(options).items():
         if options.what and name not in options.what:
             continue
-        with _folder(name) as folder:
-            since = time.monotonic()
-            new = task(folder)
+        folder = place / name
+        folder.mkdir()
+        folder.chmod(0o711)
+        since = time.monotonic()
+        new = task(folder)
         entries += new
         tried, violated = (
             sum(n) for n in zip(*((e.tried, len(e.violations)) for e in new), strict=True)
@@ -77,15 +82,6 @@ def _tasks(options: argparse.Namespace) -> dict[str, Callable[[Path], list[Entry
 
 def _malformed(folder: Path, kind: str, options: argparse.Namespace, share: float) -> list[Entry]:
     return [malformed(kind, folder, options.seed, share, options.case)]
-
-
-@contextmanager
-def _folder(name: str) -> Iterator[Path]:
-    folder = Path(tempfile.mkdtemp(prefix=f"seatrial-abuse-{name}-"))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 if __name__ == "__main__":

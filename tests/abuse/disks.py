@@ -23,16 +23,18 @@ def disks(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
     if reason:
         full.skipped = frozen.skipped = reason
         return [full, frozen]
-    for size in SIZES_KB if share == 1.0 else SIZES_KB[3:5]:
+    for size in SIZES_KB if share == 1.0 else SIZES_KB[3:4]:
         with full.attempt(f"a disk of {size} KB", repeat), _stage(folder, f"{size}k") as stage:
             _fill(stage)
-    with full.attempt("output to a full disk", repeat), _stage(folder, ROOM) as stage:
-        stage.complete()
-        _outputs_on_full(stage, folder)
     with frozen.attempt("an empty folder", repeat), _stage(folder, ROOM) as stage:
         _remount(stage, "ro")
         refused(stage.sweep())
         refused(stage.start("-m", "runner", *SHORT))
+    if share < 1.0:
+        return [full, frozen]
+    with full.attempt("output to a full disk", repeat), _stage(folder, ROOM) as stage:
+        stage.complete()
+        _outputs_on_full(stage, folder)
     with frozen.attempt("a logbook in use", repeat), _stage(folder, ROOM) as stage:
         stage.complete()
         _remount(stage, "ro")

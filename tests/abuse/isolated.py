@@ -4,6 +4,7 @@ A fork starts in some milliseconds with everything imported, so hundreds of comm
 cheap. Each has a folder of its own, which is its working directory.
 """
 
+import ctypes
 import os
 import resource
 import signal
@@ -20,6 +21,7 @@ WALL_S = 120.0
 MEMORY = 2 << 30  # bytes of address space, beyond what the process has when it begins
 OUTPUT = 64 << 20  # bytes that a command may write to one file
 SIDE_BY_SIDE = 2
+PR_SET_PDEATHSIG = 1  # of Linux: a signal to a fork at the end of this process
 Program = Literal["seatrial", "seatrial-results"]
 
 
@@ -123,6 +125,7 @@ def _fork(order: Order, folder: Path) -> int:
         return pid
     code = 70
     try:
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         _redirect(folder)
         os.chdir(folder)
         os.environ.update(order.variables)

@@ -205,7 +205,7 @@ class Databases:
 @contextmanager
 def databases(folder: Path) -> Iterator[Databases]:
     """Databases below a folder; the server is stopped afterwards."""
-    serving = postgresql.served()
+    serving = postgresql.served(folder)
     try:
         server, reason = next(serving), ""
     except pytest.skip.Exception as skip:

@@ -1,6 +1,7 @@
 """The law that judges hostile tries catches what it is there for; and a part of the tries."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -12,7 +13,7 @@ from tests.abuse import isolated, ledger
 from tests.abuse.inputs import nothing
 from tests.abuse.isolated import Answer, Order
 from tests.abuse.ledger import Entry
-from tests.runner.programs import ROOT
+from tests.runner.programs import ROOT, program, wait
 
 
 def answer(code: int = 2, err: str = "seatrial: no\n", **changes: object) -> Answer:
@@ -85,6 +86,34 @@ def test_what_does_not_hold_is_counted_and_named(
     assert "| storms | 2 | 1 | 1 |" in ledger.table([entry])
     ledger.write([entry], 1, tmp_path / "new" / "abuse.json")
     assert json.loads((tmp_path / "new" / "abuse.json").read_text())["entries"][0]["violated"] == 1
+
+
+GUARDED = """
+import subprocess, sys, time
+from tests.abuse.guard import guarded
+with guarded() as folder:
+    children = [subprocess.Popen(["sleep", "60"], start_new_session=True) for _ in range(2)]
+    disk = folder / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "tmpfs", disk], stderr=subprocess.DEVNULL)
+    print(folder, *(child.pid for child in children), flush=True)
+    time.sleep(60.0 if sys.argv[1] == "waits" else 0.0)
+"""
+
+
+@pytest.mark.parametrize("number", [None, signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_nothing_is_left_however_the_tries_end(tmp_path: Path, number: int | None) -> None:
+    with program("-c", GUARDED, "waits" if number else "ends", folder=tmp_path) as process:
+        assert process.stdout is not None
+        folder, *pids = process.stdout.readline().split()
+        assert len(pids) == 2
+        if number:
+            process.send_signal(number)
+        assert process.wait(20.0) == -(number or 0)
+    wait(lambda: number is None or not Path(folder).exists())
+    assert not any(Path("/proc", pid, "exe").exists() for pid in pids)
+    assert folder not in Path("/proc/mounts").read_text()
+    assert not Path(folder).exists()
 
 
 @pytest.mark.slow

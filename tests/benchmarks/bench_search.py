@@ -22,7 +22,7 @@ from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import streams
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
 from tests.trials import composed
 
@@ -38,7 +38,7 @@ def sailed(*overrides: str) -> tuple[Nsga2, Problem]:
         f"identifier.population={POPULATION}", f"identifier.generations={GENERATIONS}",
         "identifier.threshold=1e-12", "identifier.objective_floor=0", *overrides,
     )  # fmt: skip
-    excited = excite(trial, streams(trial.seed))
+    excited = excite(trial, Streams(trial.seed))
     training, testing = (excited.recording.part(p) for p in (excited.training, excited.testing))
     assert len(training) == STEPS
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster

@@ -9,7 +9,7 @@ from sklearn.cross_decomposition import PLSRegression
 from seatrial.models.identification.kernel_pls import Columns, columns, mean_squares, output_moment
 from seatrial.models.identification.surface_plsr import FEWEST, exists, whole_surface
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import streams
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
 from tests.trials import composed
 
@@ -26,7 +26,7 @@ class Surfaces(NamedTuple):
 def lap() -> tuple[Columns, Array]:
     """Z of the first half of the ferry's lap, measured with noise, and of the second."""
     trial = composed("identifier=surface_plsr", "disturbance=noise")
-    excited = excite(trial, streams(trial.seed))
+    excited = excite(trial, Streams(trial.seed))
     nominal, lag = trial.vessel.nominal(), trial.vessel.thruster
     training, testing = (
         trial.identifier.samples(excited.recording.part(which), nominal, lag)

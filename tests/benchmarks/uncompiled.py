@@ -16,14 +16,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from seatrial.models.simulation.voyage import Log
-from seatrial.runner.closed_loop import prepare, streams
+from seatrial.runner.closed_loop import Streams, prepare
 from tests.trials import composed
 
 
 def closed_loop() -> Callable[[], Log]:
     """Sails twelve way-points, 120 s each: 14,400 control instants of four steps by RK4."""
     trial = composed("excitation.interval_s=120", "identifier=none", "evaluation=none")
-    ready = prepare(trial, streams(trial.seed), trial.vessel.nominal(), trial.excitation)
+    ready = prepare(trial, Streams(trial.seed), trial.vessel.nominal(), trial.excitation)
 
     def sailed() -> Log:
         control, guidance = deepcopy((ready.control, ready.guidance))  # their states are written

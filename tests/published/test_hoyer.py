@@ -49,7 +49,7 @@ def test_mean_errors_vanish_at_two_printed_rows_of_table_7_5() -> None:
             "experiment=hoyer_table_7_5", "vessel=surge_nonlinear_printed",
             f"excitation={excitation}",
         )  # fmt: skip
-        recording = trials.excite(trial, closed_loop.streams(0)).recording
+        recording = trials.excite(trial, closed_loop.Streams(0)).recording
         problem = Problem(recording, recording, trial.vessel.nominal(), None)
         predictor = trial.identifier.predictor(problem)
         mean, mae = (

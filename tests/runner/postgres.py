@@ -82,14 +82,18 @@ def _account() -> str | None:
     return "postgres" if os.getuid() == 0 else None
 
 
-def served() -> Iterator[Postgres]:
-    """The server, while the tests run; they skip where it is not installed."""
+def served(parent: Path | None = None) -> Iterator[Postgres]:
+    """The server, while the tests run; they skip where it is not installed.
+
+    Its files are below `parent`, which its account must be able to reach.
+    """
     pytest.importorskip("psycopg", reason=f"no psycopg: {INSTALL}")
     binaries, account = _binaries(), _account()
     if binaries is None:
         pytest.skip(f"no PostgreSQL server: {INSTALL}")
     # Root's own temporary folder may be closed to the server's account.
-    folder = Path(tempfile.mkdtemp(prefix="seatrial-postgres-", dir="/tmp" if account else None))
+    place = parent or ("/tmp" if account else None)
+    folder = Path(tempfile.mkdtemp(prefix="seatrial-postgres-", dir=place))
     if account:
         owner = pwd.getpwnam(account)
         os.chown(folder, owner.pw_uid, owner.pw_gid)

@@ -66,6 +66,29 @@ def test_the_line_names_what_it_would_take(seatrial: Command) -> None:
     assert " PB; expected at most 1e11 samples of work (limits.samples)" in message
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            "identifier=none evaluation=none sample_time_s=2000",
+            "excitation=waypoints: got 720 s, 0 samples of sample_time_s=2000; expected at least 4",
+        ),
+        (
+            "excitation=prbs controller=none excitation.length_s=0.3",
+            "excitation=prbs: got 0.3 s, 3 samples of sample_time_s=0.1; expected at least 4",
+        ),
+        (
+            "evaluation=square evaluation.duration_s=1e-9",
+            "evaluation=square: got 1e-09 s, 0 samples of sample_time_s=0.1; expected at least 4",
+        ),
+    ],
+)
+def test_a_mission_without_samples_is_refused(
+    arguments: str, message: str, seatrial: Command
+) -> None:
+    assert seatrial.refuses(*arguments.split()) == message
+
+
 def test_limits_are_options(seatrial: Command) -> None:
     trial = ("identifier=ls", "dry_run=true")
     assert seatrial(*trial).code == 0

@@ -1,12 +1,20 @@
 """SIGTERM and SIGHUP end a program as Ctrl-C does: one line, and the run marked interrupted."""
 
+import importlib
 import os
 import signal
+import sqlite3
+import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from sqlalchemy import create_engine
+from sqlalchemy.pool import NullPool
 
+from seatrial.runner import stop_signals
 from seatrial.runner.database import Logbook
 from tests.runner.command import Command
 from tests.runner.programs import children, ended, program, rows, sweep, wait
@@ -43,26 +51,74 @@ def test_a_trial_that_is_stopped_is_interrupted(
     assert seatrial("seed=3").code == 0
 
 
-@pytest.mark.parametrize("number", CODES)
-def test_a_signal_during_a_finaliser_is_not_lost(seatrial: Command, number: signal.Signals) -> None:
-    """Python drops what is raised there."""
-    fake = seatrial.pretend()
+class Dying:
+    """An object whose finaliser is interrupted: Python drops what is raised there."""
 
-    class Dying:
-        def __del__(self) -> None:
-            os.kill(os.getpid(), number)
-            time.sleep(0.01)
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __del__(self) -> None:
+        _stop(self._number)
+
+
+def _stop(number: int) -> None:
+    os.kill(os.getpid(), number)
+    time.sleep(0.01)
+
+
+def finalise(number: int) -> None:
+    dying = [Dying(number)]
+    dying.clear()
+
+
+def swallow(number: int) -> None:
+    with suppress(BaseException):
+        _stop(number)
+
+
+def import_module(number: int) -> None:
+    """An import that is ended leaves half a module behind."""
+    Path("stopping.py").write_text(f"import os, time\nos.kill({os.getpid()}, {number})\n{REST}")
+    assert importlib.import_module("stopping").whole
+
+
+REST = "time.sleep(0.1)\nwhole = True\n"
+
+
+def close_connection(number: int) -> None:
+    """SQLAlchemy logs whatever is raised there with its traceback."""
+
+    class Connection(sqlite3.Connection):
+        def close(self) -> None:
+            _stop(number)
+            super().close()
+
+    engine = create_engine("sqlite://", creator=lambda: Connection(":memory:"), poolclass=NullPool)
+    engine.connect().close()
+
+
+@pytest.mark.parametrize("number", CODES)
+@pytest.mark.parametrize("moment", [finalise, swallow, import_module, close_connection])
+def test_a_signal_is_neither_lost_nor_told_with_a_traceback(
+    seatrial: Command,
+    monkeypatch: pytest.MonkeyPatch,
+    moment: Callable[[int], None],
+    number: signal.Signals,
+) -> None:
+    monkeypatch.setattr(stop_signals, "LOST_S", 0.3)
+    monkeypatch.syspath_prepend(seatrial.folder)
+    monkeypatch.delitem(sys.modules, "stopping", raising=False)
+    fake = seatrial.pretend()
 
     class Fatal(set[int]):
         def __contains__(self, seed: object) -> bool:
-            dying = [Dying()]
-            dying.clear()
+            moment(number)
             time.sleep(10.0)
             return False
 
     fake.interrupted = Fatal()
     answer = seatrial("seed=3")
-    assert answer.code == CODES[number]
+    assert answer.code == CODES[number], answer.err
     assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
     assert "Traceback" not in answer.err
 
@@ -85,6 +141,31 @@ def test_a_program_that_is_stopped_ends_in_one_line(
     assert "Traceback" not in err
     assert rows(tmp_path, RUNNING) == []
     assert rows(tmp_path, "SELECT DISTINCT status FROM run") == [("interrupted",)]
+
+
+SHIELDED = """
+import time
+from seatrial.runner.launching import shielded_workers
+try:
+    with shielded_workers():
+        print("ready", flush=True)
+        time.sleep(20.0)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_a_program_that_was_suspended_still_stops(tmp_path: Path) -> None:
+    process = program("-c", SHIELDED, folder=tmp_path)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    assert ended(process) == (0, "interrupted\n", "")
+    assert time.monotonic() - began < 10.0
 
 
 def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> None:

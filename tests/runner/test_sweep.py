@@ -39,7 +39,7 @@ def test_all_combinations_are_run(seatrial: Command) -> None:
     assert answer.out.splitlines() == [
         "sweep 1, 6 runs: 6 finished, 0 failed, 0 diverged",
         "results: sqlite:///results/results.db",
-        "compare: python -m runner.compare table --rows identifier",
+        "compare: python -m runner.compare table --rows identifier --sweep 1",
     ]
 
 

@@ -49,7 +49,7 @@ def test_it_is_said_before_the_mission_is_sailed(
         raise Diverged("adrift", 0.0, "x")
 
     one = composed(*SHIP, *options)
-    excited = trials.excite(one, closed_loop.streams(0))
+    excited = trials.excite(one, closed_loop.Streams(0))
     monkeypatch.setattr(trials, "excite", lambda *_: excited)
     monkeypatch.setattr(closed_loop, "sail", run_away)
     with caplog.at_level(logging.WARNING), pytest.raises(trials.TrialDiverged) as lost:

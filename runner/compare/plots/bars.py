@@ -21,7 +21,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
-from seatrial.runner.compare.selection import pooled
+from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 
 FIGURE = Figure(
     "bars",
@@ -38,7 +38,9 @@ GROUP_WIDTH = 0.8  # of the distance between two groups
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, with one panel for each degree of freedom."""
-    candidates = [_drawing(results, request, facet) for facet in facets(results, request)]
+    candidates = [
+        _drawing(results, request, facet) for facet in facets(results, request, averages=True)
+    ]
     complete = [drawing for drawing in candidates if drawing is not None]
     if not complete:
         raise ConfigurationError(
@@ -49,9 +51,10 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
-    names = (request.metric, BELOW_TRUE_MODEL)
+    names = (request.metric, BELOW_TRUE_MODEL, *DIVERGENCE)
     numbers = results.metrics(facet.runs, names, facet.condition)
     flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
+    diverged = diverged_predictions(numbers)
     observations = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
     observations = [o for o in observations if o.model == request.model]
     dofs = request.shown(lambda d: any(o.dof == d for o in observations))
@@ -59,9 +62,12 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         return None
     rows, columns = (request.rows,), (request.columns,)
     tables = {
-        dof: pivot([o for o in observations if o.dof == dof], facet.runs, rows, columns, flagged)
+        dof: pivot(
+            [o for o in observations if o.dof == dof], facet.runs, rows, columns, flagged,
+            likeness=facet.likeness, diverged=diverged,
+        )
         for dof in dofs
-    }
+    }  # fmt: skip
     first = tables[dofs[0]]
     width = max(3.4, 0.9 + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
@@ -72,7 +78,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         )
         _panel(panel, tables[dof], request, label, width)
     headed(figure, axes, facet.title(f"{request.model.capitalize()} model"))
-    footnote(figure, _notes(tables, pooled(results, first)))
+    footnote(figure, _notes(tables, request.pool))
     return Drawing(facet.file(f"bars-{request.metric}"), figure)
 
 
@@ -154,6 +160,7 @@ def _spread_out(n: int) -> NDArray[np.float64]:
 def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
     """Write the counts of missing runs and the mark † above a bar."""
     lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
+    lines += [f"{cell.diverged} diverged"] if cell.diverged else []
     lines += [f"{cell.without} no value"] if cell.without else []
     lines += ["†"] if cell.flagged else []
     if lines:
@@ -169,11 +176,12 @@ def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> No
         )
 
 
-def _notes(tables: Mapping[str, Pivot], notes: Sequence[str]) -> list[str]:
+def _notes(tables: Mapping[str, Pivot], pool: Sequence[str]) -> list[str]:
     cells = [cell for table in tables.values() for cell in table.cells.values()]
     largest = max(len(cell.observed) for cell in cells)
     legend = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
-    texts = [legend if largest > 1 else "one seed", *notes]
+    texts = [legend if largest > 1 else "one experiment a bar"]
+    texts += [f"bars average over {', '.join(pool)}"] if pool else []
     if any(cell.flagged for cell in cells):
         texts.append("† below the true model: fits lag or feedback, not the vessel")
     return texts

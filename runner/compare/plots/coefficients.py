@@ -1,7 +1,8 @@
 """Identified against true coefficients with 95 % intervals, per degree of freedom.
 
 Coefficients differ by orders of magnitude, so each is shown relative to its true value or, if
-that is not known, to its estimate.
+that is not known, to its estimate. Only some identifiers have an interval that is tested to cover
+the coefficient; the intervals of the others do not include their bias, and are drawn otherwise.
 """
 
 import math
@@ -35,6 +36,8 @@ FIGURE = Figure(
     place=6,
 )
 
+OF_ESTIMATE = "interval of the estimate"
+UNCERTAIN = "0.5"  # grey
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
@@ -51,13 +54,14 @@ class Estimate:
     value: float
     low: float
     high: float
+    covers: bool  # the interval is one of the coefficient, not only of its estimate
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one mark for each group and term."""
     missing = f"no finished run that matches has coefficients of model {request.model}"
     draw = partial(_drawing, results, request)
-    return each_facet(results, request, draw, f"plot coefficients: {missing}")
+    return each_facet(results, request, draw, f"plot coefficients: {missing}", averages=True)
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -69,8 +73,9 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         and observation.value is not None
     ]
     dofs = request.shown(lambda dof: any(observation.dof == dof for observation in numbers))
+    covering = results.covering(facet.runs, facet.condition)
     by_dof = {
-        dof: _groups([observation for observation in numbers if observation.dof == dof], request)
+        dof: _groups(facet.likeness.distinct(o for o in numbers if o.dof == dof), request, covering)
         for dof in dofs
     }
     by_dof = {dof: groups for dof, groups in by_dof.items() if any(groups.values())}
@@ -79,7 +84,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     labels = ordered(label for groups in by_dof.values() for label in groups)
     terms = {dof: _terms(groups) for dof, groups in by_dof.items()}
     rows = max(len(estimates) for estimates in terms.values())
-    height = 1.4 + rows * max(0.3, 0.13 * len(labels) + 0.08)
+    height = 2.0 + rows * max(0.3, 0.13 * len(labels) + 0.08)
     figure, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
     for panel, (dof, groups) in zip(axes, by_dof.items(), strict=True):
         _panel(panel, dof, terms[dof], groups, labels)
@@ -89,7 +94,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
 
 
 def _groups(
-    numbers: Sequence[Observation], request: PlotRequest
+    numbers: Sequence[Observation], request: PlotRequest, covering: frozenset[int]
 ) -> Mapping[str, Sequence[Estimate]]:
     """Return estimates by group: the row, and column and vessel if there are several."""
     factors = [request.rows]
@@ -101,14 +106,15 @@ def _groups(
         label = ", ".join(observation.level(name) for name in factors)
         samples.setdefault(label, {}).setdefault(observation.name, []).append(observation)
     return {
-        label: [e for e in map(_estimate, by_term.values()) if e is not None]
+        label: [e for s in by_term.values() if (e := _estimate(s, covering)) is not None]
         for label, by_term in samples.items()
     }
 
 
-def _estimate(sample: Sequence[Observation]) -> Estimate | None:
+def _estimate(sample: Sequence[Observation], covering: frozenset[int]) -> Estimate | None:
     """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
 
+    `covering` are the runs whose intervals are of the coefficient.
     A term whose true value is zero has no relative scale. Neither has a term without a true value
     whose standard error is missing or whose mean is zero.
     """
@@ -129,8 +135,9 @@ def _estimate(sample: Sequence[Observation]) -> Estimate | None:
     ends = sorted((low / reference, high / reference))
     first = sample[0]
     return Estimate(
-        first.name, first.unit, reference, truth is not None, mean / reference, ends[0], ends[1]
-    )
+        first.name, first.unit, reference, truth is not None, mean / reference, ends[0], ends[1],
+        covers=all(observation.run.id in covering for observation in sample),
+    )  # fmt: skip
 
 
 def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
@@ -179,24 +186,44 @@ def _marks(
     axes: Axes, estimates: Sequence[Estimate], places: Sequence[float], i: int, label: str
 ) -> None:
     colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
-    values = np.array([estimate.value for estimate in estimates])
-    spans = np.array(
-        [[estimate.value - estimate.low, estimate.high - estimate.value] for estimate in estimates]
-    )
-    axes.errorbar(
-        values,
-        places,
-        xerr=np.clip(spans.T, 0.0, None) if len(estimates) else None,
-        fmt=marker,
-        color=colour,
-        label=label,
-        capsize=2.5,
-        markersize=5,
-        elinewidth=1.3,
-    )
+    for covers in (True, False):
+        part = [
+            (e, place) for e, place in zip(estimates, places, strict=True) if e.covers == covers
+        ]
+        if part:
+            _whiskers(axes, part, colour, marker, label)
     for estimate, place in zip(estimates, places, strict=True):
         if abs(estimate.value - 1.0) > WIDEST:
             _arrow(axes, estimate.value, place, colour)
+
+
+def _whiskers(
+    axes: Axes, part: Sequence[tuple[Estimate, float]], colour: str, marker: str, label: str
+) -> None:
+    """Draw marks with intervals; those of the estimate only are thin, grey and dashed."""
+    covers = part[0][0].covers
+    spans = np.array([[e.value - e.low, e.high - e.value] for e, _ in part])
+    drawn = axes.errorbar(
+        [estimate.value for estimate, _ in part],
+        [place for _, place in part],
+        xerr=np.clip(spans.T, 0.0, None),
+        fmt=marker,
+        color=colour,
+        ecolor=colour if covers else UNCERTAIN,
+        label=label,
+        capsize=2.5 if covers else 0.0,
+        markersize=5,
+        elinewidth=1.3 if covers else 0.8,
+    )
+    if any(map(_of_estimate, (estimate for estimate, _ in part))):
+        for line in drawn.lines[2]:
+            line.set_linestyle("--")
+        axes.plot([], [], color=UNCERTAIN, linewidth=0.8, linestyle="--", label=OF_ESTIMATE)
+
+
+def _of_estimate(estimate: Estimate) -> bool:
+    """Return whether an interval is shown that is not one of the coefficient."""
+    return not estimate.covers and estimate.high > estimate.low
 
 
 def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
@@ -234,6 +261,10 @@ def _notes(
     ]
     if not seeds:
         notes = ["whiskers: 95 % interval of the fit (1.96 standard errors)"]
+    if any(_of_estimate(e) for groups in by_dof.values() for part in groups.values() for e in part):
+        notes.append(
+            f"dashed: {OF_ESTIMATE}, not of the coefficient: without the bias of the identifier"
+        )
     if zero:
         notes.append(f"not shown: {zero} terms whose true value is zero")
     return notes

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.request import PlotRequest, facets
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.sailed_missions import PREFIX
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed
@@ -33,7 +33,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     figures = []
     rows = [name.strip() for name in request.rows.split(",")]
     for facet in facets(results, request, rows):
-        runs = _newest_runs(results, request, facet.runs, rows)
+        runs = _newest_runs(results, request, facet, rows)
         if len(runs) > 1:
             figures.append(_drawing(results, request, runs, facet.file("controllers"), facet.label))
     if not figures:
@@ -45,12 +45,13 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 
 def _newest_runs(
-    results: Results, request: PlotRequest, runs: Sequence[Run], rows: Sequence[str]
+    results: Results, request: PlotRequest, facet: Facet, rows: Sequence[str]
 ) -> dict[str, Run]:
     """Return the newest run of every level, with all other choices as in the newest run."""
-    condition = results.where(request.where)
-    kind, stored = PREFIX + request.model, results.series_columns(condition)
-    candidates = [run for run in runs if run.status == FINISHED and kind in stored.get(run.id, ())]
+    kind, stored = PREFIX + request.model, results.series_columns(facet.condition)
+    candidates = [
+        run for run in facet.runs if run.status == FINISHED and kind in stored.get(run.id, ())
+    ]
     fixed = [name for name in SAME if name not in rows]
     newest: dict[str, Run] = {}
     for run in candidates:

@@ -53,7 +53,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one line for each row and column."""
     missing = "no run that matches has the diagnostic order_mse (identifier=plsr does)"
     draw = partial(_drawing, results, request)
-    return each_facet(results, request, draw, f"plot orders: {missing}")
+    return each_facet(results, request, draw, f"plot orders: {missing}", averages=True)
 
 
 def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:

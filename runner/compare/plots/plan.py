@@ -86,7 +86,7 @@ def _ratio(north: Sample, east: Sample) -> float:
 
 def _names(results: Results, run: Run, request: PlotRequest) -> dict[int, str]:
     """Return the names of the possible manoeuvres by number."""
-    rows = results.diagnostics([run], ("mix_count",), results.where(request.where))[run.id]
+    rows = results.diagnostics([run], ("mix_count",))[run.id]
     names = {int(row.i): str(row.label) for row in rows}
     if not names:
         raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")

@@ -1,15 +1,25 @@
 """The request of a figure, and the selection of its runs."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TypeVar
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import FINISHED, DiagnosticRow, Results, Run, ordered
+from seatrial.runner.compare.likeness import Likeness, differing, require_few
+from seatrial.runner.compare.results import (
+    FINISHED,
+    DiagnosticRow,
+    Observation,
+    Results,
+    Run,
+    ordered,
+)
 from seatrial.runner.compare.where import Comparison, Condition, Joined
 from seatrial.runner.database.terminal import visible
+from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import DOF_ORDER
 
 Drawing = TypeVar("Drawing")
@@ -29,6 +39,9 @@ class PlotRequest:
     facet: str | None = None
     log: bool | None = None  # None: by the range of the values
     where: str | None = None
+    sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
+    pool: Sequence[str] = ()  # factors that a group may average over
 
     def shown(self, has: Callable[[str], bool]) -> list[str]:
         """Return the requested degrees of freedom for which `has` is true, in reading order."""
@@ -41,7 +54,8 @@ class Facet:
 
     runs: Sequence[Run]
     condition: Condition | None
-    label: str = ""  # "vessel = milliampere", empty without --facet
+    likeness: Likeness
+    label: str = ""  # "vessel = milliampere", empty if there is one figure
     run: int | None = None  # the requested run
 
     def title(self, text: str) -> str:
@@ -77,31 +91,59 @@ def _label(level: str) -> str:
 
 
 def facets(
-    results: Results, request: PlotRequest, rows: Sequence[str] | None = None
+    results: Results,
+    request: PlotRequest,
+    rows: Sequence[str] | None = None,
+    averages: bool = False,
 ) -> list[Facet]:
     """Return the runs of each figure; raises ConfigurationError if no run matches.
 
-    `rows` are the factors of a figure with several row factors.
+    `rows` are the factors of a figure with several row factors. A figure that `averages` over runs
+    is drawn once for each level of what the runs of a group differ in.
     """
-    condition = results.where(request.where)
+    condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
-        condition = with_run(condition, request.run)
+        condition = with_run(results.where(request.where), request.run)
     factors = [*(rows or [request.rows]), request.columns]
     factors += [request.facet] if request.facet is not None else []
     for factor in factors:
         results.names.check(factor, "--rows/--columns/--facet")
     runs = [_drawable(run) for run in results.runs(condition, factors)]
-    if request.facet is None:
-        return [Facet(runs, condition, run=request.run)]
+    likeness = Likeness(results, runs)
+    split = []
+    if averages and "all" not in request.pool:
+        split = _unlike(likeness, runs, factors, request)
+    names = [*([] if request.facet is None else [request.facet]), *split]
+    if split:
+        runs = [_drawable(run) for run in results.runs(condition, [*factors, *split])]
+    parts: dict[tuple[str, ...], list[Run]] = defaultdict(list)
+    for run in runs:
+        parts[tuple(run.levels[name] for name in names)].append(run)
+    ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
     return [
         Facet(
-            [run for run in runs if run.levels[request.facet] == level],
-            condition,
-            f"{request.facet} = {level}",
+            parts[key], condition, likeness,
+            ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True)),
             request.run,
         )
-        for level in ordered(run.levels[request.facet] for run in runs)
-    ]
+        for key in sorted(parts, key=lambda key: list(map(list.index, ranks, key)))
+    ]  # fmt: skip
+
+
+def _unlike(
+    likeness: Likeness, runs: Sequence[Run], factors: Sequence[str], request: PlotRequest
+) -> list[str]:
+    """Return what the runs of one group of a figure differ in, apart from the seed."""
+    stages = definition_of(request.metric).stages
+    stage = "deployment" if "deployment" in stages else "validation"
+    groups: dict[Hashable, list[Observation]] = defaultdict(list)
+    for run in runs:
+        if run.status == FINISHED:
+            number = Observation(run, stage, request.model, "all", request.metric, None, "")
+            groups[tuple(run.levels[name] for name in factors)].append(number)
+    split = differing(likeness, groups, request.pool)
+    require_few(split, "the groups of this figure")
+    return split
 
 
 def each_facet(
@@ -109,12 +151,14 @@ def each_facet(
     request: PlotRequest,
     draw: Callable[[Facet], Drawing | None],
     missing: str,
+    averages: bool = False,
 ) -> list[Drawing]:
     """Return the drawing of each facet that `draw` does not leave out by None.
 
     Raises ConfigurationError with the message `missing` if it leaves out all of them.
     """
-    drawings = [drawing for facet in facets(results, request) if (drawing := draw(facet))]
+    parts = facets(results, request, averages=averages)
+    drawings = [drawing for facet in parts if (drawing := draw(facet))]
     if not drawings:
         raise ConfigurationError(missing)
     return drawings
@@ -148,9 +192,9 @@ def each_run(
     The run is the requested one, else the newest finished run that meets --where and has such a
     series (with the given column); with --facet it is the newest run of each level.
     """
-    condition = results.where(request.where)
+    condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
-        condition = with_run(condition, request.run)
+        condition = with_run(results.where(request.where), request.run)
     facet = request.facet
     if facet is not None:
         results.names.check(facet, "--rows/--columns/--facet")

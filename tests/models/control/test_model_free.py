@@ -86,7 +86,7 @@ def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
     short = ("excitation.length_s=6", "evaluation.duration_s=60", "controller=lqi")
     one = composed(*EXPERIMENT, FULL_NOISE, mean, *short)
     design = closed_loop.prepare(
-        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
     ).design
     assert design.infeasible.tolist() == [True, True, False]
     assert len(deployment_metrics.design_warnings(design, "nominal")) == 2

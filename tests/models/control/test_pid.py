@@ -26,7 +26,7 @@ def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyag
     one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
     truth = one.plant_scale * one.vessel.nominal()
     return closed_loop.sail_mission(
-        one, closed_loop.streams(0), model or truth, one.excitation
+        one, closed_loop.Streams(0), model or truth, one.excitation
     ).voyage
 
 
@@ -106,7 +106,7 @@ def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
     one = composed("identifier=none", "controller.deployed_feedback=false")
     shares = {
         deployed: closed_loop.sail_mission(
-            one, closed_loop.streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
+            one, closed_loop.Streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
         ).voyage.log.tau_fb
         for deployed in (False, True)
     }

@@ -28,7 +28,7 @@ def figures(*options: str) -> dict[str, Array]:
     for seed in SEEDS:
         one = composed("experiment=positioning", *options, f"seed={seed}")
         sailed = closed_loop.sail_mission(
-            one, closed_loop.streams(seed), one.vessel.nominal(), one.evaluation
+            one, closed_loop.Streams(seed), one.vessel.nominal(), one.evaluation
         )
         row: dict[str, list[float]] = {}
         design = deployment_metrics.design_metrics(sailed.design, "nominal")
@@ -79,7 +79,7 @@ def test_the_sources_limit_in_sway_is_found_infeasible_before_sailing() -> None:
         "evaluation.duration_s=20",
     )  # fmt: skip
     sailed = closed_loop.sail_mission(
-        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
     )
     found = deployment_metrics.design_metrics(sailed.design, "nominal")
     flags = {m.dof: m.value for m in found if m.name == "infeasible_limits"}
@@ -95,7 +95,7 @@ def test_an_unstable_design_is_said_to_be_one() -> None:
         "controller.error_weight=[1e2, 1.0, 1e3]", "evaluation.duration_s=20",
     )  # fmt: skip
     sailed = closed_loop.sail_mission(
-        one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
     )
     found = deployment_metrics.design_metrics(sailed.design, "x")
     radius = next(m.value for m in found if m.name == "spectral_radius")
@@ -115,7 +115,7 @@ def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> 
             "sample_time_s=1.0", "integration_step_s=1.0", f"controller={controller}",
         )  # fmt: skip
         sailed = closed_loop.sail_mission(
-            one, closed_loop.streams(0), one.vessel.nominal(), one.evaluation
+            one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
         )
         found = {
             (m.name, m.dof): float(m.value or 0.0)

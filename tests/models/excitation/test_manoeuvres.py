@@ -9,7 +9,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.runner.closed_loop import sail_mission, streams
+from seatrial.runner.closed_loop import Streams, sail_mission
 from seatrial.runner.trial import check
 from tests.trials import composed
 
@@ -17,7 +17,7 @@ from tests.trials import composed
 def sailed(*overrides: str) -> tuple[Any, Voyage]:
     trial = composed("identifier=none", "disturbance=calm", *overrides)
     check(trial)
-    voyage = sail_mission(trial, streams(0), trial.vessel.nominal(), trial.excitation).voyage
+    voyage = sail_mission(trial, Streams(0), trial.vessel.nominal(), trial.excitation).voyage
     return trial, voyage
 
 
@@ -219,9 +219,8 @@ def test_every_signal_is_sailed_in_an_open_and_a_closed_loop(signal: str, loop: 
         "vessel=surge_nonlinear", f"excitation={signal}", f"excitation.loop={loop}",
     )  # fmt: skip
     assert np.any(voyage.log.tau_fb != 0.0) == (loop == "closed")
-    signal_force = trial.excitation.force(voyage.t, ("surge",), np.random.default_rng(
-        streams(0).excitation
-    ))  # fmt: skip
+    generator = Streams(0).generator("excitation")
+    signal_force = trial.excitation.force(voyage.t, ("surge",), generator)
     if loop == "open":
         np.testing.assert_array_equal(voyage.log.tau, signal_force)
 

@@ -29,7 +29,7 @@ from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
 from seatrial.models.vessel.pose import Euler, Planar, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.closed_loop import streams
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
 from tests.trials import composed
 
@@ -225,7 +225,7 @@ def test_one_step_at_high_pitch_is_that_of_quaternions():
         f"excitation.path={DATA}/beluga/random-1.csv",
     )  # fmt: skip
     model = trial.vessel.nominal()
-    recording = excite(trial, streams(trial.seed)).recording
+    recording = excite(trial, Streams(trial.seed)).recording
     course = prediction(model, recording, None).course
     pitch = np.degrees(np.abs(recording.eta[:, 4]))
     assert np.max(pitch) > 69.0
@@ -324,7 +324,7 @@ def test_a_thruster_without_lag_acts_as_commanded(make, signal):
 def test_a_simulation_records_whether_its_thrusters_lag(name, without):
     trial = composed(f"vessel={name}", "excitation=prbs")
     assert (trial.vessel.thruster is None) == without
-    recording = excite(trial, streams(0)).recording
+    recording = excite(trial, Streams(0)).recording
     assert recording.without_lag == without
     assert all(
         piece.without_lag == without for piece in (recording.lowpass(1.0), *recording.pieces())

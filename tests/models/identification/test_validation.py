@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.validation import AHEAD, prediction
+from seatrial.models.identification.validation import (
+    HORIZONS,
+    Ahead,
+    InertiaError,
+    combined,
+    prediction,
+    scores,
+)
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
 
 
 def errors(model, recording, thruster=None):
     ready = prediction(model, recording, thruster)
-    return {name: ready.ahead(steps) for name, steps in AHEAD.items()}
+    return {name: ready.over(name) for name in HORIZONS}
 
 
 @pytest.mark.parametrize("disturbance", ["calm", "constant"])
@@ -23,7 +30,7 @@ def test_the_truth_predicts_the_ferry(lap, disturbance):
     held_out = one.problem.validation
     true = errors(one.truth, held_out, one.thruster)
     believed = errors(one.problem.nominal, held_out, one.thruster)
-    for name in AHEAD:
+    for name in HORIZONS:
         assert true[name].limited == 0.0
         assert np.all(true[name].rmse < 0.05 * believed[name].rmse), name
     assert np.max(true["ten_step"].rmse) < 1e-3
@@ -67,6 +74,53 @@ def test_a_model_that_runs_away_has_figures_and_says_so(make, signal):
     found = errors(make.surge(60.0, 20.0, "|u|u", -40.0), recording)["free_run"]
     assert np.all(np.isfinite(found.rmse))
     assert found.limited > 0.5
+    assert found.diverged
+
+
+def test_the_time_that_a_free_run_held_is_that_of_the_exact_solution(make, signal):
+    """m du/dt = d u grows as exp(d t / m); the rate of the position, u, reaches the limit first."""
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"))
+    still = replace(recording, tau=np.zeros_like(recording.tau), tau_actual=None)
+    start = 0.5
+    still.nu[:] = start
+    ready = prediction(make.surge(60.0, -30.0), still, None)
+    growth = 30.0 / 60.0
+    expected = np.log(ready.course.limit / start) / growth
+    assert ready.held_s() == pytest.approx(expected, abs=2.0 * ready.course.step_s)
+    stable = prediction(make.surge(60.0, 30.0), still, None)
+    assert stable.held_s() == pytest.approx(ready.course.step_s * (len(still) - 1))
+
+
+def test_restarts_lie_between_a_step_and_a_free_run(make, signal):
+    """A bias grows with the time since the restart, here 1 of 100 s."""
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"), integrator="rk4")
+    biased = errors(make.surge(72.0, 24.0), recording)
+    rmse = [biased[name].rmse[0] for name in ("one_step", "restarts", "free_run")]
+    assert rmse == sorted(rmse)
+    assert rmse[0] < 0.5 * rmse[1]
+
+
+def test_scores_are_those_of_their_definitions(make, signal):
+    truth, biased = make.surge(60.0, 20.0), make.surge(72.0, 24.0)
+    recording = make.driven(truth, signal("many_sine"), integrator="rk4", noise=0.02)
+    ready = prediction(biased, recording, None)
+    spread = ready.mean_motion()
+    np.testing.assert_allclose(spread, np.std(np.hstack([recording.eta, recording.nu]), axis=0))
+    ahead = ready.over("free_run")
+    fit, r2, vaf = scores(ahead, spread)
+    errors, _ = ready.deviations()
+    measured = recording.nu[:, 0]
+    e = errors[1:, 1]
+    np.testing.assert_allclose(fit[1], 100.0 * (1.0 - np.sqrt(np.mean(e**2)) / np.std(measured)))
+    np.testing.assert_allclose(r2[1], 1.0 - np.mean(e**2) / np.var(measured))
+    np.testing.assert_allclose(vaf[1], 100.0 * (1.0 - np.var(e) / np.var(measured)))
+    assert combined(np.array([np.nan, 40.0, 60.0])) == 50.0
+
+
+def test_an_axis_at_rest_has_no_score():
+    ahead = Ahead(np.ones(4), 0.0, np.ones(4))
+    fit = scores(ahead, np.array([2.0, 0.0, 1.0, 0.0])).fit
+    np.testing.assert_allclose(fit, [50.0, np.nan, 0.0, np.nan])
 
 
 def test_what_cannot_predict_says_why(make, signal):
@@ -75,5 +129,5 @@ def test_what_cannot_predict_says_why(make, signal):
     with pytest.raises(IdentificationError, match=r"cos\(psi\) cannot be predicted in surge"):
         prediction(turned, recording, None)
     heavy = make.surge(60.0, 20.0)
-    with pytest.raises(IdentificationError, match="inertia of the model is not positive definite"):
+    with pytest.raises(InertiaError, match="inertia of the model is not positive definite"):
         prediction(replace(heavy, theta=-heavy.theta), recording, None)

@@ -19,6 +19,7 @@ from seatrial.runner.database.records import (
     RunStart,
     Series,
 )
+from seatrial.runner.vocabulary import Stream
 
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
 
@@ -34,6 +35,8 @@ def start(
     vessel: str = "milliampere",
     config: Mapping[str, Any] | None = None,
     overrides: Sequence[str] = (),
+    evaluation: str = "replay",
+    code: str | None = None,
 ) -> RunStart:
     """A run's start; its fingerprint says all that is given here."""
     whole = {
@@ -44,7 +47,10 @@ def start(
         "lowpass_hz": None,
     }
     whole |= config or {}
-    told = f"{identifier} {disturbance} {seed} {vessel} {sorted(whole.items(), key=str)}"
+    told = f"{identifier} {disturbance} {vessel} {evaluation} {code}"
+    unseeded = {key: value for key, value in whole.items() if key != "seed"}
+    experiment = f"{told} {sorted(unseeded.items(), key=str)}"
+    told += f" {seed} {sorted(whole.items(), key=str)}"
     return RunStart(
         fingerprint=sha256(told.encode()).hexdigest(),
         vessel=vessel,
@@ -52,7 +58,7 @@ def start(
         excitation="waypoints",
         identifier=identifier,
         controller="pid",
-        evaluation="replay",
+        evaluation=evaluation,
         seed=seed,
         config=whole,
         overrides=overrides or [f"identifier={identifier}", f"seed={seed}"],
@@ -60,6 +66,8 @@ def start(
         git_dirty=True,
         versions={"python": "3.11.7", "numpy": "2.4.6"},
         command=f"python -m runner identifier={identifier}",
+        code=code,
+        experiment=sha256(experiment.encode()).hexdigest(),
     )
 
 
@@ -99,10 +107,13 @@ def finish(
     diagnostics: Sequence[Finding] = (),
     series: Sequence[Series] = (),
     rerun: bool = False,
+    drawn: Sequence[Stream] | None = None,
+    sweep: int | None = None,
 ) -> int:
-    begun = logbook.begin_run(begin, rerun=rerun)
+    begun = logbook.begin_run(begin, sweep, rerun=rerun)
     assert begun.state == "new"
-    logbook.finish_run(begun.run_id, Results(metrics, coefficients, diagnostics, series))
+    results = Results(metrics, coefficients, diagnostics, series, drawn=drawn)
+    logbook.finish_run(begun.run_id, results)
     return begun.run_id
 
 
@@ -111,6 +122,10 @@ def fail(logbook: Logbook, begin: RunStart, status: Any = "failed", error: str =
     assert begun.state == "new"
     logbook.fail_run(begun.run_id, status, "ValueError", error, "Traceback: here\nValueError")
     return begun.run_id
+
+
+def interval(of_estimate: bool) -> Finding:
+    return Finding("interval_of_estimate", "all", float(of_estimate))
 
 
 def fill_plain(logbook: Logbook) -> None:

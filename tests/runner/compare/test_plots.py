@@ -229,15 +229,48 @@ def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Re
     assert any("→" in text.get_text() for text in surge.texts)  # 9000 of 55 is off the axis
 
 
+def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path: Path) -> None:
+    found = [stored.coefficient("u_dot", 1000.0, 30.0, 1195.0)]
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier, of_estimate in (("iv", False), ("ridge", True)):
+            findings = [stored.interval(of_estimate)]
+            stored.finish(logbook, stored.start(identifier), (), found, findings)
+    styles, words = {}, {}
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        for identifier in ("iv", "ridge"):
+            where = f"identifier={identifier}"
+            (one,) = drawings_of("coefficients")(opened, PlotRequest(where=where))
+            (container,) = one.figure.axes[0].containers
+            (whiskers,) = container.lines[2]
+            low, high = whiskers.get_segments()[0][:, 0]
+            assert (high - low) / 2.0 == pytest.approx(1.959964 * 30.0 / 1195.0, rel=1e-6)
+            grey = np.ptp(whiskers.get_color()[0][:3]) == 0.0
+            dashed = whiskers.get_linestyle()[0][1] is not None
+            styles[identifier] = grey, dashed, whiskers.get_linewidth()[0] < 1.0
+            legend = [text.get_text() for text in one.figure.legends[0].get_texts()]
+            note = " ".join(one.figure._supxlabel.get_text().split())
+            words[identifier] = [
+                "interval of the estimate" in " ".join(legend),
+                "interval of the estimate, not of the coefficient" in note,
+            ]
+    assert styles == {"iv": (False, False, False), "ridge": (True, True, True)}
+    assert words == {"iv": [False, False], "ridge": [True, True]}
+
+
 def test_vessels_are_not_averaged_in_one_mark(tmp_path: Path) -> None:
     with stored.logbook_at(tmp_path) as logbook:
         for vessel, truth in (("milliampere", 1195.0), ("surge_linear", None)):
             found = [stored.coefficient("u_dot", 1195.0, 8.0, truth)]
             stored.finish(logbook, stored.start("ls", vessel=vessel), coefficients=found)
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        (surge,) = axes_of("coefficients", opened)
-    labels = [container.get_label() for container in surge.containers]
-    assert labels == ["ls, milliampere", "ls, surge_linear"]
+        drawings = drawings_of("coefficients")(opened, PlotRequest())
+    titles = [
+        " ".join(drawing.figure.legends[0].get_title().get_text().split()) for drawing in drawings
+    ]
+    assert [title.partition("vessel = ")[2] for title in titles] == [
+        "milliampere)",
+        "surge_linear)",
+    ]
 
 
 def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:

@@ -208,6 +208,17 @@ LINE = (
 )
 
 
+def test_a_page_does_not_replace_a_logbook(book: Path, tmp_path: Path, program: Program) -> None:
+    database = book / "results.db"
+    before = database.read_bytes()
+    folder = written(tmp_path / "printed", LINE)
+    words = ("published", "--printed", folder, "--database", database)
+    code, _, err = program(*words, "--page", database)
+    assert code == 2
+    assert err.endswith("got a SQLite database, expected the name of the report\n")
+    assert database.read_bytes() == before
+
+
 def test_the_command_prints_and_writes_the_page(
     book: Path, tmp_path: Path, program: Program
 ) -> None:

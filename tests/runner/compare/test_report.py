@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
+from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
 from tests.runner.compare import stored
@@ -31,7 +33,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = folder / "report" / "report.html"
     with open_results(f"sqlite:///{folder}/results.db") as results:
         file.parent.mkdir()
-        file.write_text(render_report(results, ReportRequest()), encoding="utf-8")
+        file.write_text(render_report(results, ReportRequest(sweep="all")), encoding="utf-8")
     return file
 
 
@@ -82,12 +84,19 @@ def test_a_report_that_cannot_be_written_is_one_line(program: Program, plain: Pa
     assert (code, len(err.splitlines())) == (2, 1)
 
 
+def test_a_page_that_is_not_complete_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "page.html").mkdir()
+    with pytest.raises(LogbookError, match="cannot write the report"):
+        write_page("page", tmp_path / "page.html")
+    assert [file.name for file in tmp_path.iterdir()] == ["page.html"]
+
+
 def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(page.parent.parent, tmp_path / "copy"))
     for file in (folder / "series").glob("*-residual-*.parquet"):
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
-        text = render_report(results, ReportRequest())
+        text = render_report(results, ReportRequest(sweep="all"))
     assert "Not drawn: Force residual of the newest run" in text
 
 
@@ -159,7 +168,7 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_
             figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
             stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        page = render_report(opened, ReportRequest())
+        page = render_report(opened, ReportRequest(sweep="all"))
     assert "the closed loop&#39;s spectral radius is 1.0245" in page
     assert "expected less than 1 (runs 1, 2)" in page
     assert 'href="#warnings"' in page

@@ -132,7 +132,9 @@ def test_conditions_mean_the_same_on_postgresql(
         stored.fill_plain(logbook)
     with open_results(url, tmp_path) as results:
         found = {text: _selected(results, text) for text, _ in SELECTIONS}
-        shown = comparison(results, TableRequest(["force_mse"], rows=("identifier.force",)))
+        shown = comparison(
+            results, TableRequest(["force_mse"], rows=("identifier.force",), pool=("identifier",))
+        )
     assert found == dict(SELECTIONS)
     assert [row[1].text for row in shown.rows] == ["filtered", "filtered"]  # surge and yaw
 

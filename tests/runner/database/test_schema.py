@@ -82,7 +82,7 @@ def test_a_logbook_of_the_first_revision_is_upgraded_with_its_data(
 ) -> None:
     migrated(url, "0001")
     insert_first_results(url)
-    with pytest.raises(LogbookError, match=r"of an older version .* \(schema 0002\)"):
+    with pytest.raises(LogbookError, match=r"of an older version .* \(schema 0003\)"):
         Logbook.read(url)
     with Logbook.open(url, results_dir=results_dir) as logbook:
         assert [run.status for run in logbook.runs()] == ["finished", "interrupted"]
@@ -153,7 +153,7 @@ def test_a_newer_logbook_is_refused(url: str, results_dir: Path) -> None:
     with writer.begin() as connection:
         connection.exec_driver_sql("UPDATE seatrial_version SET version_num = '0999'")
     writer.dispose()
-    refused(url, results_dir, r"of a newer version of seatrial: got schema 0999.* up to 0002")
+    refused(url, results_dir, r"of a newer version of seatrial: got schema 0999.* up to 0003")
 
 
 def test_a_database_that_is_not_ours_is_refused(url: str, results_dir: Path) -> None:

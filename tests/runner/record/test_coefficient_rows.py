@@ -32,7 +32,7 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
         for model in ("nominal", "identified"):
             vessel = stored_vessel(reader, begun.run_id, model)
             voyage = closed_loop.sail_mission(
-                trial, closed_loop.streams(trial.seed), vessel, trial.excitation
+                trial, closed_loop.Streams(trial.seed), vessel, trial.excitation
             ).voyage
             stored = reader.series(begun.run_id, f"deployment_{model}")
             for column, name in enumerate(("x", "y", "psi")):

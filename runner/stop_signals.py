@@ -1,0 +1,102 @@
+"""SIGINT, SIGTERM and SIGHUP end the program once, by an exception in the main thread.
+
+An exception that is raised during an import leaves half a module behind, and libraries log one that
+is raised during their clean-up with its traceback; there the signal is sent again a moment later.
+So is a signal whose exception was dropped, as Python does in finalisers and callbacks.
+"""
+
+import _thread
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock
+from types import FrameType
+from typing import Any
+
+AGAIN_S = 0.05
+PATIENCE_S = 5.0  # with an import or a clean-up
+LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
+DELICATE = ("importlib._bootstrap", "logging", "sqlalchemy.pool")
+
+
+class StopSignal(KeyboardInterrupt):
+    """One of the signals; they end the program in the same way as Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+class StopSignals:
+    """The handlers of the signals; `number` is that of the one that has stopped the program."""
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._first: float | None = None  # when the first signal came
+        self._ended = False
+        self._lock = Lock()  # not taken by a handler: it may interrupt its holder
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Handle the signals in the block; an ignored signal (nohup) stays ignored."""
+        names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        before: dict[int, Any] = {
+            number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)
+        }
+        hook, sys.unraisablehook = sys.unraisablehook, self._dropped(sys.unraisablehook)
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, self._handle)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._ended = True
+            sys.unraisablehook = hook
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self.number is not None and number != signal.SIGINT:
+            return  # the clean-up goes on; a second Ctrl-C ends it
+        now = time.monotonic()
+        self._first = now if self._first is None else self._first
+        if _is_delicate(frame) and now < self._first + PATIENCE_S:
+            self._send(number, AGAIN_S)
+            return
+        self.number = number
+        self._send(number, LOST_S)
+        raise StopSignal(number)
+
+    def _send(self, number: int, later_s: float) -> None:
+        """Send a signal later; Thread.start takes a lock that a handler may have interrupted."""
+        _thread.start_new_thread(self._send_later, (number, later_s))
+
+    def _send_later(self, number: int, later_s: float) -> None:
+        time.sleep(later_s)
+        with self._lock:
+            if not self._ended:
+                self.number = None
+                os.kill(os.getpid(), number)
+
+    def _dropped(
+        self, hook: Callable[["sys.UnraisableHookArgs"], Any]
+    ) -> Callable[["sys.UnraisableHookArgs"], None]:
+        def unraisable(dropped: "sys.UnraisableHookArgs") -> None:
+            if isinstance(dropped.exc_value, StopSignal):
+                self._send(dropped.exc_value.number, AGAIN_S)
+            else:
+                hook(dropped)
+
+        return unraisable
+
+
+def _is_delicate(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).startswith(DELICATE):
+            return True
+        frame = frame.f_back
+    return False

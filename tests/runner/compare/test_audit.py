@@ -1,0 +1,198 @@
+"""The audit names what misleads in a logbook, and nothing in one that does not."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from seatrial.models.findings import Finding
+from seatrial.runner.compare.audit import HEADERS, audit, ranges
+from seatrial.runner.compare.grid import Grid, Scalar
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Metric
+from tests.runner.compare import stored
+
+Program = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def logbook(tmp_path: Path) -> Iterator[Logbook]:
+    with stored.logbook_at(tmp_path) as opened:
+        yield opened
+
+
+@pytest.fixture
+def results(logbook: Logbook, tmp_path: Path) -> Iterator[Results]:
+    """The results of what a test stores in `logbook` before it asks."""
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        yield opened
+
+
+def store(logbook: Logbook, *more: Any, drawn: Sequence[Any] = ("noise",), **choices: Any) -> int:
+    """Store a run of `choices` with metrics, coefficients and diagnostics; returns its number."""
+    metrics, *others = more or ([],)
+    rows = [stored.force_mse(1.0), *metrics]
+    return stored.finish(logbook, stored.start(**choices), rows, *others, drawn=drawn)
+
+
+def entries(grid: Grid) -> list[tuple[Scalar, ...]]:
+    return [tuple(row[name] for name in HEADERS[:3]) for row in grid.as_records()]
+
+
+def found(results: Results) -> list[tuple[Scalar, ...]]:
+    return entries(audit(results, None, None))
+
+
+def validation(name: str, value: float | None, model: str = "identified") -> Metric:
+    return Metric("validation", model, "all", name, value, "")
+
+
+def test_replicates_in_one_cell_are_nothing_to_find(logbook: Logbook, results: Results) -> None:
+    for identifier in ("ls", "iv"):
+        for seed in range(5):
+            fine = [validation("held_free_run", 360.0), validation("limited_share_free_run", 0.0)]
+            covers = [stored.interval(False)]
+            estimate = [stored.coefficient("u_dot", 1.0, 0.1, 1.0)]
+            metrics = [*fine, stored.below(0.0), stored.tracking(1.0)]
+            store(logbook, metrics, estimate, covers, identifier=identifier, seed=seed)
+    grid = audit(results, None, None)
+    assert (entries(grid), grid.title) == ([], "checked 10 runs: nothing found")
+
+
+def test_runs_that_a_cell_would_average_are_named(logbook: Logbook, results: Results) -> None:
+    for vessel, scale in (("milliampere", 0.5), ("milliampere", 0.7), ("supply_vessel", 0.5)):
+        store(logbook, vessel=vessel, config={"plant": {"scale": scale}})
+    store(logbook, identifier="iv")
+    what = "identifier=ls, disturbance=calm: would be averaged over vessel, plant.scale"
+    assert found(results) == [("pooled", "1-3", what)]
+
+
+def test_what_differs_in_the_deployment_alone_is_found_there(
+    logbook: Logbook, results: Results
+) -> None:
+    for evaluation in ("replay", "waypoints"):
+        store(logbook, [stored.deployed("tau_mean_abs", 1.0)], evaluation=evaluation)
+    pooled, replicates = found(results)
+    assert pooled[:2] == ("pooled", "1-2")
+    assert str(pooled[2]).endswith("averaged over evaluation")
+    assert replicates == (
+        "replicates", "1-2",
+        "identifier=ls, disturbance=calm: one experiment is stored under several evaluations",
+    )  # fmt: skip
+
+
+def test_versions_of_the_code_are_named(logbook: Logbook, results: Results) -> None:
+    for seed, code in enumerate(("0" * 16, "1" * 16, "1" * 16)):
+        store(logbook, seed=seed, code=code)
+    what = "identifier=ls, disturbance=calm: computed by 2 versions of the code"
+    assert found(results) == [("code", "1-3", what)]
+
+
+def test_what_does_not_depend_on_its_seed_is_named(logbook: Logbook, results: Results) -> None:
+    for seed in range(3):
+        store(logbook, drawn=(), seed=seed)
+        store(logbook, drawn=(), seed=seed, config={"lap": False})
+        store(logbook, seed=seed, identifier="iv")
+    (replicates,) = (entry for entry in found(results) if entry[0] == "replicates")
+    what = "identifier=ls, disturbance=calm: 2 experiments are stored under several seeds, but"
+    assert replicates[1] == "1-2, 4-5, 7-8"
+    assert str(replicates[2]).startswith(what)
+
+
+def test_a_model_below_the_true_one_is_named(logbook: Logbook, results: Results) -> None:
+    for seed, dofs in enumerate((("yaw",), (), ("surge", "yaw"))):
+        flags = [stored.below(float(dof in dofs), dof) for dof in ("surge", "sway", "yaw")]
+        store(logbook, flags, identifier="plsr", seed=seed)
+    what = "identifier=plsr: force error below the true plant's in surge, yaw"
+    assert found(results) == [("below true model", "1, 3", what)]
+
+
+def test_a_diverged_validation_is_named_with_the_time_it_held(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed, (limited, held_s) in enumerate(((0.4, 35.0), (0.0, 360.0), (0.9, 5.0))):
+        rows = [validation(f"limited_share_{name}", limited) for name in ("restarts", "free_run")]
+        store(logbook, [*rows, validation("held_free_run", held_s)], seed=seed)
+    what = "restarts, free_run diverged; the free run held 5.00 to 35.0 s"
+    whose = "identifier=ls, identified model"
+    assert found(results) == [("diverged validation", "1, 3", f"{whose}: {what}")]
+
+
+def test_an_inertia_that_is_not_positive_definite_is_named(
+    logbook: Logbook, results: Results
+) -> None:
+    """A model that cannot predict for another reason has no share of limited rates."""
+    for seed, (limited, reason) in enumerate(((1.0, "the inertia"), (None, "the heading"))):
+        rows = [validation("limited_share_free_run", limited), validation("held_free_run", 0.0)]
+        why = Finding("no_prediction", "all", 1.0, label=f"identified model: {reason} of the model")
+        store(logbook, rows, [], [why], seed=seed)
+    what = "identifier=ls, identified model: its inertia is not positive definite"
+    assert found(results) == [("inertia", "1", what)]
+
+
+def test_intervals_of_the_estimate_alone_are_named(logbook: Logbook, results: Results) -> None:
+    estimate, bare = (stored.coefficient("u_dot", 1.0, error, 1.0) for error in (0.1, None))
+    store(logbook, [], [estimate], [stored.interval(False)], identifier="iv")
+    store(logbook, [], [estimate], [stored.interval(True)], identifier="ridge")
+    store(logbook, [], [bare], identifier="none")
+    store(logbook, [], [estimate], identifier="ls")
+    assert [entry[:2] for entry in found(results)] == [("coverage", "2"), ("coverage", "4")]
+
+
+def test_lost_runs_are_named_by_their_reason(logbook: Logbook, results: Results) -> None:
+    store(logbook, seed=9)
+    for seed, error in enumerate(("singular", "singular", "too short")):
+        stored.fail(logbook, stored.start(seed=seed), "failed", error)
+    stored.fail(logbook, stored.start(seed=5), "diverged", "|r| = 9 rad/s")
+    stored.fail(logbook, stored.start(seed=6), "failed", "mended")
+    store(logbook, seed=6)
+    stored.fail(logbook, stored.start(seed=7), "interrupted", "the process was lost")
+    lost = audit(results, None, None).as_records()
+    assert [(entry["check"], entry["runs"]) for entry in lost] == [
+        ("failed run", "2-4"), ("diverged run", "5"), ("interrupted run", "8"),
+    ]  # fmt: skip
+    assert lost[0]["what"] == "ValueError: singular"
+    assert lost[0]["remedy"] == "show 2 --traceback; retry --status failed"
+
+
+@pytest.mark.parametrize(
+    ("runs", "most", "text"),
+    [
+        ([], None, ""),
+        ([3, 1, 2, 2], None, "1-3"),
+        ([1, 2, 4, 6, 7], None, "1-2, 4, 6-7"),
+        ([1, 3, 5, 6], 2, "1, 3, … (4 runs)"),
+        ([1, 3], 2, "1, 3"),
+    ],
+)
+def test_run_numbers_are_shortened(runs: list[int], most: int | None, text: str) -> None:
+    assert ranges(runs, most) == text
+
+
+def test_the_command_line_selects_and_changes_nothing(program: Program, tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for name, tags in (("first", ["old"]), ("second", [])):
+            sweep = logbook.begin_sweep(name, "command", [], 2, tags=tags)
+            for seed in (0, 1):
+                begin = stored.start(seed=seed, disturbance=name)
+                stored.finish(logbook, begin, [stored.below(1.0)], drawn=["noise"], sweep=sweep)
+            logbook.end_sweep(sweep)
+    file = tmp_path / "results.db"
+    before = file.read_bytes()
+
+    def runs_of(*words: str) -> list[str]:
+        code, out, err = program("doctor", "--database", file, "--format", "json", *words)
+        assert (code, err) == (0, "")
+        return [record["runs"] for record in json.loads(out)]
+
+    assert runs_of() == ["1-4"]
+    assert runs_of("--sweep", "second") == ["3-4"]
+    assert runs_of("--tag", "old", "--where", "seed=1") == ["2"]
+    assert runs_of("--where", "disturbance=first") == ["1-2"]
+    shown = program("doctor", "--database", file, "--format", "md", "--sweep", "1")[1]
+    assert "| check | runs | what | remedy |" in shown
+    assert file.read_bytes() == before
+    assert program("doctor", "--database", file, "--where", "seed=7")[0] == 2

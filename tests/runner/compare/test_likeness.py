@@ -1,0 +1,256 @@
+"""Like is compared with like: what a cell pools, what a replicate is, what a baseline matches."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.cli import TableOptions
+from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.grid import Grid, Scalar
+from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.selection import request_of
+from seatrial.runner.database import Logbook
+from seatrial.runner.database.records import Metric, RunStart
+from tests.runner.compare import stored
+
+SEEDS = range(6)
+
+
+@pytest.fixture
+def logbook(tmp_path: Path) -> Iterator[Logbook]:
+    with stored.logbook_at(tmp_path) as opened:
+        yield opened
+
+
+@pytest.fixture
+def results(logbook: Logbook, tmp_path: Path) -> Iterator[Results]:
+    """The results of what a test stores in `logbook` before it asks."""
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        yield opened
+
+
+def table(results: Results, **options: Any) -> Grid:
+    return comparison(results, request_of(TableOptions(**{"dof": ["surge"], **options})))
+
+
+def cells(grid: Grid) -> dict[tuple[str, ...], str]:
+    return {
+        (*(label.text for label in row[: grid.labels]), header): cell.text + "*" * cell.bold
+        for row in grid.rows
+        for header, cell in zip(grid.headers[grid.labels :], row[grid.labels :], strict=True)
+    }
+
+
+def record(grid: Grid, **levels: str) -> dict[str, Scalar]:
+    (one,) = (r for r in grid.as_records() if all(r[name] == v for name, v in levels.items()))
+    return one
+
+
+def options(basis: str, lowpass_hz: float) -> dict[str, Any]:
+    return {"identifier": {"basis": basis, "lowpass_hz": lowpass_hz}}
+
+
+def store(
+    logbook: Logbook, begin: RunStart, value: float, drawn: Sequence[Any] = ("noise",), **more: Any
+) -> None:
+    stored.finish(logbook, begin, [stored.force_mse(value)], drawn=drawn, **more)
+
+
+@pytest.fixture
+def bases(logbook: Logbook) -> dict[tuple[str, str, float], Any]:
+    """Force errors of ls with two bases and two filters, of ridge with one of each."""
+    rng = np.random.default_rng(4)
+    values = {}
+    kinds = [("ls", b, hz) for b in ("full", "physical") for hz in (0.5, 2.0)]
+    for identifier, basis, hz in [*kinds, ("ridge", "physical", 0.5), ("ridge", "lean", 0.5)]:
+        sizes = {"full": 900.0, "physical": 100.0, "lean": 300.0}[basis] * rng.uniform(0.5, 1.5, 6)
+        values[identifier, basis, hz] = sizes
+        for seed in SEEDS:
+            begin = stored.start(identifier, "noise", seed, config=options(basis, hz))
+            store(logbook, begin, sizes[seed])
+    return values
+
+
+def test_a_baseline_matches_everything_that_it_does_not_fix(
+    results: Results, bases: dict[tuple[str, str, float], Any]
+) -> None:
+    rows = "identifier,identifier.basis,identifier.lowpass_hz"
+    grid = table(results, rows=rows, baseline=["identifier=ls"])
+    ridge = bases["ridge", "physical", 0.5]
+    own = bases["ls", "physical", 0.5]
+    row = record(grid, **{"identifier": "ridge", "identifier.basis": "physical"})
+    assert row["ratio"] == pytest.approx(ridge.mean() / own.mean())
+    assert (row["pairs"], row["wins"]) == (6, int(np.sum(ridge < own)))
+    assert row["p_value"] == pytest.approx(stats.wilcoxon(ridge, own).pvalue)
+    shown = cells(grid)
+    assert shown["ridge", "lean", "0.5", "noise"].endswith("\nno counterpart")
+    assert shown["ls", "full", "2.0", "noise"].endswith("\nbaseline")
+
+
+def test_a_baseline_with_several_configurations_needs_all_of_them_named_or_matched(
+    results: Results, bases: dict[tuple[str, str, float], Any]
+) -> None:
+    one = table(results, baseline=["identifier=ls,identifier.basis=full,identifier.lowpass_hz=0.5"])
+    row = record(one, **{"identifier": "ridge", "identifier.basis": "physical"})
+    expected = bases["ridge", "physical", 0.5].mean() / bases["ls", "full", 0.5].mean()
+    assert row["ratio"] == pytest.approx(expected)
+
+
+def test_a_ratio_and_the_mean_beside_it_are_of_the_same_pairs(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed in SEEDS:
+        store(logbook, stored.start("plsr", "noise", seed), 10.0 + seed)
+        if seed < 2:
+            store(logbook, stored.start("none", "noise", seed), 20.0)
+    text = cells(table(results, baseline=["identifier=none"]))["plsr", "noise"]
+    assert text.startswith("12.50 ± 1.9 (n=6)")
+    assert text.endswith("× 0.525, 2 pairs, won 2/2 (mean 10.50 of the pairs)*")
+
+
+def test_runs_that_do_not_depend_on_the_seed_are_one_experiment(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed in SEEDS:
+        store(logbook, stored.start("none", seed=seed), 2919.0, drawn=())
+        store(logbook, stored.start("ls", seed=seed), 398.0, drawn=())
+    grid = table(results, baseline=["identifier=none"])
+    assert cells(grid)["none", "calm"] == "2919 (deterministic)\nbaseline"
+    assert cells(grid)["ls", "calm"] == "398.0 (deterministic)\n× 0.136, 1 pair, won 1/1*"
+    row = record(grid, identifier="ls")
+    assert (row["n"], row["pairs"], row["deterministic"]) == (1, 1, True)
+
+
+def test_a_random_identifier_has_replicates_and_its_nominal_model_has_none(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed in SEEDS:
+        rows = [stored.force_mse(10.0 + seed), stored.force_mse(20.0, model="nominal")]
+        stored.finish(logbook, stored.start("nsga2", seed=seed), rows, drawn=["identifier"])
+        store(logbook, stored.start("ls", seed=seed), 15.0, drawn=())
+    shown = cells(table(results, model=["all"], columns="model"))
+    assert shown["nsga2", "identified"].startswith("12.50 ± 1.9 (n=6)")
+    assert shown["nsga2", "nominal"] == "20.00 (deterministic)"
+    compared = table(results, baseline=["identifier=ls"])
+    row = record(compared, identifier="nsga2")
+    assert (row["pairs"], row["wins"]) == (6, 5)  # each against the one experiment of ls
+
+
+def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed in SEEDS:
+        for evaluation in ("replay", "waypoints"):
+            begin = stored.start("ls", "noise", seed, evaluation=evaluation)
+            rows = [stored.force_mse(10.0 + seed), stored.tracking(float(len(evaluation)))]
+            stored.finish(logbook, begin, rows, drawn=["noise"])
+    assert cells(table(results)) == {("ls", "noise"): "12.50 ± 1.9 (n=6)"}
+    deployed = cells(table(results, metric=["e_pos_mae"], dof=None))
+    assert deployed["ls", "replay", "noise"].startswith("6.000 ± 0 (n=6)")
+    assert deployed["ls", "waypoints", "noise"].startswith("9.000 ± 0 (n=6)")
+
+
+def test_a_table_is_of_the_newest_sweep(logbook: Logbook, results: Results) -> None:
+    for name, vessel in (("first", "milliampere"), ("second", "supply_vessel")):
+        sweep = logbook.begin_sweep(name, "command", [], 2)
+        for seed in (0, 1):
+            begin = stored.start("ls", "noise", seed, vessel=vessel)
+            store(logbook, begin, 1.0 + len(vessel) + seed, sweep=sweep)
+        logbook.end_sweep(sweep)
+    newest = table(results)
+    assert cells(newest) == {("ls", "noise"): "14.50 ± 0.71 (n=2)"}
+    assert "2 runs, sweep 2 (second)" in newest.title
+    for sweep_name in ("first", "1"):
+        assert cells(table(results, sweep=sweep_name)) == {("ls", "noise"): "12.50 ± 0.71 (n=2)"}
+    every = table(results, sweep="all")
+    assert list(every.headers) == ["identifier", "vessel", "noise"]
+    assert any("split by vessel" in note for note in every.notes)
+    pooled = table(results, sweep="all", pool=["vessel"])
+    assert cells(pooled) == {("ls", "noise"): "13.50 ± 1.3 (n=4)"}
+    with pytest.raises(ConfigurationError, match=r"--sweep: got 'third', expected all, a number"):
+        table(results, sweep="third")
+
+
+def test_versions_of_the_code_are_not_pooled(logbook: Logbook, results: Results) -> None:
+    for code in ("0" * 16, "1" * 16):
+        store(logbook, stored.start("ls", "noise", code=code), 1.0 + len(code))
+    grid = table(results, sweep="all")
+    assert grid.headers[1] == "code"
+    assert len(grid.rows) == 2
+
+
+def test_what_differs_in_too_much_is_refused_with_its_names(
+    logbook: Logbook, results: Results
+) -> None:
+    for i, name in enumerate(("a", "b", "c", "d")):
+        store(logbook, stored.start("ls", config={name: 1.0, "e": i}), 1.0)
+    store(logbook, stored.start("ls", config={"f": 1, "g": 2}), 1.0)
+    config: list[dict[str, Any]] = [
+        {"a": x, "b": y, "c": z, "d": w} for x in "01" for y in "01" for z in "01" for w in "01"
+    ]
+    for one in config:
+        store(logbook, stored.start("plsr", config=one), 1.0)
+    with pytest.raises(ConfigurationError, match=r"would average over a, b, c, d.*--pool a,b,c,d"):
+        table(results, where="identifier=plsr")
+    assert len(table(results, where="identifier=plsr", pool=["a", "b", "c", "d"]).rows) == 1
+    assert len(table(results, where="identifier=plsr", pool=["all"]).rows) == 1
+    with pytest.raises(ConfigurationError, match=r"--pool: 'vesel' is not known; expected vessel"):
+        table(results, pool=["vesel"])
+
+
+def test_bold_is_sought_among_cells_of_one_vessel(logbook: Logbook, results: Results) -> None:
+    """A ferry's PID does not beat a supply vessel's MPC."""
+    for identifier, vessel, value in (("ls", "milliampere", 1.0), ("plsr", "supply_vessel", 2.0)):
+        store(logbook, stored.start(identifier, vessel=vessel), value)
+    assert not any(text.endswith("*") for text in cells(table(results)).values())
+    store(logbook, stored.start("none", vessel="supply_vessel"), 3.0)
+    bold = [key[0] for key, text in cells(table(results)).items() if text.endswith("*")]
+    assert bold == ["plsr"]
+
+
+def test_a_cell_that_lost_experiments_is_not_best(logbook: Logbook, results: Results) -> None:
+    """What failed may have been the hard part."""
+    for seed in SEEDS:
+        store(logbook, stored.start("none", "noise", seed), 10.0)
+        if seed:
+            store(logbook, stored.start("ls", "noise", seed), 5.0)
+    stored.fail(logbook, stored.start("ls", "noise", 0))
+    shown = cells(table(results))
+    assert shown["none", "noise"].endswith("*")
+    assert not shown["ls", "noise"].endswith("*")
+
+
+def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]:
+    metric = Metric("validation", "identified", "surge", "velocity_rmse_free_run", value, "m/s")
+    share = Metric("validation", "identified", "all", "limited_share_free_run", limited, "")
+    return [metric, share, Metric("validation", "identified", "all", "held_free_run", held_s, "s")]
+
+
+def test_a_diverged_prediction_is_counted_with_the_time_it_held(
+    logbook: Logbook, results: Results
+) -> None:
+    for seed, rows in enumerate(
+        (free_run(0.1, 0.0, 360.0), free_run(None, 0.4, 35.0), free_run(None, 0.9, 5.0))
+    ):
+        stored.finish(logbook, stored.start("ls", "noise", seed), rows, drawn=["noise"])
+    grid = table(results, metric=["velocity_rmse_free_run"])
+    assert cells(grid) == {("ls", "noise"): "0.1000 (n=1, 2 diverged in prediction, held 20 s)"}
+    assert any("not included: 2 predictions that diverged" in note for note in grid.notes)
+    row = record(grid, identifier="ls")
+    assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (2, 20.0, 0)
+
+
+def test_scores_are_compared_by_differences(logbook: Logbook, results: Results) -> None:
+    """A FIT of -20 against 40 % is no ratio."""
+    for identifier, values in {"none": (40.0, 50.0), "ls": (-20.0, 60.0)}.items():
+        for seed, value in enumerate(values):
+            fit = Metric("validation", "identified", "surge", "velocity_fit_free_run", value, "%")
+            stored.finish(logbook, stored.start(identifier, "noise", seed), [fit], drawn=["noise"])
+    grid = table(results, metric=["velocity_fit_free_run"], baseline=["identifier=none"])
+    assert cells(grid)["ls", "noise"].endswith("\n-25.0, 2 pairs, won 1/2")
+    assert record(grid, identifier="ls")["difference"] == -25.0

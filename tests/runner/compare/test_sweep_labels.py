@@ -1,0 +1,138 @@
+"""Names, tags and notes of sweeps: they select runs, and are shown with them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.results import open_results
+from tests.runner.compare import stored
+
+Program = Callable[..., tuple[int, str, str]]
+SWEEPS = {
+    "calm sea": (["thesis", "calm"], "first look", "calm", (0, 1)),
+    "noisy": (["thesis"], None, "noise", (0, 1, 2)),
+    "sweep": ([], None, "wind", (0,)),
+}
+
+
+@pytest.fixture
+def labelled(tmp_path: Path) -> Path:
+    """Runs 1 and 2 of `calm sea`, 3 to 5 of `noisy`, 6 of a sweep without labels."""
+    with stored.logbook_at(tmp_path) as logbook:
+        for name, (tags, note, disturbance, seeds) in SWEEPS.items():
+            sweep = logbook.begin_sweep(name, "command", [], len(seeds), tags=tags, note=note)
+            for seed in seeds:
+                metrics = [stored.force_mse(10.0 + seed)]
+                begin = stored.start("ls", disturbance, seed)
+                stored.finish(logbook, begin, metrics, drawn=["noise"], sweep=sweep)
+            logbook.end_sweep(sweep)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "runs"),
+    [
+        ((), [6, 5, 4, 3, 2, 1]),
+        (("--sweep", "all"), [6, 5, 4, 3, 2, 1]),
+        (("--sweep", "noisy"), [5, 4, 3]),
+        (("--sweep", "3"), [6]),
+        (("--tag", "thesis"), [5, 4, 3, 2, 1]),
+        (("--tag", "thesis", "--sweep", "all"), [5, 4, 3, 2, 1]),
+        (("--tag", "thesis", "--sweep", "2"), [5, 4, 3]),
+        (("--tag", "calm"), [2, 1]),
+        (("--tag", "thesis", "--where", "seed=1"), [4, 2]),
+        (("--where", "sweep='calm sea'"), [2, 1]),
+        (("--where", "not sweep in (noisy, sweep) and seed=0"), [1]),
+    ],
+)
+def test_sweeps_select_runs(
+    program: Program, labelled: Path, words: tuple[str, ...], runs: list[int]
+) -> None:
+    code, out, err = program("runs", "--database", labelled / "results.db", *words, "-f", "json")
+    assert code == 0, err
+    assert [row["run_id"] for row in json.loads(out)] == runs
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--tag", "thesys"), "--tag: got 'thesys', expected one of thesis, calm"),
+        (
+            ("--tag", "calm", "--sweep", "noisy"),
+            "--sweep: got 'noisy', expected all, a number or one of calm sea, with tag calm",
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", [("runs",), ("table",), ("plot", "bars"), ("report",)])
+def test_an_unknown_label_is_refused(
+    program: Program,
+    labelled: Path,
+    command: tuple[str, ...],
+    words: tuple[str, ...],
+    message: str,
+) -> None:
+    code, out, err = program(*command, "--database", labelled / "results.db", *words)
+    assert (code, out) == (2, "")
+    assert err == f"seatrial-results: {message}\n"
+
+
+def test_a_tag_without_sweeps_is_refused(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.finish(logbook, stored.start())
+    with (
+        open_results(f"sqlite:///{tmp_path}/results.db") as results,
+        pytest.raises(ConfigurationError, match="--tag: got 'x', expected none: no sweep has tags"),
+    ):
+        results.selected(None, None, "x")
+
+
+def test_runs_are_listed_with_name_and_tags(program: Program, labelled: Path) -> None:
+    _, out, _ = program("runs", "--database", labelled / "results.db", "--format", "csv")
+    header, *rows = (line.split(",") for line in out.replace('"thesis, calm"', "both").splitlines())
+    shown = [(row[header.index("sweep")], row[header.index("tags")]) for row in rows]
+    assert shown == [("sweep", "")] + 3 * [("noisy", "thesis")] + 2 * [("calm sea", "both")]
+
+
+def test_a_name_that_nobody_gave_takes_no_room(program: Program, labelled: Path) -> None:
+    command = ("runs", "--database", labelled / "results.db", "--format", "md")
+    assert "| sweep |" in program(*command)[1]
+    assert "| sweep |" not in program(*command, "--sweep", "3")[1]
+
+
+def test_a_table_is_of_all_sweeps_with_the_tag(program: Program, labelled: Path) -> None:
+    command = ("table", "--database", labelled / "results.db", "--format", "json", "--dof", "surge")
+    counts = {
+        words: {row["disturbance"]: row["n"] for row in json.loads(program(*command, *words)[1])}
+        for words in ((), ("--tag", "thesis"), ("--tag", "thesis", "--sweep", "1"))
+    }
+    assert [*counts.values()] == [{"wind": 1}, {"calm": 2, "noise": 3}, {"calm": 2}]
+    shown = program(*command[:3], "--format", "html", "--tag", "thesis")[1]
+    assert "5 runs, sweep 1 (calm sea), 2 (noisy)" in shown
+
+
+def test_a_figure_is_of_the_sweeps_with_the_tag(
+    program: Program, labelled: Path, tmp_path: Path
+) -> None:
+    command = ("plot", "bars", "--database", labelled / "results.db", "-o", tmp_path / "figures")
+    assert program(*command, "--tag", "calm")[0] == 0
+    code, _, err = program(*command, "--tag", "calm", "--where", "disturbance=noise")
+    assert (code, "no runs match" in err) == (2, True)
+
+
+def test_show_and_report_name_the_sweep(program: Program, labelled: Path) -> None:
+    out = program("show", 1, "--database", labelled / "results.db", "--format", "csv")[1]
+    for text in ("sweep,calm sea", 'tags of the sweep,"thesis, calm"', "note on the sweep,first"):
+        assert text in out
+    assert "of the sweep" not in program("show", 6, "--database", labelled / "results.db")[1]
+    page = labelled / "page.html"
+    command = ("report", "--database", labelled / "results.db", "-o", page)
+    assert program(*command, "--tag", "calm")[0] == 0
+    head, _, body = page.read_text().partition("<main")
+    for part in (head, body):
+        assert "calm sea" in part
+        assert "; tags: thesis, calm; first look" in part
+    assert program(*command, "--sweep", "sweep")[0] == 0
+    assert "tags:" not in page.read_text()
