@@ -16,7 +16,6 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
 from seatrial.runner.database.reader import Reader
@@ -30,6 +29,7 @@ from seatrial.runner.vocabulary import GROUPS
 # configuration, or a property of the number itself (metric, stage, model, dof).
 OWN_FACTORS = ("metric", "stage", "model", "dof")  # properties of the number, not of its run
 BELOW_TRUE_MODEL = "below_true_model"
+INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a finding; 0: intervals are of the coefficient
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
 FINISHED = "finished"
 

@@ -36,7 +36,7 @@ FIGURE = Figure(
     place=6,
 )
 
-OF_ESTIMATE = "interval of the estimate, not of the coefficient"
+OF_ESTIMATE = "interval of the estimate"
 UNCERTAIN = "0.5"  # grey
 NORMAL_95 = 1.959963984540054
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
@@ -84,7 +84,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     labels = ordered(label for groups in by_dof.values() for label in groups)
     terms = {dof: _terms(groups) for dof, groups in by_dof.items()}
     rows = max(len(estimates) for estimates in terms.values())
-    height = 1.4 + rows * max(0.3, 0.13 * len(labels) + 0.08)
+    height = 2.0 + rows * max(0.3, 0.13 * len(labels) + 0.08)
     figure, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
     for panel, (dof, groups) in zip(axes, by_dof.items(), strict=True):
         _panel(panel, dof, terms[dof], groups, labels)
@@ -262,7 +262,9 @@ def _notes(
     if not seeds:
         notes = ["whiskers: 95 % interval of the fit (1.96 standard errors)"]
     if any(_of_estimate(e) for groups in by_dof.values() for part in groups.values() for e in part):
-        notes.append(f"dashed: {OF_ESTIMATE}; it does not include the bias of the identifier")
+        notes.append(
+            f"dashed: {OF_ESTIMATE}, not of the coefficient: without the bias of the identifier"
+        )
     if zero:
         notes.append(f"not shown: {zero} terms whose true value is zero")
     return notes

@@ -117,7 +117,7 @@ def test_the_tries_know_every_option() -> None:
         (["stats", str(2**63)], f"there is no run {2**63}"),
         (["runs", "--limit", BIG], "1000000000"),
         (["plot", "track", "--run", BIG], "no runs match"),
-        (["report", "--sweep", BIG], f"--sweep: got {BIG}"),
+        (["report", "--sweep", BIG], f"--sweep: got '{BIG}'"),
         (["runs", "--where", f"seed={BIG}"], "no runs match"),
         (["plot", ".track"], "or the name of a module"),
     ],
@@ -232,7 +232,7 @@ def test_a_damaged_cell_is_one_line_and_verify_reports_it(
 @pytest.mark.parametrize(
     ("statement", "got"),
     [
-        ("INSERT INTO seatrial_version VALUES ('0001')", "got 2 rows (0002, 0001)"),
+        ("INSERT INTO seatrial_version VALUES ('0001')", "got 2 rows (0003, 0001)"),
         ("DELETE FROM seatrial_version", "got 0 rows"),
     ],
 )
