@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import cache
 from threading import Event, Thread, current_thread, main_thread
 
 from hydra.core.utils import JobStatus
@@ -190,3 +191,18 @@ def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
             number = signal.Signals(signal.sigwait(signals))
             _thread.interrupt_main(number)  # does nothing where the signal is ignored
             signal.pthread_kill(main, signal.SIGURG)
+
+
+@cache
+def end_with(parent: int) -> None:
+    """End this process soon after its parent, the process of the sweep, has ended.
+
+    A worker of joblib would wait in a pipe that the other workers keep open.
+    """
+    Thread(target=_end_with, args=(parent,), name="parent", daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WAIT_S)
+    os._exit(1)

@@ -338,6 +338,9 @@ def _counts_text(cell: Cell, request: TableRequest) -> str:
     if "n" in request.statistics and cell.observed:
         once = cell.deterministic and len(cell.observed) == 1
         counts.insert(0, "deterministic" if once else f"n={len(cell.observed)}")
+        sample = cell.sample
+        if sample.size > 1 and np.ptp(sample) <= SAME * np.max(np.abs(sample)):
+            counts[0] += ", all equal"
     return f" ({', '.join(counts)})" if counts else ""
 
 

@@ -15,8 +15,17 @@ from typing import Any
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.where import NAME, Among, Comparison, Condition, Joined, Not, Value
-from seatrial.runner.database.tables import Utc
+from seatrial.runner.compare.where import (
+    NAME,
+    Among,
+    Comparison,
+    Condition,
+    Joined,
+    Not,
+    OfSweeps,
+    Value,
+)
+from seatrial.runner.database.tables import Reuse, Run, Utc
 
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
@@ -80,6 +89,10 @@ class Names:
             case Joined():
                 parts = [self.clause(part) for part in condition.conditions]
                 return sa.and_(*parts) if condition.by == "and" else sa.or_(*parts)
+            case OfSweeps(numbers=numbers):
+                own = sa.select(Run.id).where(Run.sweep_id.in_(numbers))
+                reused = sa.select(Reuse.run_id).where(Reuse.sweep_id.in_(numbers))
+                return Run.id.in_(own.union(reused))
 
     def _among(self, name: str, values: Sequence[Value]) -> sa.ColumnElement[bool]:
         """Return one IN expression; thousands of nested comparisons are too deep for SQL."""

@@ -17,7 +17,7 @@ from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import Expression, Names, flat
-from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, parse
+from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, OfSweeps, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
@@ -155,7 +155,7 @@ class Results:
             chosen = _matching(sweeps, sweep, tag)
         if not chosen:
             return condition, ""
-        own = Among("id", tuple(id_ for one in chosen for id_ in self.of_sweep(one.id)))
+        own = OfSweeps(tuple(one.id for one in chosen))
         return own if condition is None else Joined("and", (condition, own)), _scope(chosen)
 
     def runs(

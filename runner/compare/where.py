@@ -77,7 +77,14 @@ class Joined:
     conditions: tuple["Condition", ...]
 
 
-Condition = Comparison | Among | Not | Joined
+@dataclass(frozen=True)
+class OfSweeps:
+    """Tests whether a run belongs to one of the sweeps, as its own or as one that it reused."""
+
+    numbers: tuple[int, ...]
+
+
+Condition = Comparison | Among | Not | Joined | OfSweeps
 
 
 @dataclass(frozen=True)

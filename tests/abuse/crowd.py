@@ -31,7 +31,7 @@ TOO_LONG_S = 75.0  # beyond the patience of the programs, and the age of a heart
 
 def crowd(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
     """Eight writers of the same sweep and four readers at once, on each database."""
-    writers, readers = (8, 4) if share == 1.0 else (2, 1)
+    writers, readers = (8, 4) if share == 1.0 else (3, 1)
     entries = []
     with databases(folder) as bases:
         for kind in (SQLITE, POSTGRES) if share == 1.0 else (SQLITE,):

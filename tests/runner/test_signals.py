@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import secrets
 import signal
 import sqlite3
 import sys
@@ -17,7 +18,7 @@ from sqlalchemy.pool import NullPool
 from seatrial.runner import stop_signals
 from seatrial.runner.database import Logbook
 from tests.runner.command import Command
-from tests.runner.programs import children, ended, program, rows, sweep, wait
+from tests.runner.programs import belonging_to, children, ended, program, rows, sweep, wait
 
 RUNNING = "SELECT id FROM run WHERE status = 'running'"
 LONG = ("excitation.interval_s=6000", "identifier=none", "evaluation=none")
@@ -203,3 +204,14 @@ def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
     assert "Traceback" not in err
     assert err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are kept")
     assert rows(tmp_path, RUNNING) == []
+
+
+def test_workers_end_after_the_sweep_was_killed(tmp_path: Path) -> None:
+    variable = f"SEATRIAL_KILLED={secrets.token_hex(8)}"
+    many = ("seed=range(0,4)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    name, _, value = variable.partition("=")
+    with sweep(*LONG, *many, folder=tmp_path, **{name: value}) as process:
+        wait(lambda: len(rows(tmp_path, RUNNING)) == 2 or process.poll() is not None)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+        wait(lambda: not belonging_to(variable))

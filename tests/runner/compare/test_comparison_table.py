@@ -148,7 +148,7 @@ def test_coefficients_with_standard_errors_and_true_values(results: Results) -> 
     assert (
         shown["u_dot", "ls", "kg", "calm"] == "1052 ± 2.6 (n=3)\nse 3.0 of the estimate, true 1050*"
     )
-    assert shown["u", "ls", "kg/s", "calm"] == "60.00 ± 0 (n=3)\nse 4.0 of the estimate"
+    assert shown["u", "ls", "kg/s", "calm"] == "60.00 ± 0 (n=3, all equal)\nse 4.0 of the estimate"
     assert grid.headers[0] == "term"
     record = grid.as_records()[0]
     assert (record["term"], record["std_error"], record["true_value"]) == ("u_dot", 3.0, 1050.0)
@@ -191,7 +191,7 @@ def test_rounding_errors_are_neither_spread_nor_victory(tmp_path: Path) -> None:
                     logbook, stored.start(identifier, seed=seed), [stored.force_mse(value)]
                 )
     with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        assert {*cells(table(results)).values()} == {"0.3000 ± 0 (n=2)*"}
+        assert {*cells(table(results)).values()} == {"0.3000 ± 0 (n=2, all equal)*"}
 
 
 def test_a_repeated_run_counts_once_by_its_latest_finish(tmp_path: Path) -> None:

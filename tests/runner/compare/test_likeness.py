@@ -151,8 +151,8 @@ def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
             stored.finish(logbook, begin, rows, drawn=["noise"])
     assert cells(table(results)) == {("ls", "noise"): "12.50 ± 1.9 (n=6)"}
     deployed = cells(table(results, metric=["e_pos_mae"], dof=None))
-    assert deployed["ls", "replay", "noise"].startswith("6.000 ± 0 (n=6)")
-    assert deployed["ls", "waypoints", "noise"].startswith("9.000 ± 0 (n=6)")
+    assert deployed["ls", "replay", "noise"].startswith("6.000 ± 0 (n=6, all equal)")
+    assert deployed["ls", "waypoints", "noise"].startswith("9.000 ± 0 (n=6, all equal)")
 
 
 def test_a_table_is_of_the_newest_sweep(logbook: Logbook, results: Results) -> None:
