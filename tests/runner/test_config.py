@@ -166,7 +166,7 @@ def test_builds_a_trial() -> None:
         ({"seed": -1}, "seed must not be negative, got -1"),
         ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
         ({"seed": None}, "seed is missing"),
-        ({"seeds": 1}, "seeds: unknown option, did you mean seed?"),
+        ({"seeds": 1}, "seeds: unknown option, did you mean seed or sweep?"),
         ({"rerun": "yes"}, "rerun: got 'yes', expected true or false"),
         ({"database": {"url": 3}}, "database.url: got 3, expected text or null"),
         ({"results_dir": ""}, "results_dir: got '', expected a path"),
