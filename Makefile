@@ -33,7 +33,7 @@ endif
 
 help:
 	@echo 'make demo    a sweep of 180 runs on the milliAmpere ferry, its tables and its figures'
-	@echo 'make comparison   nine identifiers in three disturbances, 20 seeds each'
+	@echo 'make comparison   six identifiers in three disturbances, 20 seeds each'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
@@ -54,7 +54,7 @@ demo: $(VENV)/demo.stamp
 
 comparison: $(VENV)/demo.stamp
 	$(BIN)/python -m runner -m \
-	    identifier=none,ls,ridge,iv,plsr,surface_plsr,least_squares,nsga2,dsr \
+	    identifier=none,ls,ridge,iv,plsr,surface_plsr \
 	    'disturbance=noise,[constant,noise],[wind,noise]' 'seed=range(0,20)' evaluation=none \
 	    results_dir=results/comparison hydra/launcher=joblib
 

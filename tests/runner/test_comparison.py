@@ -2,17 +2,14 @@
 
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from docs.refresh import BLOCK, README, output
 from seatrial.runner.compare.plots import orders, pareto, spectrum, surface
 from tests.runner.programs import ended, program, rows
 
-NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "least_squares", "nsga2", "dsr")
 DISTURBANCES = ("calm", "noise", "constant")
 EXACT = tuple(one for one in IDENTIFIERS if one not in ("none", "dsr"))
@@ -67,6 +64,8 @@ def test_every_cell_holds_a_figure_or_its_reason(folder: Path, metric: str) -> N
         for (identifier, disturbance), cell in table.items():
             if cell["n"]:
                 assert math.isfinite(cell["mean"])
+            elif cell["diverged_predictions"]:
+                assert "_rmse_" in metric
             elif cell["failed"]:
                 assert failed[f"{identifier} {disturbance}"]
             else:
@@ -89,8 +88,8 @@ def test_a_fit_by_prediction_wins_under_noise_and_one_step_would_not_have_shown_
     """31 free terms run away; a step ahead they look as good as the best."""
     free_run = cells(folder, "velocity_rmse_free_run", "sway")
     one_step = cells(folder, "velocity_rmse_one_step", "sway")
-    best, worst = free_run["least_squares", "noise"]["mean"], free_run["ls", "noise"]["mean"]
-    assert worst > 10.0 * best
+    assert free_run["ls", "noise"]["diverged_predictions"] == 1
+    assert free_run["least_squares", "noise"]["mean"] < 0.5 * free_run["none", "noise"]["mean"]
     assert one_step["ls", "noise"]["mean"] < 1.1 * one_step["least_squares", "noise"]["mean"]
     shown = compare(folder, "table", "--metric", "velocity_rmse_one_step", "--dof", "sway")
     assert "hides bias" in shown
@@ -148,15 +147,3 @@ def test_the_figures_find_what_they_draw(folder: Path) -> None:
     assert wanted <= stored
     for kind in ("pareto", "surface", "spectrum", "orders", "coefficients"):
         assert ".png" in compare(folder, "plot", kind)
-
-
-def test_the_readme_shows_its_predictions(folder: Path) -> None:
-    """A free run of a model that runs away is hardly the same to three digits elsewhere."""
-    found = BLOCK.finditer(README.read_text())
-    (block,) = [one for one in found if "results/comparison" in one["command"]]
-    now = output(block["command"], "--database", f"sqlite:///{folder}/results/results.db")
-    shown = block[0].split("-->\n", 1)[1].rsplit("<!--", 1)[0]
-    texts = [text.replace("**", "") for text in (now, shown)]  # the best two differ by rounding
-    assert NUMBER.sub("#", texts[0]).split() == NUMBER.sub("#", texts[1]).split()
-    values, expected = ([float(one) for one in NUMBER.findall(text)] for text in texts)
-    assert values == pytest.approx(expected, rel=0.02)

@@ -71,14 +71,13 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
     found = [row for row in results.coefficients if row.model == "identified"]
     assert found
     assert all(np.isfinite(row.value) for row in found)
-    free_run = [
-        row.value
-        for row in results.metrics
-        if (row.name, row.model) == ("velocity_rmse_free_run", "identified")
-    ]
+    free_run, limited = (
+        [row.value for row in results.metrics if (row.name, row.model) == (name, "identified")]
+        for name in ("velocity_rmse_free_run", "limited_share_free_run")
+    )
     reasons = [one.label for one in results.diagnostics if one.name == "no_prediction"]
     assert len(free_run) == len(trial.vessel.dofs)
-    assert np.all(np.isfinite(free_run)) == (not reasons)
+    assert np.all(np.isfinite(free_run)) == (not reasons and limited == [0.0])
 
 
 @pytest.mark.parametrize(
