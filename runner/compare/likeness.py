@@ -47,9 +47,9 @@ class Likeness:
         self._first: dict[str, Run] = {}  # one run of each experiment
         for run in runs:
             self._first.setdefault(_experiment(run), run)
-        self._known: dict[tuple[str, tuple[str, ...]], Circumstances] = {}
+        # The circumstances by experiment and ignored names, numbered by their content.
+        self._known: dict[tuple[str, tuple[str, ...]], tuple[int, Circumstances]] = {}
         self._numbers: dict[frozenset[tuple[str, str]], int] = {}
-        self._identities: dict[int, int] = {}
 
     @cached_property
     def _facts(self) -> Mapping[str, Circumstances]:
@@ -65,24 +65,23 @@ class Likeness:
 
     def of(self, observation: Observation) -> Circumstances:
         """Return the circumstances of a number, by name."""
-        ignored = _ignored(observation)
-        key = _experiment(observation.run), ignored
-        if key not in self._known:
-            facts = self._facts[key[0]]
-            self._known[key] = {
-                name: level for name, level in facts.items() if not within(name, ignored)
-            }
-        return self._known[key]
+        return self._numbered(observation)[1]
 
     def number(self, observation: Observation) -> int:
         """Return a number that is equal for numbers of equal circumstances."""
-        circumstances = self.of(observation)
-        known = self._identities.get(id(circumstances))
-        if known is None:
-            content = frozenset(circumstances.items())
-            known = self._numbers.setdefault(content, len(self._numbers))
-            self._identities[id(circumstances)] = known
-        return known
+        return self._numbered(observation)[0]
+
+    def _numbered(self, observation: Observation) -> tuple[int, Circumstances]:
+        ignored = _ignored(observation)
+        key = _experiment(observation.run), ignored
+        if key not in self._known:
+            facts = {
+                name: level for name, level in self._facts[key[0]].items()
+                if not within(name, ignored)
+            }  # fmt: skip
+            number = self._numbers.setdefault(frozenset(facts.items()), len(self._numbers))
+            self._known[key] = number, facts
+        return self._known[key]
 
     def seed(self, observation: Observation) -> str | None:
         """Return the seed of a number; None if the number does not depend on it."""

@@ -119,7 +119,7 @@ def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
 def _settings(results: Results, runs: Sequence[Run]) -> Markup:
     """Return a table of all configuration values of the runs."""
     newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in runs}
-    configs = results.configs(sorted(newest.values())[-MOST_LISTED:])
+    configs = results.configs_of(sorted(newest.values())[-MOST_LISTED:]).values()
     keys = dict.fromkeys(key for config in configs for key in config if key != "seed")
     rows = []
     for key in keys:

@@ -300,17 +300,14 @@ class Results:
         name = Metric.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
-    def configs(self, ids: Sequence[int]) -> list[Mapping[str, object]]:
-        """Return the configurations of the given runs, with dotted names."""
-        query = sa.select(RUN.c.config).where(RUN.c.id.in_(ids)).order_by(RUN.c.id)
-        return [flat(row.config) for row in self.reader.select(query)]
-
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""
         configs: dict[int, Mapping[str, object]] = {}
         for first in range(0, len(ids), MOST_VARIABLES):
             query = sa.select(RUN.c.id, RUN.c.config)
-            query = query.where(RUN.c.id.in_(ids[first : first + MOST_VARIABLES]))
+            query = query.where(RUN.c.id.in_(ids[first : first + MOST_VARIABLES])).order_by(
+                RUN.c.id
+            )
             configs |= {row.id: flat(row.config) for row in self.reader.select(query)}
         return configs
 

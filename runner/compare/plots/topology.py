@@ -44,7 +44,7 @@ def _drawing(results: Results, facet: Facet) -> Drawing | None:
     runs = [run for run in facet.runs if any(row.name == Z for row in findings[run.id])]
     if not runs:
         return None
-    configs = results.configs([run.id for run in runs])
+    configs = results.configs_of([run.id for run in runs]).values()
     newest = {
         f"{run.levels['excitation']}, {config.get(OBJECTIVE)}": run
         for run, config in zip(sorted(runs, key=lambda run: run.id), configs, strict=True)
