@@ -1,4 +1,4 @@
-"""Logbooks that the comparison's tests read, made once a session: they are only read."""
+"""Logbooks that the comparison's tests read; what is made once a session is only read."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 
 from seatrial.runner.compare.__main__ import run as run_program
 from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.database import Logbook
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import start_browser
 
@@ -27,8 +28,21 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def results(plain: Path) -> Iterator[Results]:
-    with open_results(f"sqlite:///{plain}/results.db") as opened:
+def folder(plain: Path) -> Path:
+    """Folder of the logbook that `results` reads; a module may have its own."""
+    return plain
+
+
+@pytest.fixture
+def results(folder: Path) -> Iterator[Results]:
+    with open_results(f"sqlite:///{folder}/results.db") as opened:
+        yield opened
+
+
+@pytest.fixture
+def logbook(tmp_path: Path) -> Iterator[Logbook]:
+    """An empty logbook in `tmp_path`, for a test to fill."""
+    with stored.logbook_at(tmp_path) as opened:
         yield opened
 
 

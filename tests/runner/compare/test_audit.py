@@ -1,7 +1,7 @@
 """The audit names what misleads in a logbook, and nothing in one that does not."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import pytest
 from seatrial.models.findings import Finding
 from seatrial.runner.compare.audit import HEADERS, audit, ranges
 from seatrial.runner.compare.grid import Grid, Scalar
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Results
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Metric
 from tests.runner.compare import stored
@@ -19,16 +19,9 @@ Program = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def logbook(tmp_path: Path) -> Iterator[Logbook]:
-    with stored.logbook_at(tmp_path) as opened:
-        yield opened
-
-
-@pytest.fixture
-def results(logbook: Logbook, tmp_path: Path) -> Iterator[Results]:
-    """The results of what a test stores in `logbook` before it asks."""
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        yield opened
+def folder(logbook: Logbook, tmp_path: Path) -> Path:
+    """What a test stores in `logbook` before it asks."""
+    return tmp_path
 
 
 def store(logbook: Logbook, *more: Any, drawn: Sequence[Any] = ("noise",), **choices: Any) -> int:

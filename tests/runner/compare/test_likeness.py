@@ -1,6 +1,6 @@
 """Like is compared with like: what a cell pools, what a replicate is, what a baseline matches."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.grid import Grid, Scalar
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.selection import request_of
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Metric, RunStart
@@ -22,16 +22,9 @@ SEEDS = range(6)
 
 
 @pytest.fixture
-def logbook(tmp_path: Path) -> Iterator[Logbook]:
-    with stored.logbook_at(tmp_path) as opened:
-        yield opened
-
-
-@pytest.fixture
-def results(logbook: Logbook, tmp_path: Path) -> Iterator[Results]:
-    """The results of what a test stores in `logbook` before it asks."""
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        yield opened
+def folder(logbook: Logbook, tmp_path: Path) -> Path:
+    """What a test stores in `logbook` before it asks."""
+    return tmp_path
 
 
 def table(results: Results, **options: Any) -> Grid:

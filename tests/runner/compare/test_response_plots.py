@@ -1,6 +1,5 @@
 """`plot response` and `plot controllers`: three panels an axis, and what may stand over what."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -14,7 +13,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.plots import controllers, response
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Results
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Series
 from tests.runner.compare import stored
@@ -62,12 +61,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         sail(logbook, "lqi", 5.0, 1)
         sail(logbook, "pid_ff", 2.0, 2, wind=False, reference=0.9)
     return folder
-
-
-@pytest.fixture
-def results(folder: Path) -> Iterator[Results]:
-    with open_results(f"sqlite:///{folder}/results.db") as opened:
-        yield opened
 
 
 def axes_of(module: Any, results: Results, **options: Any) -> list[Axes]:
