@@ -22,6 +22,7 @@ from seatrial.runner.compare.results import (
 )
 from seatrial.runner.compare.statistics import confidence_interval
 from seatrial.runner.compare.verdicts import Verdict, too_wide, verdict_of
+from seatrial.runner.compare.where import Condition, Joined, OfSweeps
 from seatrial.runner.invocation import trial_program
 
 
@@ -58,26 +59,27 @@ def by_table(judged: Sequence[Judged]) -> list[list[Judged]]:
 
 def judged(results: Results, printed: Sequence[Printed]) -> list[Judged]:
     """Compare every printed figure of one experiment with our runs."""
-    runs = runs_of(results, printed[0].experiment) if printed else []
-    return [_judged(results, figure, runs) for figure in printed]
+    sweep = newest_sweep(results, printed[0].experiment) if printed else None
+    return [_judged(results, figure, sweep) for figure in printed]
 
 
-def runs_of(results: Results, experiment: str) -> list[int]:
-    """Return the runs of the newest sweep of an experiment, including reused runs."""
+def newest_sweep(results: Results, experiment: str) -> int | None:
+    """Return the number of the newest sweep of an experiment; None without one."""
     sweeps = [sweep.id for sweep in results.reader.sweeps() if sweep.name == experiment]
-    return results.of_sweep(max(sweeps)) if sweeps else []
+    return max(sweeps, default=None)
 
 
-def _judged(results: Results, figure: Printed, ids: Sequence[int]) -> Judged:
+def _judged(results: Results, figure: Printed, sweep: int | None) -> Judged:
     if not figure.source:
         return Judged(figure, math.nan, math.nan, math.nan, 0, 0, "not reproducible", figure.note)
-    runs = _runs_of_figure(results, figure, ids)
+    chosen = _condition(results, figure, sweep)
+    runs = _runs_of_figure(results, chosen)
     if not runs:
         command = f"{trial_program()} experiment={figure.experiment}"
         reason = f"{command}; {figure.note}" if figure.note else command
         return Judged(figure, math.nan, math.nan, math.nan, 0, 0, "no runs", reason)
     finished = [run for run in runs if run.status == FINISHED]
-    values, truths = _values(results, figure, finished)
+    values, truths = _values(results, figure, finished, chosen)
     sample = np.array([figure.factor * value for value in values])
     lost = len(runs) - len(sample)
     if not len(sample):
@@ -86,7 +88,7 @@ def _judged(results: Results, figure: Printed, ids: Sequence[int]) -> Judged:
     value = float(np.median(sample) if figure.statistic == "median" else np.mean(sample))
     interval = confidence_interval(sample)
     truth = figure.factor * truths[0] if truths else None
-    below = _below_true_model(results, figure, finished, value)
+    below = _below_true_model(results, figure, finished, chosen, value)
     verdict = verdict_of(figure, value, interval, truth, below)
     wide = too_wide(figure, interval) and interval[0] <= (figure.printed or 0.0) <= interval[1]
     wide = wide and verdict == "not reproduced"
@@ -95,12 +97,18 @@ def _judged(results: Results, figure: Printed, ids: Sequence[int]) -> Judged:
     return Judged(figure, value, *interval, len(sample), lost, verdict, reason)
 
 
-def _runs_of_figure(results: Results, figure: Printed, ids: Sequence[int]) -> list[Run]:
+def _condition(results: Results, figure: Printed, sweep: int | None) -> Condition | None:
+    """Return the condition on the runs of a printed figure; None without a sweep."""
+    if sweep is None:
+        return None
+    of_sweep, own = OfSweeps((sweep,)), results.where(figure.where)
+    return of_sweep if own is None else Joined("and", (own, of_sweep))
+
+
+def _runs_of_figure(results: Results, condition: Condition | None) -> list[Run]:
     """Return the runs of a printed figure, finished or not."""
-    if not ids:
+    if condition is None:
         return []
-    in_sweep = f"id in ({', '.join(map(str, ids))})"
-    condition = results.where(f"({figure.where}) and {in_sweep}" if figure.where else in_sweep)
     try:
         return results.runs(condition)
     except ConfigurationError:  # no run matches: the sweep is not complete yet
@@ -108,15 +116,15 @@ def _runs_of_figure(results: Results, figure: Printed, ids: Sequence[int]) -> li
 
 
 def _values(
-    results: Results, figure: Printed, finished: Sequence[Run]
+    results: Results, figure: Printed, finished: Sequence[Run], condition: Condition | None
 ) -> tuple[list[float], list[float]]:
     """Return the number of each finished run that has it, and the stored true values."""
     if figure.source == "diagnostic":
-        return _diagnostics(results, figure, finished), []
+        return _diagnostics(results, figure, finished, condition), []
     observed = (
-        results.metrics(finished, [figure.name])
+        results.metrics(finished, [figure.name], condition)
         if figure.source == "metric"
-        else _coefficients(results, figure, finished)
+        else _coefficients(results, figure, finished, condition)
     )
     matching = [row for row in observed if _matches(figure, row) and _known(row.value)]
     if "/" in figure.model:
@@ -131,17 +139,19 @@ def _matches(figure: Printed, row: Observation) -> bool:
     return (row.name, row.dof) == (name, figure.dof) and figure.stage in ("", row.stage)
 
 
-def _diagnostics(results: Results, figure: Printed, runs: Sequence[Run]) -> list[float]:
+def _diagnostics(
+    results: Results, figure: Printed, runs: Sequence[Run], condition: Condition | None
+) -> list[float]:
     """Return the diagnostic of each run, over a metric of the run for the model `/nominal`."""
     name, _, metric = figure.name.partition("/")
-    rows = results.diagnostics(runs, [name])
+    rows = results.diagnostics(runs, [name], condition)
     chosen = [row for run in runs for row in rows[run.id] if _labelled(figure, row)]
     if not metric:
         return [row.value for row in chosen if _known(row.value)]
     model = figure.model.removeprefix("/")
     divisors = {
         row.run.id: row.value
-        for row in results.metrics(runs, [metric])
+        for row in results.metrics(runs, [metric], condition)
         if _matches(figure, row) and row.model == model
     }
     pairs = [(row.value, divisors.get(row.run_id)) for row in chosen if _known(row.value)]
@@ -154,7 +164,11 @@ def _labelled(figure: Printed, row: DiagnosticRow) -> bool:
 
 
 def _below_true_model(
-    results: Results, figure: Printed, finished: Sequence[Run], value: float
+    results: Results,
+    figure: Printed,
+    finished: Sequence[Run],
+    condition: Condition | None,
+    value: float,
 ) -> bool:
     """Return whether our figure is below that of the exact plant: it fits lag or feedback.
 
@@ -166,7 +180,8 @@ def _below_true_model(
     if not (identified or "/" in figure.name) or not metric.startswith("force_m"):
         return False
     names = [BELOW_TRUE_MODEL, metric]
-    rows = [row for row in results.metrics(finished, names) if row.dof == figure.dof]
+    observed = results.metrics(finished, names, condition)
+    rows = [row for row in observed if row.dof == figure.dof]
     flags = [bool(row.value) for row in rows if row.name == BELOW_TRUE_MODEL]
     if identified and 2 * sum(flags) > len(flags):
         return True
@@ -180,9 +195,11 @@ def _below_true_model(
     return bool(plant) and value < figure.factor * float(np.mean(plant))
 
 
-def _coefficients(results: Results, figure: Printed, runs: Sequence[Run]) -> list[Observation]:
+def _coefficients(
+    results: Results, figure: Printed, runs: Sequence[Run], condition: Condition | None
+) -> list[Observation]:
     """Return the coefficients of one term; a stored model without the term has a zero."""
-    observed = results.coefficients(runs)
+    observed = results.coefficients(runs, condition)
     coefficients = [
         observation
         for observation in observed

@@ -16,7 +16,7 @@ from seatrial.runner.compare.page import Picture, picture, render_page, write_pa
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
 from seatrial.runner.compare.printed_figures import BY_CONSTRUCTION, CALIBRATED
-from seatrial.runner.compare.published import Judged, by_table, runs_of
+from seatrial.runner.compare.published import Judged, by_table, newest_sweep
 from seatrial.runner.compare.published_summary import summary_grids
 from seatrial.runner.compare.results import Results
 from seatrial.runner.invocation import trial_program
@@ -179,11 +179,11 @@ def _chapter(results: Results, judged: Sequence[Judged]) -> Chapter:
 
 def _figures(results: Results, experiment: str) -> list[Picture]:
     """Draw the figures of the source from the experiment's runs; empty without runs."""
-    ids = runs_of(results, experiment)
+    sweep = newest_sweep(results, experiment)
     pictures = []
-    for kind in FIGURES.get(experiment, ()) if ids else ():
+    for kind in FIGURES.get(experiment, ()) if sweep is not None else ():
         drawings = drawings_of(kind)
-        request = PlotRequest(where=f"id in ({', '.join(map(str, ids))})")
+        request = PlotRequest(sweep=str(sweep))
         for i, drawing in enumerate(drawings(results, request)):
             pictures.append(picture(drawing.figure, kind, f"{experiment}-{kind}-{i}-"))
     return pictures

@@ -20,7 +20,7 @@ from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, OfSweeps, parse
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import SweepSummary
-from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Reuse, Series
+from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Series
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import GROUPS
@@ -310,12 +310,6 @@ class Results:
             )
             configs |= {row.id: flat(row.config) for row in self.reader.select(query)}
         return configs
-
-    def of_sweep(self, sweep: int) -> list[int]:
-        """Return the numbers of a sweep's runs, including the finished runs that it reused."""
-        own = sa.select(RUN.c.id).where(RUN.c.sweep_id == sweep)
-        reused = sa.select(Reuse.run_id).where(Reuse.sweep_id == sweep)
-        return sorted({row[0] for query in (own, reused) for row in self.reader.select(query)})
 
     def provenance(self, condition: Condition | None) -> Sequence[sa.Row[*tuple[object, ...]]]:
         """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""

@@ -174,13 +174,13 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
 
 def _excitation(results: Results, run_id: int) -> Grid:
     """Return which terms the recording can separate, one row for each degree of freedom."""
-    runs = results.runs(Comparison("id", "=", run_id), superseded=True)
-    diagnostics = results.diagnostics(runs, (*EXCITATION, INSEPARABLE))[run_id]
+    names = (*EXCITATION, INSEPARABLE)
+    diagnostics = [row for row in results.reader.diagnostics(run_id) if row.name in names]
     rows: list[list[Scalar]] = []
     for dof in dict.fromkeys(row.dof for row in diagnostics):
         numbers = {row.name: row.value for row in diagnostics if row.dof == dof}
         groups = [row.label for row in diagnostics if row.dof == dof and row.name == INSEPARABLE]
-        inseparable = "; ".join(" ~ ".join(group.split()) for group in groups)
+        inseparable = "; ".join(" ~ ".join((group or "").split()) for group in groups)
         values = [numbers.get(name) for name in EXCITATION]
         cells = [int(n) if n is not None and n == int(n) else n for n in values]
         rows.append([dof, *cells, inseparable])

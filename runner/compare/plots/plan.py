@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
 from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
@@ -86,7 +86,7 @@ def _ratio(north: Sample, east: Sample) -> float:
 
 def _names(results: Results, run: Run, request: PlotRequest) -> dict[int, str]:
     """Return the names of the possible manoeuvres by number."""
-    rows = results.diagnostics([run], ("mix_count",))[run.id]
+    rows = results.diagnostics([run], ("mix_count",), with_run(None, run.id))[run.id]
     names = {int(row.i): str(row.label) for row in rows}
     if not names:
         raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")
@@ -164,7 +164,8 @@ def _track(axes: Axes, results: Results, run: Run) -> list[str]:
     east, north = recording.columns["y"], recording.columns["x"]
     axes.plot(east, north, ":", color=REFERENCE, linewidth=0.9, label="sailed", zorder=3.5)
     names = ("plan_deviation", "sailed_clearance")
-    values = {row.name: row.value for row in results.diagnostics([run], names)[run.id]}
+    rows = results.diagnostics([run], names, with_run(None, run.id))[run.id]
+    values = {row.name: row.value for row in rows}
     if not all(name in values for name in names):
         return []
     return [

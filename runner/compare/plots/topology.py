@@ -19,6 +19,7 @@ from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panel
 from seatrial.runner.compare.plots.surface import COLOURS
 from seatrial.runner.compare.results import DiagnosticRow, Results, Run
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import Condition
 
 FIGURE = Figure(
     "topology",
@@ -52,7 +53,7 @@ def _drawing(results: Results, facet: Facet) -> Drawing | None:
     panel_runs = list(newest.items())[-MOST_PANELS:]
     columns = min(COLUMNS, len(panel_runs))
     figure, axes = panels(-(-len(panel_runs) // columns), columns, 4.7, 3.9)
-    truths = _truths(results, [run for _, run in panel_runs])
+    truths = _truths(results, [run for _, run in panel_runs], facet.condition)
     for panel, (title, run) in zip(axes, panel_runs, strict=False):
         mesh = _panel(panel, findings[run.id], truths[run.id])
         panel.set_title(title, loc="left")
@@ -64,10 +65,12 @@ def _drawing(results: Results, facet: Facet) -> Drawing | None:
     return Drawing(facet.file("topology"), figure)
 
 
-def _truths(results: Results, runs: Sequence[Run]) -> dict[int, dict[str, float]]:
+def _truths(
+    results: Results, runs: Sequence[Run], condition: Condition | None
+) -> dict[int, dict[str, float]]:
     """Return the known true values of identified coefficients (`surge.u_dot`) by run."""
     truths: dict[int, dict[str, float]] = {run.id: {} for run in runs}
-    for observation in results.coefficients(runs):
+    for observation in results.coefficients(runs, condition):
         if observation.model == "identified" and observation.true_value is not None:
             truths[observation.run.id][f"{observation.dof}.{observation.name}"] = (
                 observation.true_value
