@@ -12,6 +12,7 @@ from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
+from seatrial.runner.compare.likeness import TooDifferentError
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
@@ -91,7 +92,8 @@ def render_report(results: Results, request: ReportRequest) -> str:
         settings=_settings(results, runs),
         tables=tables,
         pictures=pictures,
-        trouble=[*refused, *trouble],
+        refused=refused,
+        trouble=trouble,
         warnings=_warnings(results, condition),
         failures=_failures(results, runs),
         provenance=_provenance(results, condition),
@@ -147,7 +149,7 @@ def _tables(
             sweep=request.sweep,
             tag=request.tag,
         )
-        caption = definition_of(metric).caption
+        caption = definition_of(metric).heading
         try:
             grid = comparison(results, table_request)
         except ConfigurationError as error:
@@ -174,15 +176,15 @@ def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], 
             for caption, variant in _variants(figure, shared, request.rows):
                 try:
                     drawings = drawings_for(results, variant)
-                except ConfigurationError:
-                    continue  # these runs have no data for this figure
-                except LogbookError as error:
+                except (TooDifferentError, LogbookError) as error:
                     messages.append(f"{caption}: {error}")
                     continue
+                except ConfigurationError:
+                    continue  # these runs have no data for this figure
                 title = f"{caption}, {variant.dofs[0]}" if _is_dof(variant.dofs) else caption
                 for drawing in drawings:
                     pictures.append(picture(drawing.figure, title, f"f{len(pictures)}-"))
-    return pictures, messages
+    return pictures, list(dict.fromkeys(messages))  # one for all degrees of freedom
 
 
 def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[str, PlotRequest]]:
@@ -192,7 +194,7 @@ def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[
     match figure.each:
         case "metric and dof":
             for metric in (entry for entry in METRICS if entry.headline):
-                yield from ((metric.caption, replace(part, metric=metric.name)) for part in by_dof)
+                yield from ((metric.heading, replace(part, metric=metric.name)) for part in by_dof)
         case "dof":
             yield from ((figure.caption, part) for part in by_dof)
         case "column":

@@ -50,6 +50,11 @@ class Definition:
     headline: str = ""
     score: bool = False
 
+    @property
+    def heading(self) -> str:
+        """The caption, or by default the label."""
+        return self.caption or self.label
+
     def unit_of(self, dof: str) -> str:
         """Return the unit for a degree of freedom; raises KeyError if there is none."""
         if isinstance(self.unit, str):

@@ -10,8 +10,9 @@ import pytest
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
 from seatrial.runner.compare.page import write_page
-from seatrial.runner.compare.report import ReportRequest, render_report
+from seatrial.runner.compare.report import TABLES, ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
+from seatrial.runner.record.catalogue import definition_of
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
@@ -175,6 +176,28 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_
     assert "&#8225;" in page or "‡" in page  # and its figures are marked
     _, out, _ = program("show", "2", "--database", f"sqlite:///{tmp_path}/results.db")
     assert "spectral radius is 1.0245" in out
+
+
+def test_what_differs_in_too_much_is_said_where_it_would_stand(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for i in range(16):
+            config = {name: i >> bit & 1 for bit, name in enumerate("abcd")}
+            stored.finish(logbook, stored.start(config=config), [stored.force_mse(1.0 + i)])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        text = render_report(opened, ReportRequest(sweep="all"))
+    tables, figures = text.split('id="figures"')
+    why = "would average over a, b, c, d: name them in --rows or --columns"
+    what = "Force residual on the held-out part"
+    assert tables.count(f"Not shown: {what}: the cells of this table {why}") == 1
+    assert figures.count(f"Not drawn: {what}: the groups of this figure {why}") == 1
+    assert "None of these runs" not in tables
+
+
+def test_every_table_has_a_heading() -> None:
+    headings = {name: definition_of(name).heading for name in TABLES}
+    assert headings["velocity_rmse_one_step"] == "Velocity RMSE, one step (hides bias)"
+    assert headings["force_mse"] == "Force residual on the held-out part"
+    assert all(headings.values())
 
 
 def test_without_warnings_there_is_no_section_of_them(page: Path) -> None:
