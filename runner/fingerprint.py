@@ -14,13 +14,12 @@ from pathlib import Path
 
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 from seatrial.runner.shared import once
+from seatrial.runner.vocabulary import NOT_COMPARED
 
 RUNNER = Path(__file__).parent
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
-# Where results are stored and how a trial is started do not change the results.
-NOT_COMPARED = frozenset({"results_dir", "database", "rerun", "dry_run", "limits", "sweep"})
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 

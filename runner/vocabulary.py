@@ -7,6 +7,9 @@ from seatrial.models.notation import DOFS
 # Groups of options; a run stores the option chosen from each group.
 GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 
+# Options of where results are stored and how a trial is started: they do not change the results.
+NOT_COMPARED = ("results_dir", "database", "rerun", "dry_run", "limits", "sweep")
+
 Stage = Literal["identification", "validation", "deployment"]  # of a trial, as its metrics name it
 MODELS = ("mean_motion", "nominal", "identified", "plant", "residual")
 

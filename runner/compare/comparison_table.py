@@ -63,8 +63,8 @@ def comparison(results: Results, request: TableRequest) -> Grid:
     selection = gather(results, request)
     rows = (*selection.extra, *request.rows, *selection.split)
     table = pivot(
-        selection.shown, selection.runs, rows, request.columns, selection.flagged, request.names,
-        selection.likeness, selection.diverged,
+        selection.shown, selection.runs, rows, request.columns, selection.flagged,
+        selection.likeness, selection.diverged, request.names,
     )  # fmt: skip
     tests = {}
     if request.baseline:

@@ -14,10 +14,9 @@ from functools import cached_property
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import OWN_FACTORS, Observation, Results, Run
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.vocabulary import GROUPS, NOT_COMPARED
 
-# Where results are stored, and how they are labelled and measured.
-STORAGE = ("results_dir", "database", "rerun", "dry_run", "limits", "sweep", "metrics", "seed")
+STORAGE = (*NOT_COMPARED, "metrics", "seed")
 AFTER_VALIDATION = ("evaluation", "plant.change", "update")
 WITHOUT_IDENTIFIER = ("mean_motion", "nominal", "plant")
 MOST_SPLITS = 3
@@ -148,11 +147,15 @@ def _split(part: Sequence[Circumstances], name: str) -> list[list[Circumstances]
     return list(levels.values())
 
 
+class TooDifferentError(ConfigurationError):
+    """Runs differ in too many factors for one table or figure."""
+
+
 def require_few(factors: Sequence[str], what: str) -> None:
-    """Raise ConfigurationError if the runs differ in too many factors to be told apart."""
+    """Raise TooDifferentError if the runs differ in too many factors to be told apart."""
     if len(factors) > MOST_SPLITS:
         names = ", ".join(factors[:8]) + (", ..." if len(factors) > 8 else "")
-        raise ConfigurationError(
+        raise TooDifferentError(
             f"{what} would average over {names}: name them in --rows or --columns, select by"
             f" --where or --sweep, or say --pool {','.join(factors[:8])}"
         )

@@ -74,17 +74,16 @@ def pivot(
     runs: Sequence[Run],
     row_factors: Key,
     column_factors: Key,
-    flagged: frozenset[tuple[int, str]] = frozenset(),
+    flagged: frozenset[tuple[int, str]],
+    likeness: Likeness,
+    diverged: Mapping[Prediction, float],
     name_order: Sequence[str] = (),
-    likeness: Likeness | None = None,
-    diverged: Mapping[Prediction, float] | None = None,
 ) -> Pivot:
     """Group observations of `runs` by the levels of the factors.
 
     `runs` are all runs of the table, finished or not; `flagged` holds (run id, dof) of those below
     the true model, `diverged` the predictions that diverged with the time that they held [s];
-    `name_order` is the order of the metrics in the request. With `likeness` every experiment counts
-    once.
+    `name_order` is the order of the metrics in the request. Every experiment counts once.
     """
     grouped: dict[tuple[Key, Key], list[Observation]] = defaultdict(list)
     for observation in observations:
@@ -98,7 +97,7 @@ def pivot(
         part = _run_part(row + column, (*row_factors, *column_factors))
         members = by_run_part.get(part, [])
         observed = grouped.get((row, column), [])
-        cells[row, column] = _cell(observed, members, flagged, likeness, diverged or {})
+        cells[row, column] = _cell(observed, members, flagged, likeness, diverged)
     order = _KeyOrder(name_order)
     rows = order.sort((row for row, _ in keys), row_factors)
     columns = order.sort((column for _, column in keys), column_factors)
@@ -109,7 +108,7 @@ def _cell(
     observations: Sequence[Observation],
     runs: Sequence[Run],
     flagged: frozenset[tuple[int, str]],
-    likeness: Likeness | None,
+    likeness: Likeness,
     diverged: Mapping[Prediction, float],
 ) -> Cell:
     finite = [o for o in observations if o.value is not None and np.isfinite(o.value)]
@@ -118,10 +117,8 @@ def _cell(
     run_ids |= {o.run.id for o in lost}
     unfinished = Counter(run.status for run in runs if run.status != FINISHED)
     without = sum(run.status == FINISHED and run.id not in run_ids for run in runs)
-    deterministic = False
-    if likeness is not None:
-        deterministic = bool(finite) and all(likeness.seed(o) is None for o in finite)
-        finite, lost = likeness.distinct(finite), likeness.distinct(lost)
+    deterministic = bool(finite) and all(likeness.seed(o) is None for o in finite)
+    finite, lost = likeness.distinct(finite), likeness.distinct(lost)
     flagged_ids = {o.run.id for o in finite if is_flagged(o, flagged)}
     held = [diverged[prediction_of(o)] for o in lost]
     return Cell(
@@ -202,9 +199,7 @@ class _KeyOrder:
         return sorted(distinct, key=lambda key: [r[v] for r, v in zip(ranks, key, strict=True)])
 
 
-def best_cells(
-    table: Pivot, loss: Mapping[Place, float], likeness: Likeness | None = None
-) -> set[Place]:
+def best_cells(table: Pivot, loss: Mapping[Place, float], likeness: Likeness) -> set[Place]:
     """Return the cells to set in bold: the best among those under equal circumstances.
 
     `loss` is the number that cells are compared by: smaller is better, NaN excludes a cell. Cells
@@ -226,7 +221,7 @@ def best_cells(
     return best
 
 
-def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness | None) -> Hashable:
+def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness) -> Hashable:
     """Return what must be equal for two cells to be compared with each other."""
     named = zip((*table.row_factors, *table.column_factors), place[0] + place[1], strict=True)
     own = tuple(
@@ -234,8 +229,6 @@ def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness | 
         for factor, level in named
         if factor in ("metric", "stage", "dof") or not within(factor, (*COMPARED, *OWN_FACTORS))
     )
-    if likeness is None:
-        return own
     shared = frozenset(
         (name, level)
         for observation in cell.observed[:1]

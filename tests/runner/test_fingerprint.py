@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from seatrial.models.source_digest import MODELS
 from seatrial.runner import trial
-from seatrial.runner.fingerprint import NOT_COMPARED, RUNNER, canonical, fingerprint, source_digest
+from seatrial.runner.fingerprint import RUNNER, canonical, fingerprint, source_digest
+from seatrial.runner.vocabulary import NOT_COMPARED
 
 keys = st.text("abcdef_", min_size=1, max_size=6).filter(lambda key: key not in NOT_COMPARED)
 leaves = (

@@ -64,7 +64,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     tables = {
         dof: pivot(
             [o for o in observations if o.dof == dof], facet.runs, rows, columns, flagged,
-            likeness=facet.likeness, diverged=diverged,
+            facet.likeness, diverged,
         )
         for dof in dofs
     }  # fmt: skip

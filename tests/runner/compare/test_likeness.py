@@ -9,14 +9,12 @@ import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.grid import Grid, Scalar
 from seatrial.runner.compare.results import Results
-from seatrial.runner.compare.selection import request_of
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Metric, RunStart
 from tests.runner.compare import stored
+from tests.runner.compare.test_comparison_table import cells, table
 
 SEEDS = range(6)
 
@@ -25,18 +23,6 @@ SEEDS = range(6)
 def folder(logbook: Logbook, tmp_path: Path) -> Path:
     """What a test stores in `logbook` before it asks."""
     return tmp_path
-
-
-def table(results: Results, **options: Any) -> Grid:
-    return comparison(results, request_of(TableOptions(**{"dof": ["surge"], **options})))
-
-
-def cells(grid: Grid) -> dict[tuple[str, ...], str]:
-    return {
-        (*(label.text for label in row[: grid.labels]), header): cell.text + "*" * cell.bold
-        for row in grid.rows
-        for header, cell in zip(grid.headers[grid.labels :], row[grid.labels :], strict=True)
-    }
 
 
 def record(grid: Grid, **levels: str) -> dict[str, Scalar]:
