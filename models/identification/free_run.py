@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
+from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.elementary import where
@@ -97,8 +98,7 @@ def course_of(
         )
     restart = recording.piece_starts
     if horizon is not None:
-        index = np.arange(len(recording))
-        restart |= (index - np.maximum.accumulate(np.where(restart, index, 0))) % horizon == 0
+        restart |= since(restart) % horizon == 0
     kinematics = kinematics_of(recording.dofs, attitude)
     measured = np.ascontiguousarray(np.hstack([recording.eta, recording.nu]))
     reached = np.ascontiguousarray(np.hstack([state_of(kinematics, recording.eta), recording.nu]))
@@ -110,6 +110,12 @@ def course_of(
     return Course(
         kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit
     )
+
+
+def since(restart: Flags) -> NDArray[np.int64]:
+    """Samples since the last restart, shape (N,)."""
+    index = np.arange(len(restart))
+    return index - np.maximum.accumulate(np.where(restart, index, 0))
 
 
 def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_run import (
@@ -26,6 +25,7 @@ from seatrial.models.identification.free_run import (
     deviations,
     predict,
     predicted_layout,
+    since,
     spread,
 )
 from seatrial.models.recording.recording import Recording
@@ -122,16 +122,16 @@ class Prediction:
         A free run begins anew every `every` samples, by default only where the course restarts.
         """
         restart = self.course.restart
-        since = _since(restart)
+        elapsed = since(restart)
         if steps is None:
             if every is not None:
-                restart = restart | (since % every == 0)
+                restart = restart | (elapsed % every == 0)
             errors, limited = self.deviations(restart)
             return _ahead(errors[~restart], limited)
         error_parts, limited = [], 0.0
         for first in range(steps + 1):  # the samples that are `steps` after such a restart
-            errors, share = self.deviations(restart | ((since - first) % (steps + 1) == 0))
-            reached = (since >= first + steps) & ((since - first) % (steps + 1) == steps)
+            errors, share = self.deviations(restart | ((elapsed - first) % (steps + 1) == 0))
+            reached = (elapsed >= first + steps) & ((elapsed - first) % (steps + 1) == steps)
             error_parts.append(errors[reached])
             limited += share
         return _ahead(np.vstack(error_parts), limited / (steps + 1))
@@ -144,18 +144,14 @@ class Prediction:
             """Whether a rate of the first n samples had to be limited."""
             return bool(predict(self.plant, _first(self.course, n), False, states[:n]))
 
+        if not lost(len(states)):  # the usual case, without the search
+            return self.course.step_s * (len(states) - 1)
         held = bisect_left(range(1, len(states) + 1), True, key=lost)
         return self.course.step_s * max(held - 1, 0)
 
     def mean_motion(self) -> Array:
         """RMSE (2 n_dof,) of a model that always predicts the mean of the measured motion."""
         return spread(self.course)
-
-
-def _since(restart: Flags) -> NDArray[np.int64]:
-    """Samples since the last restart, shape (N,)."""
-    index = np.arange(len(restart))
-    return index - np.maximum.accumulate(np.where(restart, index, 0))
 
 
 def _first(course: Course, n: int) -> Course:

@@ -119,18 +119,25 @@ def _predictions(
     metrics: list[Metric] = []
     for horizon in HORIZONS:
         ahead = predictor.over(horizon)
-        metrics.append(
-            metric(f"limited_share_{horizon}", "validation", model, "all", ahead.limited)
-        )
         if ahead.diverged:
-            ahead = Ahead(np.full(len(spread), np.nan), ahead.limited, np.full(len(spread), np.nan))
-        metrics += _errors(model, horizon, ahead.rmse, dofs)
-        for name, score in scores(ahead, spread)._asdict().items():
-            for quantity, half in zip(QUANTITIES, np.split(score, 2), strict=True):
-                full = f"{quantity}_{name}_{horizon}"
-                metrics += per_dof(full, "validation", model, dofs, half)
-                metrics.append(metric(full, "validation", model, "all", combined(half)))
+            unknown = np.full(len(spread), np.nan)
+            ahead = ahead._replace(rmse=unknown, std=unknown)
+        metrics += _over(model, horizon, ahead, spread, dofs)
     metrics.append(metric("held_free_run", "validation", model, "all", predictor.held_s()))
+    return metrics
+
+
+def _over(
+    model: str, horizon: str, ahead: Ahead, spread: Array, dofs: tuple[str, ...]
+) -> list[Metric]:
+    """Rows of the predictions over one horizon: the limited share, the errors and the scores."""
+    metrics = [metric(f"limited_share_{horizon}", "validation", model, "all", ahead.limited)]
+    metrics += _errors(model, horizon, ahead.rmse, dofs)
+    for name, score in scores(ahead, spread)._asdict().items():
+        for quantity, half in zip(QUANTITIES, np.split(score, 2), strict=True):
+            full = f"{quantity}_{name}_{horizon}"
+            metrics += per_dof(full, "validation", model, dofs, half)
+            metrics.append(metric(full, "validation", model, "all", combined(half)))
     return metrics
 
 
@@ -149,10 +156,7 @@ def _mean_motion(spread: Array, dofs: tuple[str, ...]) -> list[Metric]:
 def _without_prediction(model: str, dofs: tuple[str, ...], limited: float) -> list[Metric]:
     """Rows of a model that cannot predict; `limited` is 1 if its inertia makes it impossible."""
     unknown = np.full(2 * len(dofs), np.nan)
-    rows = [row for horizon in HORIZONS for row in _errors(model, horizon, unknown, dofs)]
-    rows += [
-        metric(f"limited_share_{horizon}", "validation", model, "all", limited)
-        for horizon in HORIZONS
-    ]
+    ahead = Ahead(unknown, limited, unknown)
+    rows = [row for horizon in HORIZONS for row in _over(model, horizon, ahead, unknown, dofs)]
     held = 0.0 if limited == 1.0 else np.nan
     return [*rows, metric("held_free_run", "validation", model, "all", held)]
