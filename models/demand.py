@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 FLOPS = 1e3  # operations in the time of a sample
 NUMBER = 8.0  # bytes of a number
+FINDING = 60.0 * NUMBER  # bytes of a finding
 
 
 @dataclass(frozen=True)

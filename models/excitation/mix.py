@@ -75,11 +75,16 @@ class Route:
         """The area with its obstacles."""
         return Waters(self.area or (), self.obstacles, self.clearance_m)
 
+    @property
+    def cell_size_m(self) -> float:
+        """Size of the lattice's cells [m]: the option, or the way of 4 s."""
+        return 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
+
     def demands(self, period_s: float, moves: int) -> list[Demand]:
         """The poses at all instants of the plan's `moves`: a rest, and a passage over a cell."""
         if self.area is None:
             return []
-        cell_m = 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
+        cell_m = self.cell_size_m
         demands = []
         for option, seconds in (
             ("hold_s", self.hold_s),
@@ -90,7 +95,7 @@ class Route:
             detail = f"{amount(poses)} poses in the moves of the plan"
             got = f"{getattr(self, option):g}"
             demands.append(Demand(option, got, detail, poses, 3 * POSE * poses))
-        north, south, east, west = self.waters.bounds
+        south, north, west, east = self.waters.bounds
         cells = (north - south) / cell_m * ((east - west) / cell_m)
         detail = f"{amount(cells)} cells of the plan's lattice"
         got = "null" if self.cell_m is None else f"{self.cell_m:g}"
@@ -113,7 +118,7 @@ class Route:
             counts=Counter(names),
             start=_pose(self.start),
             goal=_pose(self.start if self.goal is None else self.goal),
-            cell_m=4.0 * self.speed_m_s if self.cell_m is None else self.cell_m,
+            cell_m=self.cell_size_m,
             pace=pace,
             hold=round(self.hold_s / design.period_s),
         )

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount
+from seatrial.models.demand import FINDING, FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
@@ -40,8 +40,6 @@ from seatrial.models.vessel.basis import AIR, Array, Codes, Term
 from seatrial.models.vessel.kinematics import rotation
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-
-FINDING = 60  # numbers that take as much memory as a finding
 
 
 @dataclass(frozen=True)
@@ -109,8 +107,7 @@ class Dsr(Identifier):
     def demands(self, extent: Extent) -> list[Demand]:
         """The triangular factor of the Hankel matrices, for the estimate and every replicate."""
         rows = (self.L + self.J + 1.0) * 3 * extent.n_dof  # force, motion and innovations
-        period_s = self.period_s or extent.period_s
-        samples = extent.samples * extent.period_s / period_s
+        samples = extent.samples * extent.period_s / self.model_period_s(extent.period_s)
         option = "L" if self.L > self.J else "J"
         detail = f"a factor of {amount(rows)} x {amount(rows)} numbers"
         once = samples * rows**2 / FLOPS
@@ -124,7 +121,7 @@ class Dsr(Identifier):
             )
         numbers = self.markov_parameters * float(extent.n_dof) ** 2
         detail = f"{amount(numbers)} numbers in the results"
-        memory = FINDING * NUMBER * numbers
+        memory = FINDING * numbers
         demands.append(Demand("markov_parameters", self.markov_parameters, detail, numbers, memory))
         return demands
 

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from seatrial.models.demand import NUMBER, Demand, Extent, amount
+from seatrial.models.demand import FINDING, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED
@@ -104,7 +104,6 @@ def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
 
 
 AXES = ("topology_first", "topology_second")
-FINDING = 60  # numbers that take as much memory as a finding
 MOST_NAMED = 6  # of the parameters in an error message
 
 
@@ -135,7 +134,7 @@ class Grid(PredictionOptions):
         """A prediction and a finding for every point of the grid."""
         count = float(self.points) ** len(AXES)
         detail = f"{amount(count)} points of {amount(extent.samples)} samples each"
-        memory = FINDING * NUMBER * count
+        memory = FINDING * count
         return [Demand("points", self.points, detail, count * extent.samples, memory)]
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:

@@ -1,6 +1,7 @@
 """Configuration of a vessel: derivatives, thrusters, limits and tuning values."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -104,7 +105,11 @@ class VesselParameters:
             nominal.plant_table()
 
     def nominal(self) -> Vessel:
-        """The nominal model F0."""
+        """The nominal model F0; made once."""
+        return self._nominal
+
+    @cached_property
+    def _nominal(self) -> Vessel:
         return self._with_parameters(self.parameters)
 
     def _with_parameters(self, name: str | None) -> Vessel:
