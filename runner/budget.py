@@ -123,12 +123,12 @@ def file_demand(option: str, path: Path) -> Demand:
     return Demand(option, path, f"a file of {in_bytes(size)}", 0.0, TEXT * size)
 
 
-def check_sweep(values: Sequence[tuple[str, float]], limits: Limits) -> None:
+def check_sweep(values: Sequence[tuple[str, float]], limits: Limits, before: int = 0) -> None:
     """Raise ConfigurationError for a grid of more trials than the limit.
 
-    `values` are the options and the number of values of each.
+    `values` are the options and the number of values of each, `before` the trials of other grids.
     """
-    count = prod((number for _, number in values), start=1.0)
+    count = before + prod((number for _, number in values), start=1.0)
     if count > limits.trials:
         option, number = max(values, key=lambda item: item[1])
         raise ConfigurationError(

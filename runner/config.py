@@ -8,6 +8,7 @@ Every error names the key, what was got and what was expected.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -78,7 +79,6 @@ class Trial:
     results_dir: Path
     database_url: str
     rerun: bool = False
-    dry_run: bool = False
     sweep: "SweepLabels" = field(default_factory=lambda: SweepLabels())
     metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
@@ -172,7 +172,8 @@ class Settings:
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
-    check_finite(config)
+    for name, node in config.items():
+        once(node, "finite", partial(check_finite, node, str(name)))
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
         target = {"_target_": "seatrial.models.identification.adaptive.Update"}
@@ -190,7 +191,6 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         database_url=settings.database.url
         or database.engine.file_url(settings.results_dir / "results.db"),
         rerun=settings.rerun,
-        dry_run=settings.dry_run,
         sweep=settings.sweep,
         names=names,
         config=config,

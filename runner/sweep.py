@@ -64,15 +64,15 @@ def jobs_of(
     params: Options,
     variants: Sequence[Options | Sequence[str]],
     arguments: Sequence[str],
+    limits: Limits,
 ) -> list[list[str]]:
     """Return the overrides of every job: the grid of params and arguments, for each variant.
 
     A variant is options by name, or overrides as on the command line. It replaces the params of the
-    same name; the arguments replace both.
+    same name; the arguments replace both. Raises ConfigurationError for more jobs than the limit.
     """
     given = parser.parse_overrides(list(arguments))
     keys = {override.key_or_group for override in given}
-    limits = _limits(given)
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
         own = _texts(variant) if isinstance(variant, Mapping) else list(variant)
@@ -82,10 +82,10 @@ def jobs_of(
             if text.partition("=")[0].lstrip("+") not in keys
         ]
         overrides = parser.parse_overrides([*texts, *arguments])
-        budget.check_sweep([_count(override) for override in overrides], limits)
         # Of several overrides of one option the last counts, at the position of the first.
-        values = {override.get_key_element(): _values(override) for override in overrides}
-        jobs += map(list, product(*values.values()))
+        last = {override.get_key_element(): override for override in overrides}.values()
+        budget.check_sweep([_count(override) for override in last], limits, len(jobs))
+        jobs += map(list, product(*map(_values, last)))
     return jobs
 
 
@@ -102,15 +102,6 @@ def _count(override: Override) -> tuple[str, float]:
         return override.key_or_group, max(0.0, (last - first) / step) if step else inf
     count = len(value.list) if isinstance(value, ChoiceSweep) else 1
     return override.key_or_group, float(count)
-
-
-def _limits(overrides: Sequence[Override]) -> Limits:
-    """Return the limits with the number of trials that the command line allows."""
-    for override in reversed(overrides):
-        if override.key_or_group == "limits.trials" and not override.is_sweep_override():
-            limits: Limits = build_as(Limits, {"trials": override.value()}, "limits")
-            return limits
-    return Limits()
 
 
 def _values(override: Override) -> list[str]:
@@ -236,11 +227,13 @@ class SeatrialSweeper(Sweeper):
         self.session.started = True
         _check_hydra(self._config.hydra)
         parser = OverridesParser.create(config_loader=self._loader.hydra)
-        jobs = jobs_of(parser, self.params, self.session.variants or self.variants, arguments)
+        own, variants = self._config, self.session.variants or self.variants
+        limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
+        jobs = jobs_of(parser, self.params, variants, arguments, limits)
         composer = Composer(self._loader, self._config)
         jobs = composer.applicable(jobs)
         plans = _planned(composer, jobs)
-        if any("dry_run=true" in map(str.lower, job) for job in jobs):
+        if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(console.dry_run(listed(plans))))
         else:
             self._run(_accepted(plans), arguments, _factors(jobs))

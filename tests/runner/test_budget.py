@@ -117,6 +117,18 @@ def test_trials_of_a_sweep_are_counted_before_they_are_listed(seatrial: Command)
     assert seatrial("-m", "seed=range(0,8)", "limits.trials=8", "dry_run=true").code == 0
 
 
+def test_trials_of_all_variants_count_together(seatrial: Command) -> None:
+    seatrial.pretend()
+    sweep = ("-m", "--variant", "plant.scale=0.5", "--variant", "plant.scale=0.6", "dry_run=true")
+    message = seatrial.refuses(*sweep, "seed=range(0,5)", "limits.trials=8")
+    assert message.startswith("seed: got 5 values, 10 trials")
+    assert seatrial(*sweep, "seed=range(0,5)", "limits.trials=10").code == 0
+    # The last of two overrides of one option counts.
+    assert (
+        seatrial("-m", "seed=range(0,9)", "seed=1,2", "limits.trials=2", "dry_run=true").code == 0
+    )
+
+
 def test_limits_do_not_make_another_trial(seatrial: Command) -> None:
     fake = seatrial.pretend()
     seatrial("seed=5")

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 
 from seatrial.runner.composition import Composer, SharingLoader, order_of
+from seatrial.runner.config import Limits
 from seatrial.runner.hydra_errors import CONF, EXPECTED
 from seatrial.runner.overrides import Parser
 from seatrial.runner.sweep import jobs_of
@@ -155,7 +156,7 @@ def test_later_jobs_do_not_change_earlier_ones(master: DictConfig) -> None:
 def test_what_a_sweep_lists(master: DictConfig, argument: str, count: int) -> None:
     composer = Composer(SharingLoader(loader()), master)
     parser = OverridesParser.create(config_loader=loader())
-    jobs = jobs_of(parser, {}, [], [argument, "sample_time_s=0.1,0.2"])
+    jobs = jobs_of(parser, {}, [], [argument, "sample_time_s=0.1,0.2"], Limits())
     assert len(jobs) == 2 * count
     for job in jobs:
         assert shared(composer, job) == by_hydra(master, job), job

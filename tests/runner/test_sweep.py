@@ -139,6 +139,13 @@ def test_a_dry_run_lists_every_trial(seatrial: Command) -> None:
     assert len(runs()) == 2
 
 
+@pytest.mark.parametrize("spelling", ["+dry_run=true", "++dry_run=True", "dry_run=yes"])
+def test_a_dry_run_of_any_spelling_runs_nothing(seatrial: Command, spelling: str) -> None:
+    fake = seatrial.pretend()
+    seatrial("-m", "seed=0,1", spelling)
+    assert fake.ran == []
+
+
 def test_a_dry_run_makes_no_database(seatrial: Command) -> None:
     seatrial.pretend()
     assert "2 trials: 2 new" in seatrial("-m", "seed=0,1", "dry_run=true").out
