@@ -21,9 +21,7 @@ from typer.main import get_command
 
 from seatrial.models.findings import Finding
 from seatrial.runner.compare import logbook_commands  # noqa: F401 - adds the commands
-from seatrial.runner.compare.__main__ import run
 from seatrial.runner.compare.cli import app
-from seatrial.runner.compare.commands import PlotCommand
 from seatrial.runner.database import Logbook
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -99,15 +97,10 @@ def test_every_option_takes_any_value(
         refused_or_answered(*program(*words), words)
 
 
-def test_the_tries_know_every_option() -> None:
-    """The help lists what the tries go through."""
-    for name, command in COMMANDS.items():
-        listed = {option for one in command.params for option in one.opts}
-        with closing(io.StringIO()) as out, pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "stdout", out)
-            run([name, "--help"])
-            shown = set(re.findall(r"--[a-z][a-z-]+", out.getvalue()))
-        assert isinstance(command, PlotCommand) or shown - {"--help"} <= listed | {"--linear"}, name
+def test_the_tries_know_every_command(program: Program) -> None:
+    _, help_text, _ = program("--help")
+    listed = re.findall(r"^\W*([a-z][a-z-]*)  ", help_text.partition("Commands")[2], re.MULTILINE)
+    assert set(listed) == set(COMMANDS)
 
 
 @pytest.mark.parametrize(
@@ -243,9 +236,7 @@ def test_two_version_rows_are_damage(
     for words in (["verify"], ["runs"], ["sql", "SELECT 1"], ["export", "out"]):
         code, out, err = program(*words[:1], "--database", damaged, *words[1:])
         assert (code, out) == (2, "")
-        assert f"{got} in seatrial_version, expected 1" in " ".join(
-            err.replace("in seat", " in seat").split()
-        )
+        assert f"{got} in seatrial_version, expected 1" in err
 
 
 def test_json_of_another_shape_is_damage_on_postgresql(program: Program, served_plain: str) -> None:
