@@ -50,7 +50,7 @@ def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
     """Name and bound of every field, and whether the field may be None."""
     hints = get_type_hints(cls, include_extras=True)
     return [
-        (name, bound, type(None) in get_args(hint))
+        (name, bound, type(None) in get_args(_without_marks(hint)))
         for name, hint in hints.items()
         for bound in _declared(hint)
     ]
@@ -58,6 +58,11 @@ def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
 
 def _declared(hint: Any) -> list[Gt | Ge]:
     """The bounds declared for a type, for its alternatives and for its elements."""
-    if get_origin(hint) is Annotated:
-        return [bound for bound in hint.__metadata__ if isinstance(bound, Gt | Ge)]
-    return [bound for part in get_args(hint) for bound in _declared(part)]
+    own = [bound for bound in getattr(hint, "__metadata__", ()) if isinstance(bound, Gt | Ge)]
+    inner = get_args(_without_marks(hint))
+    return own + [bound for part in inner for bound in _declared(part)]
+
+
+def _without_marks(hint: Any) -> Any:
+    """The type without what is annotated to it."""
+    return hint.__origin__ if get_origin(hint) is Annotated else hint

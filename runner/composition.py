@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 from uuid import uuid4
 
 from hydra.conf import HydraConf
@@ -24,7 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from seatrial.runner.job import Order
 from seatrial.runner.overrides import Parser, Refused, apply
 from seatrial.runner.resolution import Resolution, interpolations, pure, shape, text_of
-from seatrial.runner.tuning_values import check_tuning
+from seatrial.runner.vessel_options import VesselOptions
 from seatrial.runner.vocabulary import GROUPS
 
 
@@ -32,11 +32,37 @@ def order_of(
     task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
 ) -> Order:
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
-    config, given = _resolve(task), _given(hydra)
     if overrides is None:
-        overrides = given
-    check_tuning(_tuning_of(config), _folders(hydra), [*given, *overrides])
+        overrides = _given(hydra)
+    config = VesselOptions().filled(_resolve(task))
     return Order(config=config, names=_names(hydra, overrides), overrides=overrides)
+
+
+def with_numbers(config: DictConfig) -> DictConfig:
+    """Return a composed configuration in which options taken from the vessel are numbers.
+
+    Other options stay as they are, with their interpolations.
+    """
+    shown = deepcopy(config)
+    task = _task_of(config)
+    if "vessel" in task:
+        plain = _resolve(task)
+        with open_dict(shown), read_write(shown):
+            _set_changes(shown, plain, VesselOptions().filled(plain))
+    return shown
+
+
+def _set_changes(target: DictConfig, before: Any, after: Any) -> None:
+    """Set in `target` what differs between two nodes of its resolved configuration."""
+    for key, value in after.items():
+        if key in before and value is before[key]:
+            continue
+        node = target._get_node(key)
+        inner = isinstance(value, dict) and isinstance(before.get(key), dict)
+        if inner and isinstance(node, DictConfig) and not node._is_interpolation():
+            _set_changes(node, before[key], value)
+        else:
+            target[key] = value
 
 
 def _given(hydra: DictConfig | HydraConf) -> list[str]:
@@ -52,17 +78,6 @@ def _resolve(task: DictConfig) -> dict[str, object]:
 
 def _names(hydra: DictConfig | HydraConf, overrides: list[str]) -> dict[str, str]:
     return {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
-
-
-def _folders(hydra: DictConfig | HydraConf) -> list[str]:
-    """Return the folders of the configuration."""
-    return [item.path for item in hydra.runtime.config_sources if item.schema == "file"]
-
-
-def _tuning_of(config: Mapping[str, object]) -> Mapping[str, object]:
-    vessel = config.get("vessel")
-    tuning = vessel.get("tuning") if isinstance(vessel, dict) else None
-    return tuning if isinstance(tuning, dict) else {}
 
 
 def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
@@ -164,7 +179,6 @@ class _Chosen:
 
     task: DictConfig
     names: dict[str, str]
-    folders: list[str]  # of the configuration
     pure: bool  # its interpolations depend on the configuration and the environment only
 
 
@@ -181,8 +195,7 @@ class Composer:
         self._chosen: _Chosen | None = None
         self._resolutions: dict[tuple[str, ...], Resolution] = {}
         self._options: dict[tuple[tuple[str, ...], str], bool] = {}  # by choices and key
-        # The last values of vessel.tuning that were accepted, and the overrides that may read them.
-        self._accepted: tuple[Mapping[str, object], list[str]] | None = None
+        self._vessel_options = VesselOptions()
 
     def choices(self, job: list[str]) -> list[str]:
         """Return the options that a job chooses; empty if it cannot be split or read."""
@@ -254,19 +267,15 @@ class Composer:
         return self._order(_resolve(task), chosen, job)
 
     def _order(self, config: dict[str, object], chosen: _Chosen, job: list[str]) -> Order:
-        tuning, readers = _tuning_of(config), [text for text in job if "${" in text]
-        last, before = self._accepted or (None, [])
-        if tuning is not last or readers != before:
-            check_tuning(tuning, chosen.folders, readers)
-            self._accepted = tuning, readers
-        return Order(config=config, names=chosen.names, overrides=job)
+        filled = self._vessel_options.filled(config)
+        return Order(config=filled, names=chosen.names, overrides=job)
 
     def _choose(self, choices: list[str], job: list[str]) -> _Chosen:
         config = self._loader.base(self._master, choices)
         task = _task_of(config)
         names = _names(config.hydra, job)
         texts = [text_of(container, key) for container, key, _ in interpolations(task)]
-        return _Chosen(task, names, _folders(config.hydra), all(map(pure, texts)))
+        return _Chosen(task, names, all(map(pure, texts)))
 
     def _resolved(self, chosen: _Chosen, values: Sequence[Override]) -> dict[str, object] | None:
         """Return the configuration of a job from that of another job; None if not possible."""

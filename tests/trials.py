@@ -8,6 +8,7 @@ from omegaconf import OmegaConf
 from seatrial.runner.composition import order_of
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.job import Order
+from seatrial.runner.vessel_options import VesselOptions
 from seatrial.runner.vocabulary import GROUPS
 
 CONF = Path(__file__).parents[1] / "conf"
@@ -22,7 +23,8 @@ def composed(*overrides: str) -> Trial:
         del config["hydra"]
         resolved = OmegaConf.to_container(config, resolve=True)
     assert isinstance(resolved, dict)
-    return build_trial(resolved, {group: choices[group] for group in GROUPS})
+    filled = VesselOptions().filled({str(key): node for key, node in resolved.items()})
+    return build_trial(filled, {group: choices[group] for group in GROUPS})
 
 
 def ordered(*overrides: str) -> Order:

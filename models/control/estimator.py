@@ -14,7 +14,7 @@ stays constant. NaN measurements are ignored.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -29,6 +29,7 @@ from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, Codes, features_kernel
 from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.table import ForceTable, fill_air_kernel, weighted_sum_kernel
+from seatrial.models.vessel.tuning import FromVessel
 
 CONSTANT = INDEX["1"]
 
@@ -238,9 +239,9 @@ class Kalman:
     is true. For an identified state-space model its identified gain is used instead.
     """
 
-    process: tuple[float, ...]
-    measurement: tuple[float, ...]
-    bias_walk: tuple[float, ...]
+    process: Annotated[tuple[float, ...], FromVessel("tuning.control.process")]
+    measurement: Annotated[tuple[float, ...], FromVessel("tuning.control.measurement")]
+    bias_walk: Annotated[tuple[float, ...], FromVessel("tuning.control.bias_walk")]
     estimate_bias: bool
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ steady-state error. At an amplitude limit the increment is clipped, which preven
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -44,6 +44,7 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.wind import WindForce
 
 
@@ -135,14 +136,14 @@ class Lqi(Controller):
     `limited` keeps the commands within the limits.
     """
 
-    error_weight: tuple[float, ...]
-    input_weight: tuple[float, ...]
-    limits: tuple[float, ...]
+    error_weight: Annotated[tuple[float, ...], FromVessel("tuning.control.error_weight")]
+    input_weight: Annotated[tuple[float, ...], FromVessel("tuning.control.increment_weight")]
+    limits: Annotated[tuple[float, ...], FromVessel("force_limits")]
     limited: bool
-    period_s: float | None
+    period_s: Annotated[float | None, FromVessel("tuning.control.period_s")]
     estimator: Estimator
     kalman: Kalman
-    wind: WindForce | None
+    wind: Annotated[WindForce | None, FromVessel("tuning.windage")]
 
     takes_state_space: ClassVar[bool] = True
 

@@ -9,9 +9,9 @@ future reference, `setpoint_and_wind` also the future wind, as Bargouth (2022), 
 assumes. A reference that is not known in advance (line of sight) is held constant.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from seatrial.models.ranges import PositiveInt, check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.wind import WindForce
 
 Preview = Literal["none", "setpoint", "setpoint_and_wind"]
@@ -235,6 +236,12 @@ MATRICES = 8  # of this size
 SOLVE = 4  # operations for each number of the matrix, to find a command
 
 
+def _weight_of(options: Mapping[str, object]) -> str:
+    """The weight of the vessel on the unknowns of a formulation: forces, or their increments."""
+    name = "increment_weight" if options.get("formulation") == "integral" else "input_weight"
+    return f"tuning.control.{name}"
+
+
 @dataclass(frozen=True)
 class Mpc(Controller):
     """Model predictive control; the module describes `preview`, Lqi the other options.
@@ -247,16 +254,16 @@ class Mpc(Controller):
     """
 
     formulation: Formulation
-    horizon: PositiveInt
+    horizon: Annotated[PositiveInt, FromVessel("tuning.control.horizon")]
     preview: Preview
-    error_weight: tuple[float, ...]
-    input_weight: tuple[float, ...]
-    limits: tuple[float, ...]
+    error_weight: Annotated[tuple[float, ...], FromVessel("tuning.control.error_weight")]
+    input_weight: Annotated[tuple[float, ...], FromVessel(_weight_of)]
+    limits: Annotated[tuple[float, ...], FromVessel("force_limits")]
     limited: bool
-    period_s: float | None
+    period_s: Annotated[float | None, FromVessel("tuning.control.period_s")]
     estimator: Estimator
     kalman: Kalman
-    wind: WindForce | None
+    wind: Annotated[WindForce | None, FromVessel("tuning.windage")]
     rate_limits: tuple[float, ...] | None = None
 
     takes_state_space: ClassVar[bool] = True

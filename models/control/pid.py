@@ -6,7 +6,7 @@ feedforward, computed by a backward difference.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from seatrial.models.vessel.table import (
     weighted_sum_kernel,
 )
 from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.vessel.tuning import FromVessel
 
 
 class PidTable(NamedTuple):
@@ -131,14 +132,14 @@ class PidFeedforward(Controller):
     an evaluation uses the feedforward alone.
     """
 
-    kp: tuple[float, ...]
-    ki: tuple[float, ...]
-    kd: tuple[float, ...]
+    kp: Annotated[tuple[float, ...], FromVessel("tuning.pid.kp")]
+    ki: Annotated[tuple[float, ...], FromVessel("tuning.pid.ki")]
+    kd: Annotated[tuple[float, ...], FromVessel("tuning.pid.kd")]
     feedback: bool = True
     feedforward: bool = True
     deployed_feedback: bool = True
     thruster_lead: bool = False
-    thruster: SecondOrderLag | None = None
+    thruster: Annotated[SecondOrderLag | None, FromVessel("thruster")] = None
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd"):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,14 @@ class Forcing(Mission):
 
     signal: Signal
     axes: tuple[str, ...]
-    amplitude: dict[str, float]
-    offset: dict[str, float] | None
+    amplitude: Annotated[dict[str, float], FromVessel("tuning.excitation.amplitude")]
+    offset: Annotated[
+        dict[str, float] | None, FromVessel("tuning.excitation.surge_force_n", entry="surge")
+    ]
     order: Literal["together", "in_turn"]
     loop: Literal["open", "closed"]
     length_s: Positive
-    time_scale: Positive
+    time_scale: Annotated[Positive, FromVessel("tuning.excitation.time_scale")]
     hold: Reference  # of the starting pose
     train_fraction: float
     base: Mission | None = None

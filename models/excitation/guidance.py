@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -14,6 +14,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import GUIDANCE, FilterTable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
+from seatrial.models.vessel.tuning import FromVessel
 
 
 class Reference(ABC):
@@ -35,7 +36,7 @@ class ReferenceFilter(Reference):
     damping D.
     """
 
-    bandwidth_rad_s: Positive
+    bandwidth_rad_s: Annotated[Positive, FromVessel("tuning.reference.bandwidth_rad_s")]
     damping: Positive
 
     def __post_init__(self) -> None:

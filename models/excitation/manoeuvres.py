@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 
 
 def _steerable(what: str, dofs: Sequence[str]) -> None:
@@ -42,11 +43,11 @@ class Steered(Mission):
     force by degree of freedom.
     """
 
-    surge_force_n: float
-    yaw_moment_nm: float
+    surge_force_n: Annotated[float, FromVessel("tuning.excitation.surge_force_n")]
+    yaw_moment_nm: Annotated[float, FromVessel("tuning.excitation.yaw_moment_nm")]
     turn_deg: Positive | None
-    approach_s: float
-    duration_s: float
+    approach_s: Annotated[float, FromVessel("tuning.excitation.approach_s")]
+    duration_s: Annotated[float, FromVessel("tuning.excitation.manoeuvre_s")]
     reference_filter: Reference
     train_fraction: float
     loop: Literal["open", "closed"] = "open"
@@ -119,9 +120,9 @@ class ConstantVelocity(Mission):
     """
 
     velocities: dict[str, tuple[float | tuple[float, ...], ...]]
-    velocity_scale: Positive
-    run_s: Positive
-    rest_s: Positive
+    velocity_scale: Annotated[Positive, FromVessel("tuning.excitation.velocity_scale")]
+    run_s: Annotated[Positive, FromVessel("tuning.excitation.run_s")]
+    rest_s: Annotated[Positive, FromVessel("tuning.excitation.rest_s")]
     axes: tuple[str, ...]  # of the vessel
     reference_filter: Reference
     train_fraction: float

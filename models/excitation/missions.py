@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 
 NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
 
@@ -168,10 +169,10 @@ class Waypoints(Mission):
     """
 
     waypoints: tuple[tuple[float, ...], ...]
-    interval_s: Positive
+    interval_s: Annotated[Positive, FromVessel("tuning.reference.interval_s")]
     reference: Literal["line", "step"]
-    speed_m_s: Positive
-    turn_rate_rad_s: Positive
+    speed_m_s: Annotated[Positive, FromVessel("tuning.reference.speed_m_s")]
+    turn_rate_rad_s: Annotated[Positive, FromVessel("tuning.reference.turn_rate_rad_s")]
     reference_filter: Reference
     train_fraction: float
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.tuning import FromVessel
 
 POSE = 3 * NUMBER  # bytes
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
@@ -58,8 +59,8 @@ class Route:
     goal: Pose | None
     clearance_m: float
     cell_m: Positive | None
-    speed_m_s: Positive
-    turn_rate_rad_s: Positive
+    speed_m_s: Annotated[Positive, FromVessel("tuning.reference.speed_m_s")]
+    turn_rate_rad_s: Annotated[Positive, FromVessel("tuning.reference.turn_rate_rad_s")]
     hold_s: NotNegative
     follow: Literal["everywhere", "passages"]
 
@@ -181,7 +182,7 @@ class Mix(Mission):
     held_out: tuple[str, ...]
     length_s: Positive
     stop_s: Positive
-    time_scale: Positive
+    time_scale: Annotated[Positive, FromVessel("tuning.excitation.time_scale")]
     vessel: VesselParameters
     believed: UncertainModel
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own

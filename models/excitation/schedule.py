@@ -7,7 +7,7 @@ stop is then the force of the simulation that was used for planning.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.kinematics import in_body, wrap_kernel
+from seatrial.models.vessel.tuning import FromVessel
 
 OPEN, ZIGZAG, STOP, FOLLOW = 0, 1, 2, 3
 Kind = Literal["manoeuvre", "stop", "passage"]
@@ -99,8 +100,8 @@ CONTROLLERS[SequenceTable] = _sequence
 class Gains:
     """Feedback that stops the vessel and follows a passage, by degree of freedom."""
 
-    kp: tuple[NotNegative, ...]  # [N/m, N/m, Nm/rad]
-    kd: tuple[NotNegative, ...]  # [N s/m, N s/m, Nm s/rad]
+    kp: Annotated[tuple[NotNegative, ...], FromVessel("tuning.pid.kp")]  # [N/m, N/m, Nm/rad]
+    kd: Annotated[tuple[NotNegative, ...], FromVessel("tuning.pid.kd")]  # [N s/m, N s/m, Nm s/rad]
 
     def __post_init__(self) -> None:
         check_ranges(self)

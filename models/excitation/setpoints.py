@@ -5,9 +5,9 @@ A reference model stands between set-point and controller. `ReferenceFilter` (Je
 overshoot; `Step` passes the set-point on unchanged, one control period later.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import REFERENCES, Timetable
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 
 
 class StepTable(NamedTuple):
@@ -80,8 +81,8 @@ class Step(Reference):
 class AccelerationLimited(Reference):
     """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
 
-    speed: tuple[float, ...]
-    acceleration: tuple[float, ...]
+    speed: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.speed")]
+    acceleration: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.acceleration")]
 
     def __post_init__(self) -> None:
         for name in ("speed", "acceleration"):
@@ -104,6 +105,11 @@ class AccelerationLimited(Reference):
         return LimitTable(np.array(self.speed), np.array(self.acceleration), period_s)
 
 
+def _duration_of(options: Mapping[str, object]) -> str:
+    """The duration of a schedule that the vessel gives: of `square` and `four_corner`."""
+    return f"tuning.control.mission.{options.get('schedule')}_s"
+
+
 @dataclass(frozen=True)
 class Setpoints(Mission):
     """A pose (north [m], east [m], heading [deg], unwrapped) at each share of the duration.
@@ -115,8 +121,8 @@ class Setpoints(Mission):
 
     schedule: str
     schedules: dict[str, tuple[tuple[float, ...], ...]]
-    scale: Positive
-    duration_s: Positive
+    scale: Annotated[Positive, FromVessel("tuning.control.mission.side_m")]
+    duration_s: Annotated[Positive, FromVessel(_duration_of)]
     reference_filter: Reference
 
     def __post_init__(self) -> None:

@@ -2,17 +2,20 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
+from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.vessel.tuning import FromVessel, Tuning
 
 LARGEST_CONDITION = 1e15  # of an inertia matrix, that an inverse in 64 bits bears
 
@@ -44,22 +47,25 @@ class Plant:
 class VesselParameters:
     """The configured parameters of a vessel.
 
-    `tuning` holds values that other configuration groups read by interpolation, such as gains,
-    noise levels and force amplitudes; the vessel itself does not use them. `sources` states the
-    source of the numbers of every other entry.
+    `tuning` holds values that other groups take from the vessel, such as gains, noise levels and
+    force amplitudes; what it leaves out is derived from inertia, drag, `force_limits` and
+    `length_m` (seatrial.models.vessel.derivation). `sources` states the source of the numbers of
+    every other entry.
     """
 
     name: str
     dofs: tuple[str, ...]
     inertia: tuple[tuple[float, ...], ...] | None  # [kg, kg m, kg m^2]
     derivatives: dict[str, float]  # hydrodynamic derivatives, SI
-    velocity_limits: tuple[float, ...]  # [m/s, rad/s]; a simulation that exceeds one has diverged
+    # [m/s, rad/s]; a simulation that exceeds one has diverged
+    velocity_limits: Annotated[tuple[float, ...] | None, FromVessel("velocity_limits")] = None
     coriolis: bool = True
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
-    tuning: dict[str, Any] = field(default_factory=dict)
+    tuning: Tuning = field(default_factory=Tuning)
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
+    length_m: Positive | None = None  # of the hull; None: estimated from the inertia
     thrusters: Allocation | None = None  # thruster geometry and allocation method
     attitude: Attitude = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation
@@ -68,6 +74,7 @@ class VesselParameters:
     sources: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         check_dofs(self.dofs)
         unknown = [name for name in self.sources if name not in self.__dataclass_fields__]
         if unknown:
@@ -81,16 +88,12 @@ class VesselParameters:
                 f"parameters: got {self.parameters}, expected one of "
                 f"{', '.join(self.parameter_sets) or 'null'}"
             )
-        if len(self.velocity_limits) != len(self.dofs) or min(self.velocity_limits) <= 0.0:
-            raise ConfigurationError(
-                f"velocity_limits must be {len(self.dofs)} positive numbers, "
-                f"got {list(self.velocity_limits)}"
-            )
-        limits = self.force_limits
-        if limits is not None and (len(limits) != len(self.dofs) or min(limits) <= 0.0):
-            raise ConfigurationError(
-                f"force_limits must be {len(self.dofs)} positive numbers, got {list(limits)}"
-            )
+        for option in ("velocity_limits", "force_limits"):
+            limits = getattr(self, option)
+            if limits is not None and (len(limits) != len(self.dofs) or min(limits) <= 0.0):
+                raise ConfigurationError(
+                    f"{option} must be {len(self.dofs)} positive numbers, got {list(limits)}"
+                )
         if self.thruster is not None:
             self.thruster.check(self.dofs)
         if self.thrusters is not None:
@@ -129,10 +132,17 @@ class VesselParameters:
         return Plant(
             table,
             self.thruster,
-            self.velocity_limits,
+            self.velocity_limits or self.scales.velocity_limits,
             integrator=self.integrator,
             allocation=self.thrusters,
         )
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Scales of length, force and speed; raises ConfigurationError if too little is given."""
+        limits = self.limits_by_dof
+        known = tuple(limits[dof] for dof in self.dofs) if limits else None
+        return scales(self.nominal(), known, self.length_m)
 
     @property
     def limits_by_dof(self) -> dict[str, float]:

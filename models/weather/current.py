@@ -1,13 +1,14 @@
 """Current: the velocity of the water over ground."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.noise import first_order
 from seatrial.models.weather.weather import Stream
 
@@ -22,10 +23,12 @@ class Current(Stream):
     appendices (which use the unrealistic value 10 m/s). The speed is limited to `max_m_s`.
     """
 
-    speed_m_s: NotNegative
+    speed_m_s: Annotated[NotNegative, FromVessel("tuning.current.speed_m_s")]
     direction_deg: float
     variation: Literal["constant", "slow", "white"]
-    deviation_m_s: NotNegative  # of each component, of `slow`
+    deviation_m_s: Annotated[  # of each component, of `slow`
+        NotNegative, FromVessel("tuning.current.deviation_m_s")
+    ]
     time_constant_s: Positive  # of `slow`
     max_m_s: Positive
 

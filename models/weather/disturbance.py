@@ -6,7 +6,7 @@ generator in a fixed order, so adding or removing a part does not change the rea
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.noise import MeasurementNoise
 from seatrial.models.weather.weather import Force, Noise, Part, Stream, Weather
 
@@ -26,9 +27,9 @@ class ConstantForce(Force):
     A vessel that moves along one axis only is affected by the northward component.
     """
 
-    north_n: float
-    east_n: float
-    moment_nm: float
+    north_n: Annotated[float, FromVessel("tuning.constant_force.north_n")]
+    east_n: Annotated[float, FromVessel("tuning.constant_force.east_n")]
+    moment_nm: Annotated[float, FromVessel("tuning.constant_force.moment_nm")]
 
     varies: ClassVar[bool] = False
 

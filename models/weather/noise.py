@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.linalg import expm
@@ -12,6 +12,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.weather import Noise, Weather
 
 
@@ -19,13 +20,17 @@ from seatrial.models.weather.weather import Noise, Weather
 class MeasurementNoise:
     """Standard deviations of white Gaussian noise, drawn once per sample. Jervan, Table 4.14."""
 
-    position_m: NotNegative
-    angle_deg: NotNegative
-    velocity_m_s: NotNegative
-    angular_rate_deg_s: NotNegative
-    acceleration_m_s2: NotNegative
-    angular_acceleration_deg_s2: NotNegative
-    wind_m_s: NotNegative = 0.0  # of each body component of the measured wind
+    position_m: Annotated[NotNegative, FromVessel("tuning.noise.position_m")]
+    angle_deg: Annotated[NotNegative, FromVessel("tuning.noise.angle_deg")]
+    velocity_m_s: Annotated[NotNegative, FromVessel("tuning.noise.velocity_m_s")]
+    angular_rate_deg_s: Annotated[NotNegative, FromVessel("tuning.noise.angular_rate_deg_s")]
+    acceleration_m_s2: Annotated[NotNegative, FromVessel("tuning.noise.acceleration_m_s2")]
+    angular_acceleration_deg_s2: Annotated[
+        NotNegative, FromVessel("tuning.noise.angular_acceleration_deg_s2")
+    ]
+    wind_m_s: Annotated[  # of each body component of the measured wind
+        NotNegative, FromVessel("tuning.noise.wind_m_s")
+    ] = 0.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -46,7 +51,7 @@ class ProcessNoise(Noise):
     the width of a uniform distribution about zero.
     """
 
-    size: tuple[NotNegative, ...]
+    size: Annotated[tuple[NotNegative, ...], FromVessel("tuning.process")]
     distribution: Literal["normal", "uniform"]
 
     def __post_init__(self) -> None:

@@ -7,6 +7,7 @@ K follows from the specified standard deviation, sigma^2 = K^2 / (4 lambda omega
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.noise import gauss_markov
 from seatrial.models.weather.weather import Noise, Weather
 
@@ -25,9 +27,9 @@ class Waves(Noise):
     Parameters are the standard deviations, the peak period and the relative damping lambda.
     """
 
-    position_m: NotNegative
-    heading_deg: NotNegative
-    peak_period_s: Positive
+    position_m: Annotated[NotNegative, FromVessel("tuning.waves.position_m")]
+    heading_deg: Annotated[NotNegative, FromVessel("tuning.waves.heading_deg")]
+    peak_period_s: Annotated[Positive, FromVessel("tuning.waves.peak_period_s")]
     damping: Positive
 
     def __post_init__(self) -> None:

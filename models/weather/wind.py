@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from seatrial.models.recording.csv_table import read_table
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.noise import first_order, smoothed_levels
 from seatrial.models.weather.weather import Stream
 
@@ -99,15 +100,17 @@ class Wind(Stream):
     direction [deg] of the wind.
     """
 
-    windage: WindForce | None
-    speed_m_s: NotNegative
+    windage: Annotated[WindForce | None, FromVessel("tuning.windage")]
+    speed_m_s: Annotated[NotNegative, FromVessel("tuning.wind.speed_m_s")]
     beaufort: int | None
     direction_deg: float
     direction: Literal["to", "from"]
     variation: Literal["constant", "slow", "gusting", "spectrum", "file"]
     direction_spread_deg: NotNegative  # of `slow`, width of the range of directions
     intensity: NotNegative  # of `gusting`
-    time_constant_s: Positive  # of `gusting`
+    time_constant_s: Annotated[  # of `gusting`
+        Positive, FromVessel("tuning.wind.time_constant_s")
+    ]
     height_m: Positive  # of `spectrum`
     file: str | None
 

@@ -34,7 +34,10 @@ EXPERIMENT = (
     "identifier=dsr", "identifier.period_s=1.0", "identifier.bootstrap=null",
 )  # fmt: skip
 FULL_NOISE = "disturbance.process.size=[1.5e-2, 1.5e-2, 5e-5]"
-AS_PRINTED = ("identifier.L=2", "identifier.J=2", "identifier.physical_form=optional")
+AS_PRINTED = (
+    "identifier.L=2", "identifier.J=2", "identifier.physical_form=optional",
+    "identifier.variant=closed", "identifier.stable=false",
+)  # fmt: skip
 
 
 def run(*options: str) -> Results:

@@ -17,6 +17,7 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.config import build_as
+from seatrial.runner.vessel_options import VesselOptions
 
 CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
@@ -47,9 +48,12 @@ def objects(vessel: str, group: str, name: str) -> Any:
     """An option of a group, composed for a vessel."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         chosen = [f"vessel={vessel}", f"{group}={name}"]
-        config = OmegaConf.to_container(compose("trial", chosen), resolve=False)
-        resolved = OmegaConf.create(config)
-        return build_as(object, OmegaConf.to_container(resolved[group], resolve=True), group)
+        config = OmegaConf.create(OmegaConf.to_container(compose("trial", chosen)))
+        nodes: Any = {
+            key: OmegaConf.to_container(config[key], resolve=True) for key in ("vessel", group)
+        }
+        nodes["sample_time_s"] = config.sample_time_s
+        return build_as(object, VesselOptions().filled(nodes)[group], group)
 
 
 def suits(vessel: str, group: str, name: str) -> bool:

@@ -1,0 +1,140 @@
+"""Length, time, force and speed scales of a vessel, from which its tuning is derived.
+
+With Froude's law lengths scale with L, times with sqrt(L / g), speeds with sqrt(g L), and so do all
+numbers here: a model at a scale of 1 : lambda has the tuning of the ship, scaled.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+
+GRAVITY = 9.81  # [m/s^2]
+WATER = 1025.0  # density [kg/m^3]
+# Radius of gyration in yaw of ships and vehicles over their length, Fossen (2021), section 3.3.
+GYRATION = 0.25
+BLOCK = 0.02  # volume over length cubed, of vessels without yaw: between a ship's and a vehicle's
+LARGEST_FROUDE = 0.4  # hull speed of a displacement vessel
+# Speeds for which the thrusters are sized if their limits are unknown: ahead and across in units of
+# sqrt(g L), turning in units of sqrt(g / L)
+SERVICE = 0.25, 0.15, 0.4
+RUN_UP = 20.0  # time to reach that speed without drag, in units of sqrt(L / g)
+BEYOND = 10.0  # a simulation at so many times the attainable speed has diverged
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Scales of a vessel, by degree of freedom where they are arrays of shape (n_dof,)."""
+
+    dofs: tuple[str, ...]
+    length_m: float
+    inertia: Array  # diagonal of M [kg, kg m^2]
+    limits: Array  # largest force of the thrusters [N, Nm]
+    speeds: Array  # attainable speed [m/s, rad/s]
+    drag: Array  # force that half the attainable speed needs [N, Nm]
+
+    @property
+    def angular(self) -> NDArray[np.bool_]:
+        """Whether a degree of freedom is a rotation, shape (n_dof,)."""
+        return _angular(self.dofs)
+
+    @property
+    def time_s(self) -> float:
+        """sqrt(L / g) [s]."""
+        return float(np.sqrt(self.length_m / GRAVITY))
+
+    @property
+    def speed_m_s(self) -> float:
+        """sqrt(g L) [m/s], the speed of Froude number 1."""
+        return float(np.sqrt(GRAVITY * self.length_m))
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest acceleration from rest [m/s^2, rad/s^2], shape (n_dof,)."""
+        return self.limits / self.inertia
+
+    @property
+    def velocity_limits(self) -> tuple[float, ...]:
+        """Speeds beyond which a simulation has diverged [m/s, rad/s]."""
+        return tuple((BEYOND * self.speeds).tolist())
+
+    def each(self, linear: float, angular: float) -> Array:
+        """A number for the translations and another for the rotations, shape (n_dof,)."""
+        return np.where(self.angular, angular, linear)
+
+    def of(self, dof: str, values: Array) -> float:
+        """The value of a degree of freedom; 0 if the vessel does not have it."""
+        return float(values[self.dofs.index(dof)]) if dof in self.dofs else 0.0
+
+
+def scales(model: Vessel, limits: tuple[float, ...] | None, length_m: float | None) -> Scales:
+    """Scales of a vessel from its table, thrust limits [N, Nm] and length [m].
+
+    One of the two suffices. The length follows from the radius of gyration in yaw, or from the mass
+    in surge. The limits follow from the drag and inertia at a service speed.
+
+    Raises ConfigurationError if both are missing, or the table gives no length.
+    """
+    if limits is None and length_m is None:
+        raise ConfigurationError(f"{model.name}: expected force_limits or length_m, got neither")
+    inertia = np.diag(model.inertia)
+    if np.min(inertia) <= 0.0:
+        raise ConfigurationError(
+            f"{model.name}: expected a positive inertia on every axis, got {inertia.tolist()}"
+        )
+    length = length_m or _length(model)
+    unit = np.sqrt(GRAVITY * length) / np.where(_angular(model.dofs), length, 1.0)
+    if limits is None:
+        ahead, across, turning = SERVICE
+        speed = unit * np.where(_angular(model.dofs), turning, across)
+        if "surge" in model.dofs:
+            speed[model.dofs.index("surge")] *= ahead / across
+        run_up = inertia * speed / (RUN_UP * np.sqrt(length / GRAVITY))
+        thrust = np.maximum(_drag(model, speed), run_up)
+    else:
+        thrust = np.array(limits, dtype=np.float64)
+    largest = LARGEST_FROUDE * unit * np.where(_angular(model.dofs), 2.0, 1.0)  # at the bow
+    speeds = _attainable(model, thrust, largest)
+    return Scales(model.dofs, length, inertia, thrust, speeds, _drag(model, 0.5 * speeds))
+
+
+def _angular(dofs: tuple[str, ...]) -> NDArray[np.bool_]:
+    return np.array([DOFS.index(dof) >= 3 for dof in dofs])
+
+
+def _length(model: Vessel) -> float:
+    """Length [m]: r_z = GYRATION L with r_z^2 = I_z / m, or m = BLOCK rho L^3."""
+    masses = np.diag(model.inertia)[~_angular(model.dofs)]
+    if not len(masses):
+        raise ConfigurationError(f"{model.name}: expected length_m, as no mass is known, got none")
+    mass = float(masses[0])
+    if "yaw" not in model.dofs:
+        return float(np.cbrt(mass / (BLOCK * WATER)))
+    yaw = model.dofs.index("yaw")
+    return float(np.sqrt(model.inertia[yaw, yaw] / mass)) / GYRATION
+
+
+def _drag(model: Vessel, speeds: Array) -> Array:
+    """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,)."""
+    nu = np.diag(speeds)
+    still = np.zeros_like(nu)
+    return np.asarray(np.diag(model.inverse(still, nu) - model.inverse(still, still)))
+
+
+def _attainable(model: Vessel, limits: Array, largest: Array) -> Array:
+    """Speed at which the drag equals the limit, at most `largest` [m/s, rad/s]."""
+    speeds = largest.copy()
+    for i in np.flatnonzero(_drag(model, largest) > limits):
+        unit = np.eye(len(limits))[i]
+
+        def excess(speed: float, unit: Array = unit, i: int = int(i)) -> float:
+            return float(_drag(model, speed * unit)[i] - limits[i])
+
+        speeds[i] = brentq(excess, 0.0, largest[i], rtol=1e-12)
+    return speeds

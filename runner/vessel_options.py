@@ -1,0 +1,173 @@
+"""Options that are taken from the vessel: `auto` in a configuration becomes a number.
+
+The classes mark such options (seatrial.models.vessel.tuning.FromVessel). A number that the vessel
+gives is copied, any other is derived from its inertia, drag, limits and length. So the stored
+configuration of a trial holds the numbers that were used.
+"""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, asdict, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.config import Settings, build_as
+
+if TYPE_CHECKING:  # what is slow to import
+    from seatrial.models.vessel import derivation, parameters, tuning
+    from seatrial.runner import options
+else:
+    import lazy_loader
+
+    derivation = lazy_loader.load("seatrial.models.vessel.derivation", suppress_warning=True)
+    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
+    tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
+    options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
+
+Config = Mapping[str, Any]
+NULLABLE = ("tuning.windage", "thruster")  # of a vessel, where null is a value
+
+
+class VesselOptions:
+    """Fills the options of one trial after the other; equal nodes are filled once."""
+
+    def __init__(self) -> None:
+        self._source: tuple[object, object] = None, None  # vessel and sample time of the last trial
+        self._numbers = _Numbers({}, 0.0)
+        self._filled: dict[str, tuple[object, Any]] = {}  # by name: the last node, and filled
+
+    def filled(self, config: Config) -> dict[str, Any]:
+        """Return a resolved configuration with the numbers of its vessel.
+
+        Raises ConfigurationError if a number cannot be derived.
+        """
+        vessel, sample_time = config.get("vessel"), config.get("sample_time_s")
+        if self._source[0] is not vessel or self._source[1] != sample_time:
+            self._source = vessel, sample_time
+            self._numbers = _Numbers(vessel, sample_time)
+            self._filled.clear()
+        return {name: self._of(name, node) for name, node in config.items()}
+
+    def _of(self, name: str, node: object) -> Any:
+        if not isinstance(node, dict | list):
+            return node
+        last, result = self._filled.get(name, (None, None))
+        if last is not node:
+            result = _fill(node, name, self._numbers, tuning.marks_of(Settings).parts.get(name))
+            self._filled[name] = node, result
+        return result
+
+
+class _Numbers:
+    """The numbers of a vessel by their paths; it is built when the first is derived."""
+
+    def __init__(self, node: object, sample_time_s: object) -> None:
+        self._node = node
+        self._sample_time_s = sample_time_s
+        self._vessel: parameters.VesselParameters | None = None
+        self._completed: parameters.VesselParameters | None = None  # with every derived number
+
+    def of(self, path: str, key: str) -> Any:
+        """The number at a path of the vessel, for the option `key`."""
+        given: Any = self._node
+        for name in path.split("."):
+            given = given.get(name, tuning.AUTO) if isinstance(given, Mapping) else tuning.AUTO
+        return _plain(self._derived(path, key)) if _open(given, path) else given
+
+    def _derived(self, path: str, key: str) -> Any:
+        if not isinstance(self._node, Mapping):
+            raise ConfigurationError("vessel: got none, expected an option of the group")
+        if self._vessel is None:
+            self._vessel = build_as(parameters.VesselParameters, self._node, "vessel")
+        value = _at(self._vessel, path)
+        if _open(value, path):
+            self._completed = self._completed or self._complete(self._vessel, key)
+            value = _at(self._completed, path)
+        if _open(value, path):
+            raise ConfigurationError(
+                f"{key}: got auto, expected a number: vessel.{path} cannot be derived"
+            )
+        return value
+
+    def _complete(
+        self, vessel: "parameters.VesselParameters", key: str
+    ) -> "parameters.VesselParameters":
+        period = self._sample_time_s
+        if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
+            raise ConfigurationError(f"sample_time_s must be positive, got {period}")
+        try:
+            return derivation.completed(vessel, period)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{key}: cannot be derived from vessel {error}") from error
+
+
+def _at(vessel: object, path: str) -> Any:
+    """Return the value at a path of a vessel; None if there is no such path."""
+    for name in path.split("."):
+        vessel = getattr(vessel, name, None)
+    return vessel
+
+
+def _open(value: object, path: str) -> bool:
+    """Whether a value is to be derived; null stands for none in `NULLABLE`."""
+    return value == tuning.AUTO if path in NULLABLE else value in (None, tuning.AUTO)
+
+
+def _fill(node: Any, key: str, numbers: _Numbers, cls: type | None = None) -> Any:
+    """Return a node with its numbers filled in; parts without any are not copied.
+
+    `cls` is the class that the node describes if it does not name one itself.
+    """
+    if isinstance(node, list):
+        items = {i: _fill(item, f"{key}[{i}]", numbers) for i, item in enumerate(node)}
+        return _changed(node, items)
+    if not isinstance(node, dict):
+        return node
+    cls = _class_of(node, cls)
+    marks = tuning.Marks({}, {}) if cls is None else tuning.marks_of(cls)
+    filled = {
+        name: _fill(item, f"{key}.{name}", numbers, marks.parts.get(name))
+        for name, item in node.items()
+    }
+    for name, mark in marks.marks.items():
+        option = f"{key}.{name}"
+        value = filled.get(name, tuning.AUTO if _wanted(cls, name) else None)
+        if mark.entry is not None and isinstance(value, dict):
+            if value.get(mark.entry) == tuning.AUTO:
+                number = numbers.of(mark.path(filled), f"{option}.{mark.entry}")
+                filled[name] = {**value, mark.entry: number}
+        elif mark.entry is None and value == tuning.AUTO:
+            filled[name] = numbers.of(mark.path(filled), option)
+    return _changed(node, filled)
+
+
+def _changed(node: Any, items: dict[Any, Any]) -> Any:
+    """Return the node itself if none of its items has changed."""
+    keys = range(len(node)) if isinstance(node, list) else node
+    if len(items) == len(node) and all(items[key] is node[key] for key in keys):
+        return node
+    return list(items.values()) if isinstance(node, list) else items
+
+
+def _class_of(node: Mapping[str, Any], cls: type | None) -> type | None:
+    """Return the class that a node names by `_target_`, else the one that is expected."""
+    if "_target_" not in node:
+        return cls
+    try:
+        return options.target(node["_target_"])
+    except options.OptionError:
+        return None  # the error is reported when the part is built
+
+
+def _wanted(cls: Any, name: str) -> bool:
+    """Whether an option that is left out is taken from the vessel: its class has no number."""
+    field: Field[object] = cls.__dataclass_fields__[name]
+    return field.default in (MISSING, None) and field.default_factory is MISSING
+
+
+def _plain(value: Any) -> Any:
+    """Return a number, list or mapping as it stands in a configuration."""
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    return value
