@@ -1,11 +1,12 @@
-"""Commands that read the logbook: runs, show, table, plot, metrics, stats, sql."""
+"""Commands that read the logbook: runs, show, table, plot, metrics, stats, sql, model."""
 
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
 
-from seatrial.runner import compare
+from seatrial.runner import compare, export
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
     MOST,
@@ -13,6 +14,7 @@ from seatrial.runner.compare.cli import (
     EverySweep,
     Form,
     PlotOptions,
+    ResultsDir,
     TableOptions,
     Tag,
     Where,
@@ -164,3 +166,46 @@ def sql(
     show_grid(grid, form)
     if more:
         typer.echo(f"only the first {limit} rows; --limit shows more", err=True)
+
+
+@app.command()
+def model(
+    run: Annotated[int, typer.Argument(help="Number of the run.")],
+    to: Annotated[
+        str,
+        typer.Option("--to", help="Format: yaml, json, statespace, python-control, mss, c or fmu."),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Path of the file.  [default: named by the vessel and the run]"
+        ),
+    ] = None,
+    model: Annotated[
+        Literal["identified", "nominal", "plant", "adaptive"], typer.Option(help="Which model.")
+    ] = "identified",
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at",
+            metavar="POINT",
+            help="Operating point of a linear model: u=0.5,psi=1.57,wind_north=5 (m/s, rad, rad/s)."
+            "  [default: at rest; for statespace the identified linear model, if there is one]",
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Write a model of a run for another program, and print the paths of the files.
+
+    yaml, json: a vessel for vessel=PATH (and vessel=run:RUN sails it without a file). statespace:
+    matrices as .mat or .json. python-control: a Python script. mss: a MATLAB function in the manner
+    of Fossen's MSS. c: a C99 file and its header. fmu: FMI 2.0 for co-simulation, with the C
+    compiler of this machine.
+    """
+    linear = export.model_formats.format_of(to).linear and at is None
+    with compare.results.open_results(database, results_dir) as results:
+        stored = export.stored_model.read_model(results.reader, run, model, linear)
+    for path in export.model_formats.write(stored, to, output, at, force):
+        typer.echo(path)

@@ -1,0 +1,182 @@
+"""A model of a stored run, and the vessel that it describes.
+
+The node of a vessel has the content of a file in `conf/vessel`: the thrusters, limits and tuning
+of the run's vessel, with the coefficients of the model instead of its own. Every coefficient is a
+derivative of its own there, so that reading it again gives the same numbers.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, poses_of
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner import options
+from seatrial.runner.database import Reader
+from seatrial.runner.database.records import Coefficient, RunDetail
+from seatrial.runner.record.coefficient_rows import vessel_of
+from seatrial.runner.vocabulary import GROUPS
+
+DERIVATIVE_LETTERS = "XYZKMN"  # of the forces, in the order of DOFS
+ADAPTIVE = "adaptive"  # stored as adaptive_1, adaptive_2, ...; the last one is meant
+STATE_SPACE = "state_space"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredModel:
+    """The coefficient table of one model of a run."""
+
+    run: RunDetail
+    model: str  # nominal, identified, plant or adaptive
+    table: Vessel
+    state_space: StateSpace | None = None  # that was identified, with all its inputs
+
+    @property
+    def name(self) -> str:
+        """Name of the vessel, such as milliampere_17 for the identified model of run 17."""
+        own = str(self._stored_vessel.get("name", self.run.summary.vessel))
+        suffix = "" if self.model == "identified" else f"_{self.model}"
+        return f"{own}_{self.run.summary.run_id}{suffix}"
+
+    @property
+    def source(self) -> str:
+        """What the model is and where it comes from, in one line."""
+        summary = self.run.summary
+        options = ", ".join(f"{group}={getattr(summary, group)}" for group in GROUPS[:4])
+        return f"{self.model} model of run {summary.run_id} ({options}, seed={summary.seed})"
+
+    @cached_property
+    def node(self) -> dict[str, Any]:
+        """The vessel as a node of the configuration."""
+        node = dict(self._stored_vessel)
+        body_of = dict.fromkeys(("body", "parameters"), None)
+        node |= body_of | {
+            "name": self.name,
+            "dofs": list(self.table.dofs),
+            "inertia": self.table.inertia.tolist(),
+            "derivatives": derivatives_of(self.table),
+            "coriolis": False,
+            "parameter_sets": {},
+        }
+        if self.model != "nominal":
+            node["plant_scale"] = 1.0
+        own = node.get("sources") or {}
+        taken = dict.fromkeys(("inertia", "derivatives"), self.source)
+        replaced = ("body", "parameter_sets", "parameters", "plant_scale")
+        node["sources"] = taken | {
+            key: text for key, text in own.items() if key not in {*taken, *replaced}
+        }
+        return node
+
+    @cached_property
+    def parameters(self) -> VesselParameters:
+        """The vessel with its thrusters and limits; raises ConfigurationError if it is invalid."""
+        try:
+            vessel = options.part(VesselParameters, self.node)
+        except options.OptionError as error:
+            raise ConfigurationError(f"{self.source}: {error.at('vessel')}") from error
+        assert isinstance(vessel, VesselParameters)
+        return vessel
+
+    @property
+    def step_s(self) -> float:
+        """The integration step of the run [s]."""
+        return float(cast(float, self.run.config["integration_step_s"]))
+
+    @property
+    def _stored_vessel(self) -> Mapping[str, Any]:
+        return cast(Mapping[str, Any], self.run.config["vessel"])
+
+
+def read_model(
+    logbook: Reader, run_id: int, model: str = "identified", linear: bool = False
+) -> StoredModel:
+    """Read a model (nominal, identified, plant, adaptive) of a run.
+
+    With `linear`, the identified state-space model is read as well, if there is one; its period
+    follows from the series of the recording. Raises LogbookError if there is no such run, or if it
+    has stored no such model.
+    """
+    run = logbook.run(run_id)
+    rows: dict[str, list[Coefficient]] = {}
+    for row in logbook.coefficients(run_id):
+        rows.setdefault(row.model, []).append(row)
+    key = model
+    if model == ADAPTIVE:
+        versions = [name for name in rows if re.fullmatch(rf"{ADAPTIVE}_\d+", name)]
+        key = max(versions, key=lambda name: int(name.rpartition("_")[2]), default=model)
+    if key not in rows:
+        known: list[str] = [name for name in ("nominal", "identified", "plant") if name in rows]
+        known += [ADAPTIVE] if any(name.startswith(ADAPTIVE) for name in rows) else []
+        raise LogbookError(
+            f"run {run_id} ({run.summary.status}) has no model {model!r}, "
+            f"expected {'one of ' + ', '.join(known) if known else 'a run that stored a model'}"
+        )
+    if not isinstance(run.config.get("vessel"), dict):
+        raise LogbookError(f"run {run_id} has no configuration of a vessel, expected vessel: ...")
+    table = vessel_of(rows[key], f"{model} model of run {run_id}")
+    attitude = cast(dict[str, Any], run.config["vessel"]).get("attitude", "quaternion")
+    stored = None
+    if linear and model == "identified" and STATE_SPACE in rows:
+        stored = _state_space(logbook, run, rows[STATE_SPACE], table.dofs)
+    return StoredModel(run, model, replace(table, attitude=attitude), stored)
+
+
+def derivatives_of(table: Vessel) -> dict[str, float]:
+    """The non-zero entries but the inertia matrix as hydrodynamic derivatives, `X_|u|u`, in SI."""
+    letters = [DERIVATIVE_LETTERS[DOFS.index(dof)] for dof in table.dofs]
+    return {
+        f"{letter}_{term.name}": -float(value)
+        for term, row in zip(table.terms, table.theta, strict=True)
+        if term.name not in ACCELERATIONS
+        for letter, value in zip(letters, row, strict=True)
+        if value
+    }
+
+
+def _state_space(
+    logbook: Reader, run: RunDetail, rows: list[Coefficient], dofs: tuple[str, ...]
+) -> StateSpace:
+    """The state-space model of its stored entries, which are complete."""
+    entries: dict[str, dict[tuple[int, ...], float | None]] = {}
+    for row in rows:
+        name, _, place = row.term.rstrip("]").partition("[")
+        entries.setdefault(name, {})[tuple(int(i) - 1 for i in place.split(","))] = row.value
+    matrices: dict[str, Any] = {name: _matrix(values) for name, values in entries.items()}
+    inputs = [f"tau_{dof}" for dof in dofs]
+    inputs += [f"input_{i + 1}" for i in range(len(dofs), matrices["B"].shape[1])]
+    for finding in logbook.diagnostics(run.summary.run_id):
+        if finding.name == "markov" and finding.j is not None and finding.label:
+            inputs[finding.j - 1] = finding.label
+    identifier = cast(Mapping[str, Any], run.config["identifier"])
+    body = identifier.get("output", "body_pose") == "body_pose" and dofs in (PLANAR, DOFS)
+    return StateSpace(
+        **matrices,
+        period_s=_period(logbook, run, identifier),
+        inputs=tuple(inputs),
+        outputs=tuple(f"body_{name}" if body else name for name in poses_of(dofs)),
+    )
+
+
+def _period(logbook: Reader, run: RunDetail, identifier: Mapping[str, Any]) -> float:
+    """The sample time of the identified state-space model [s]: whole samples of the recording."""
+    t = logbook.series(run.summary.run_id, "recording").columns["t"]
+    span = t[-1] - t[0]
+    recorded = float(span / round(span / np.median(np.diff(t))))  # as Recording.period_s
+    asked = identifier.get("period_s") or identifier.get("hold_s") or recorded
+    return float(asked) if asked == recorded else max(round(asked / recorded), 1) * recorded
+
+
+def _matrix(values: Mapping[tuple[int, ...], float | None]) -> Array:
+    matrix = np.zeros(np.max(np.array(list(values)), axis=0) + 1)
+    for place, value in values.items():
+        matrix[place] = np.nan if value is None else value
+    return matrix
