@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
 from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
@@ -84,6 +85,7 @@ class Trial:
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
     limits: Limits = Limits()  # of work and memory
+    deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
 
     def __post_init__(self) -> None:
         for group, part in (
@@ -111,7 +113,7 @@ class PlantChange:
 class Plant:
     """The true plant: `scale` x the nominal coefficient table."""
 
-    scale: Positive
+    scale: Annotated[Positive, FromVessel("plant_scale")]
     change: PlantChange | None = None
 
     def __post_init__(self) -> None:
@@ -157,6 +159,7 @@ class Settings:
     update: object = None
     metrics: tuple[object, ...] = ()
     limits: Limits = Limits()
+    deploy_unphysical: bool = False
     rerun: bool = False
     dry_run: bool = False
     sweep: SweepLabels = field(default_factory=SweepLabels)
@@ -186,6 +189,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
         limits=settings.limits,
+        deploy_unphysical=settings.deploy_unphysical,
         seed=settings.seed,
         results_dir=settings.results_dir,
         database_url=settings.database.url

@@ -16,6 +16,7 @@ from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Evaluation, Mission
 from seatrial.models.findings import Finding
+from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     FEWEST,
     Identified,
@@ -53,6 +54,8 @@ from seatrial.runner.record.coefficient_rows import numbered
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
+SAILED_AS_IDENTIFIED = "measured recording: the plant of the deployment is the identified model"
+WITHHELD = "the identified model is not deployed: {}; deploy_unphysical=true deploys it"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
 
 
@@ -76,6 +79,8 @@ def check(trial: Trial) -> None:
         period = recording.period_s
         budget.check(trial, len(recording))
         _check_samples(trial.identifier, excitation, recording)
+        if skipped(trial) is None:
+            _check_evaluation(trial)
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
@@ -83,7 +88,7 @@ def check(trial: Trial) -> None:
     controller = trial.controller
     if controller is not None:
         controller.build(trial.vessel.nominal(), trial.sample_time_s)
-        check_periods(trial, controller)
+        check_periods(trial, controller, period if skipped(trial) is None else None)
     thruster = trial.vessel.thruster
     trial.identifier.check(trial.vessel.nominal(), thruster, recording is not None)
     check_needs(needs, trial.vessel.name, thruster, recording)
@@ -139,6 +144,15 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         named(trial, "evaluation", lambda: evaluation.check(dofs))
 
 
+def _check_evaluation(trial: Trial) -> None:
+    """Check that the vessel can carry out the evaluation of a measured recording's model."""
+    evaluation, dofs = trial.evaluation, trial.vessel.dofs
+    assert isinstance(evaluation, Mission)
+    _check_length(trial, "evaluation", evaluation)
+    named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
+    named(trial, "evaluation", lambda: evaluation.check(dofs))
+
+
 def _check_length(trial: Trial, group: str, mission: Mission) -> None:
     """Check that a mission has samples for training and for testing."""
     seconds, period = mission.length().seconds, trial.sample_time_s
@@ -168,10 +182,13 @@ def longest_s(trial: Trial) -> float:
     return max(durations) - trial.sample_time_s if durations else 0.0
 
 
-def check_periods(trial: Trial, controller: Controller) -> None:
-    """Check that the controller's period is a multiple of the identified model's period."""
+def check_periods(trial: Trial, controller: Controller, recorded_s: float | None = None) -> None:
+    """Check that the controller's period is a multiple of the identified model's period.
+
+    `recorded_s` is the sample time of the recording [s], by default that of the simulation.
+    """
     sample_time = trial.sample_time_s
-    model_period = trial.identifier.model_period_s(sample_time)
+    model_period = trial.identifier.model_period_s(recorded_s or sample_time)
     if model_period is None or not controller.takes_state_space:
         return
     period = controller.command_rows(sample_time) * sample_time
@@ -201,9 +218,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         nominal=trial.vessel.nominal(),
         thruster=trial.vessel.thruster,
     )
-    identified = with_interval(
-        trial.identifier, trial.identifier.identify(problem, seeds.generator("identifier"))
-    )
+    identified, impossible = identify(trial, problem, seeds)
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )
@@ -237,7 +252,46 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     )
     if isinstance(trial.excitation, Reader):
         results = with_quality(results, trial.excitation, excited.recording)
-    return results if results.note else deploy(trial, seeds, problem.nominal, identified, results)
+    if results.note:
+        return results
+    deployed: Identified | None = identified
+    if impossible and not trial.deploy_unphysical:
+        deployed, results = None, replace(results, note=WITHHELD.format(impossible))
+        log.warning(results.note)
+    true = None
+    if excited.truth is None and deployed is not None:
+        true, note = as_plant(identified.model)
+        results = replace(results, note=note)
+    if excited.truth is None and true is None:
+        return results
+    return deploy(trial, seeds, problem.nominal, deployed, results, true)
+
+
+def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:
+    """Identify the model, and say what of it is physically impossible, with a finding."""
+    identified = with_interval(
+        trial.identifier, trial.identifier.identify(problem, seeds.generator("identifier"))
+    )
+    for warning in identified.warnings:
+        log.warning("identification: %s", warning)
+    impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
+    if impossible:
+        finding = Finding("unphysical", "all", 1.0, label=impossible)
+        identified = replace(identified, findings=(*identified.findings, finding))
+    return identified, impossible
+
+
+def as_plant(identified: Vessel) -> tuple[Vessel | None, str]:
+    """Return the model that is sailed after a measured recording, and a note on it.
+
+    It is the identified one, since the true one is not known; None if it cannot be simulated.
+    """
+    try:
+        identified.plant_table()
+    except ConfigurationError as error:
+        log.warning("deployment is skipped: %s", error)
+        return None, f"measured recording: deployment is skipped: {error}"
+    return identified, SAILED_AS_IDENTIFIED
 
 
 def with_quality(results: Results, file: Reader, recording: Recording) -> Results:
@@ -275,8 +329,9 @@ def unreached(excited: ExcitationData) -> list[Metric]:
 
 def skipped(trial: Trial) -> str | None:
     """Return why a trial has no deployment, or None if it has one."""
-    if isinstance(trial.excitation, Reader):
-        return MEASURED
+    if isinstance(trial.excitation, Reader):  # its reference is not known, so it has no replay
+        missing = trial.controller is None or not isinstance(trial.evaluation, Mission)
+        return MEASURED if missing else None
     if trial.controller is None:
         return NOT_DEPLOYED.format("controller")
     if trial.evaluation is None:
@@ -324,30 +379,39 @@ def controlled(controller: Controller, identified: Identified) -> Vessel | State
 
 
 def deploy(
-    trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, results: Results
+    trial: Trial,
+    seeds: Streams,
+    nominal: Vessel,
+    identified: Identified | None,
+    results: Results,
+    true: Vessel | None = None,
 ) -> Results:
     """Simulate the evaluation with a controller built on the nominal and on the identified model.
 
-    Both are simulated in the same weather. With `update`, a third simulation adapts the nominal
-    model. Returns `results` with those of the deployment added; raises TrialDiverged.
+    Both are simulated in the same weather; an identified model that is withheld is None. With
+    `update`, a third simulation adapts the nominal model. `true` is the model of the plant, if that
+    is not the scaled nominal one. Returns `results` with those of the deployment added; raises
+    TrialDiverged.
     """
     controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
     assert controller is not None
     assert evaluation is not None
-    assert isinstance(excitation, Mission)
-    mission = evaluation.mission(excitation)
+    if isinstance(evaluation, Mission):
+        mission: Mission = evaluation
+    else:
+        assert isinstance(excitation, Mission)
+        mission = evaluation.mission(excitation)
     metrics, series = list(results.metrics), list(results.series)
     diagnostics = list(results.diagnostics)
     failure: Diverged | None = None
     coefficients = list(results.coefficients)
-    models: dict[str, Vessel | StateSpace] = {
-        "nominal": nominal,
-        "identified": controlled(controller, identified),
-    }
+    models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
+    if identified is not None:
+        models["identified"] = controlled(controller, identified)
     if trial.update is not None:
         models["adaptive"] = nominal
     for name, model in models.items():
-        prepared = prepare(trial, seeds, model, mission, deployed=True)
+        prepared = prepare(trial, seeds, model, mission, deployed=True, true=true)
         for warning in deployment_metrics.design_warnings(prepared.design, name):
             log.warning(warning)
         metrics += deployment_metrics.design_metrics(prepared.design, name)

@@ -1,20 +1,13 @@
-"""Model selection on the training part: cross-validated free-run error, one-standard-error rule.
+"""The identifier that predicts best on blocks left out, and never one worse than no identifier.
 
-Jervan (2020), chapter 6, asks for it: an order or a method chosen on the test part is evaluated on
-the same data that it was chosen with. Here every candidate is identified on part of the training
-half and simulated on the block left out, under the recorded force, starting at the measured state
-every `horizon_s`. The error of a block is
-
-    E = mean over dof of  rms(nu_simulated - nu) / std(nu of the training part)
-
-A block on which a candidate cannot be identified, or its simulation diverges, has E = 1, the error
-of predicting the mean motion. The candidates are listed from the simplest on; the first one whose
-mean error exceeds the least by no more than one standard error is chosen: Hastie, Tibshirani and
-Friedman (2009), section 7.10. The standard error is that of the difference over the blocks, since
-the blocks are the same for all candidates. The chosen candidate is identified again on the whole
-training part.
+Candidates are compared with the nominal model and with each other by free runs over blocks of the
+training part (`blocked_free_run`). A candidate is admissible if it is worse than the nominal model
+in no degree of freedom. The one chosen is identified again on the whole training part; where it
+then fails, or predicts that part worse than the nominal model, the next one takes its place, and
+in the end the nominal model. A degree of freedom that did not move keeps its believed equation.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -22,40 +15,48 @@ import numpy as np
 from annotated_types import Ge
 
 from seatrial.models.demand import Demand, Extent, amount
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import (
+    UNUSABLE,
+    Blocks,
+    Contest,
+    LeftOut,
+    error_findings,
+    first_within,
+)
 from seatrial.models.identification.problem import (
-    FEWEST,
     Identified,
     Identifier,
     Needs,
+    NoIdentifier,
     Problem,
     check_force,
     with_interval,
 )
 from seatrial.models.identification.validation import prediction
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Recording, blocked_k_fold
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag
 
-LOST = 1.0  # error of a block on which a candidate fails
+NONE = "none"
 
 
 @dataclass(frozen=True)
 class Auto(Identifier):
-    """Selection of one of several identifiers by cross-validation.
+    """Selection among several identifiers and none.
 
-    `candidates` maps names to identifiers, the simplest first. `folds` is the number of blocks.
-    `horizon_s` [s] is the length of a free run before it starts again at the measured state.
-    `force` is the force of the simulation, as for `ls`.
+    `candidates` maps names to identifiers, those to be preferred first; of the alternatives of one
+    of them (`tune`) the best competes. `folds` is the number of blocks and `horizon_s` [s] the
+    length of a free run, under the `force` of the simulation, as for `ls`. After `budget_s` [s] no
+    further candidate is tried (null: no limit); the result then depends on the machine's speed.
     """
 
     candidates: dict[str, Identifier]
     folds: Annotated[int, Ge(2)]
     horizon_s: Positive
     force: str | None
+    budget_s: Positive | None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -63,17 +64,9 @@ class Auto(Identifier):
             raise ConfigurationError("candidates: got none, expected at least one identifier")
         check_force(self.force)
 
-    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Raise ConfigurationError if the check of a candidate does."""
-        for name, candidate in self.candidates.items():
-            try:
-                candidate.check(nominal, thruster, measured)
-            except ConfigurationError as error:
-                raise ConfigurationError(f"identifier.candidates.{name}: {error}") from error
-
     def needs(self) -> Needs:
         """The force of the simulation."""
-        return Needs(self.force, thruster_lag=self.force == "filtered", samples=FEWEST * self.folds)
+        return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def demands(self, extent: Extent) -> list[Demand]:
         """Every candidate on every fold, and the one that is chosen."""
@@ -90,70 +83,91 @@ class Auto(Identifier):
         return demands
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify with the candidate that cross-validation chooses.
-
-        Raises IdentificationError when no candidate predicts better than the mean motion.
-        """
-        seeds = rng.integers(2**63, size=len(self.candidates))
-        errors = {
-            name: self._errors(candidate, problem, int(seed))
-            for (name, candidate), seed in zip(self.candidates.items(), seeds, strict=True)
+        """Identify with the candidate that predicts the blocks left out best."""
+        blocks = Blocks(problem, self.folds, self.horizon_s, self.force)
+        if not blocks.axes:
+            return _fallback(problem, "no velocity moved by more than its noise")
+        try:
+            reference = blocks.judge(NoIdentifier())
+        except UNUSABLE:  # the nominal model diverges: what does not is better
+            reference = None
+        candidates = {
+            name: {
+                name + variant: alternative
+                for variant, alternative in candidate.alternatives(problem).items()
+            }
+            or {name: candidate}
+            for name, candidate in self.candidates.items()
         }
-        chosen = one_standard_error(errors)
-        candidate = self.candidates[chosen]
-        result = with_interval(candidate, candidate.identify(problem, rng))
-        return replace(result, findings=(*result.findings, *_findings(errors, chosen)))
+        alternatives = {n: a for named in candidates.values() for n, a in named.items()}
+        contest = Contest(candidates, blocks, reference, self.budget_s)
+        errors, reasons = contest.run()
+        chosen, identified = self._best(alternatives, blocks, dict(errors), reasons, rng)
+        known = {} if reference is None else {NONE: reference}
+        findings = error_findings({**known, **errors}, blocks, chosen)
+        left_out = [Finding("left_out", "all", 1.0, label=f"{n}: {r}") for n, r in reasons.items()]
+        return replace(identified, findings=(*identified.findings, *findings, *left_out))
 
-    def _errors(self, candidate: Identifier, problem: Problem, seed: int) -> Array:
-        """Free-run error on each block left out, shape (folds,); LOST where a candidate fails."""
-        training = problem.training
-        scale = np.std(training.nu, axis=0)
-        quick = candidate.without_bootstrap()
-        errors = np.full(self.folds, LOST)
-        for i, split in enumerate(blocked_k_fold(len(training), self.folds)):
-            part = training.part(split.train)
+    def _best(
+        self,
+        alternatives: Mapping[str, Identifier],
+        blocks: Blocks,
+        errors: dict[str, LeftOut],
+        reasons: dict[str, str],
+        rng: np.random.Generator,
+    ) -> tuple[str, Identified]:
+        """Name and result of the best alternative that holds on the whole training part too."""
+        while errors:
+            name = first_within(errors)
+            del errors[name]
             try:
-                model = quick.identify(
-                    replace(problem, training=part, validation=part), np.random.default_rng(seed)
-                ).model
-                block = training.part(split.test)
-                errors[i] = self._free_run(model, block, problem.thruster, scale)
-            except IdentificationError:
-                continue
-        return errors
-
-    def _free_run(
-        self, model: Vessel, block: Recording, thruster: SecondOrderLag | None, scale: Array
-    ) -> float:
-        horizon = max(round(self.horizon_s / block.period_s), 2)
-        ahead = prediction(model, block, thruster, self.force, horizon).ahead(None)
-        return LOST if ahead.diverged else float(np.mean(ahead.rmse[len(scale) :] / scale))
+                result = alternatives[name].identify(blocks.problem, rng)
+                result = moving_axes_only(result, blocks)
+                reason = _objection(result.model, blocks)
+            except UNUSABLE as error:
+                reason = str(error)
+            if reason is None:
+                return name, with_interval(alternatives[name], result)
+            reasons[name] = f"on the whole training part: {reason}"
+        return NONE, _fallback(blocks.problem, "no candidate predicts the blocks left out better")
 
 
-def one_standard_error(errors: dict[str, Array]) -> str:
-    """The first name whose error exceeds the least by at most one standard error.
-
-    `errors` maps names to errors (folds,). Raises IdentificationError when no candidate predicts
-    better than the mean motion.
-    """
-    best = min(errors, key=lambda name: float(np.mean(errors[name])))
-    if np.mean(errors[best]) >= LOST:
-        raise IdentificationError(
-            f"no candidate predicts the blocks left out better than their mean: {', '.join(errors)}"
-        )
-
-    def within(name: str) -> bool:
-        excess = errors[name] - errors[best]
-        return bool(np.mean(excess) <= np.std(excess, ddof=1) / np.sqrt(len(excess)))
-
-    return next(name for name in errors if within(name))
+def _objection(model: Vessel, blocks: Blocks) -> str | None:
+    """Why a model is worse than the nominal one on the training part; None: it is not."""
+    problem = blocks.problem
+    if prediction(model, problem.training, problem.thruster, blocks.force).ahead(None).diverged:
+        return "its free run diverges"
+    run = blocks.runs(model, problem.training, problem.thruster)
+    try:
+        reference = blocks.runs(problem.nominal, problem.training, problem.thruster)
+    except UNUSABLE:
+        return None
+    return blocks.worse(run, reference)
 
 
-def _findings(errors: dict[str, Array], chosen: str) -> tuple[Finding, ...]:
-    """Error of every candidate on every block (i candidate, j block), and the choice."""
-    rows = []
-    for i, (name, values) in enumerate(errors.items()):
-        for j, value in enumerate(values):
-            rows.append(Finding("auto_error", "all", float(value), "", i, j, name))
-        rows.append(Finding("auto_chosen", "all", float(name == chosen), "", i, label=name))
-    return tuple(rows)
+def moving_axes_only(result: Identified, blocks: Blocks) -> Identified:
+    """The result with the nominal equations of the degrees of freedom that did not move."""
+    dofs = blocks.problem.nominal.dofs
+    still = [k for k in range(len(dofs)) if k not in blocks.axes]
+    if not still:
+        return result
+
+    def without(table: Array, value: float) -> Array:
+        changed = table.copy()
+        changed[:, still] = value
+        return changed
+
+    residual = replace(result.residual, theta=without(result.residual.theta, 0.0))
+    return replace(
+        result,
+        model=blocks.problem.nominal + residual,
+        residual=residual,
+        std_error=None if result.std_error is None else without(result.std_error, np.nan),
+        findings=(*result.findings, *(Finding("did_not_move", dofs[k], 1.0) for k in still)),
+    )
+
+
+def _fallback(problem: Problem, reason: str) -> Identified:
+    """The nominal model, with the reason."""
+    nominal = NoIdentifier().identify(problem, np.random.default_rng(0))
+    return replace(nominal, findings=(Finding("fallback", "all", 1.0, label=reason),))

@@ -56,6 +56,11 @@ class FreeParameters:
         return len(self.nominal.terms), len(self.nominal.dofs)
 
     @property
+    def slopes(self) -> Array:
+        """Derivative of the table by the parameters, shape (n_terms, n_dof, m)."""
+        return self.directions.reshape(*self.shape, -1)
+
+    @property
     def support(self) -> NDArray[np.bool_]:
         """Entries of the table that can be other than zero, bool, shape (n_terms, n_dof)."""
         moved = np.any(self.directions != 0.0, axis=1).reshape(self.shape)
@@ -66,6 +71,13 @@ class FreeParameters:
         change = (self.directions @ (point - self.values)).reshape(self.shape)
         return replace(self.nominal, theta=change)
 
+    def change(self, table: Array) -> Array:
+        """The change (m,) of the parameters that comes nearest to that of the table.
+
+        `table` (n_terms, n_dof) is identified - nominal. The entries of a parameter are averaged.
+        """
+        return np.asarray(np.linalg.lstsq(self.directions, table.ravel(), rcond=None)[0])
+
     def std_error(self, covariance: Array) -> Array:
         """Standard errors of the table's entries from cov(p) (m, m); NaN where nothing is free."""
         variance = np.einsum("ij,jk,ik->i", self.directions, covariance, self.directions)
@@ -75,19 +87,25 @@ class FreeParameters:
 
 
 def free_parameters(
-    nominal: Vessel, labels: Sequence[str] | None, tie: Coriolis, ned_force: bool
+    nominal: Vessel,
+    labels: Sequence[str] | None,
+    tie: Coriolis,
+    ned_force: bool,
+    symmetric: bool = False,
 ) -> FreeParameters:
     """The parameters named by `labels`, or by default the nominal table's nonzero coefficients.
 
-    A label is `dof.term`; the nominal table need not have the term. `ned_force` adds `north` and
-    `east`, a force on a planar vessel that is constant in NED. Raises ConfigurationError for
-    labels that are unknown or repeated.
+    A label is `dof.term`; the nominal table need not have the term.
+    `ned_force` adds `north` and `east`, a force on a planar vessel that is constant in NED. With
+    `symmetric` two entries of the inertia that mirror each other and are equal in the nominal table
+    are one parameter. Raises ConfigurationError for labels that are unknown or repeated.
     """
     own = own_coriolis(nominal) if tie == "tied" else None
     if labels is None:
-        entries = _nonzero(nominal if own is None else nominal - own)
-    else:
-        entries = tuple(parse_label(label, nominal) for label in labels)
+        labels = [label for label, _ in nonzero_labels(nominal, tie)]
+    entries = tuple(parse_label(label, nominal) for label in labels)
+    pairs = _mirrored(nominal, entries) if symmetric else {}
+    entries = tuple(entry for entry in entries if entry not in pairs.values())
     if not entries:
         raise ConfigurationError(f"parameters: {nominal.name} has no coefficient to identify")
     for i, (dof, term) in enumerate(entries):
@@ -100,7 +118,10 @@ def free_parameters(
     if own is not None:
         coriolis_table = own.on(extended.terms)
         values -= [coriolis_table.coefficient(dof, str(term)) for dof, term in entries]
-    directions = [_direction(extended, dof, term, own is not None) for dof, term in entries]
+    directions = [
+        sum(_direction(extended, *e, own is not None) for e in (entry, pairs.get(entry)) if e)
+        for entry in entries
+    ]
     names = [f"{dof}.{term}" for dof, term in entries]
     units = [coefficient_unit(term, dof) for dof, term in entries]
     if ned_force:
@@ -133,6 +154,16 @@ def own_coriolis(nominal: Vessel) -> Vessel | None:
     return force if np.all(entries[force.theta != 0.0] != 0.0) else None
 
 
+def nonzero_labels(nominal: Vessel, tie: Coriolis) -> list[tuple[str, Term]]:
+    """Label and term of every coefficient of a table above rounding, inertia first.
+
+    Without its Coriolis forces where they are tied to the inertia.
+    """
+    own = own_coriolis(nominal) if tie == "tied" else None
+    entries = _nonzero(nominal if own is None else nominal - own)
+    return [(f"{dof}.{term}", term) for dof, term in entries]
+
+
 def _nonzero(vessel: Vessel) -> tuple[tuple[str, Term], ...]:
     """Entries (degree of freedom, term) of a table above rounding, inertia first."""
     scale = ROUNDING * np.max(np.abs(vessel.theta), initial=0.0)
@@ -144,6 +175,21 @@ def _nonzero(vessel: Vessel) -> tuple[tuple[str, Term], ...]:
         for dof in vessel.dofs
         if abs(vessel.coefficient(dof, str(term))) > scale
     )
+
+
+def _mirrored(
+    nominal: Vessel, entries: Sequence[tuple[str, Term]]
+) -> dict[tuple[str, Term], tuple[str, Term]]:
+    """The mirror image of each entry above the diagonal of an inertia that is symmetric there."""
+    letters, M = nominal.accelerations, nominal.inertia
+    pairs = {}
+    for i, dof in enumerate(nominal.dofs):
+        for j in range(i + 1, len(nominal.dofs)):
+            entry = (dof, basis.term(letters[j]))
+            image = (nominal.dofs[j], basis.term(letters[i]))
+            if entry in entries and image in entries and M[i, j] == M[j, i]:
+                pairs[entry] = image
+    return pairs
 
 
 def _direction(extended: Vessel, dof: str, term: Term, tied: bool) -> Array:

@@ -26,13 +26,17 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.linear import qr
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     CONSTANT,
     NED_COLUMNS,
     ResidualOptions,
     Samples,
+    kept,
+    smoothed,
     thruster_of,
 )
 from seatrial.models.identification.simulated_motion import simulated_motion
@@ -170,6 +174,14 @@ class InstrumentalVariables(ResidualOptions):
             )
 
     @property
+    def noise_remedies(self) -> tuple[str, ...]:
+        """Simulated instruments do not know the noise of the regressors."""
+        if self.instruments == "simulated":
+            return ()
+        others = [remedy for remedy in super().noise_remedies if remedy != "identifier=iv"]
+        return (*others, "identifier.instruments=simulated") if others else ()
+
+    @property
     def interval_covers(self) -> bool:
         """With instruments the estimate is consistent; without them it is that of least squares."""
         return self.instruments != "none"
@@ -207,11 +219,17 @@ class InstrumentalVariables(ResidualOptions):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors; findings describe the instruments."""
-        estimate = self.estimate(problem)
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
+        lag, findings = thruster_of(self, problem)
+        estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)
-        _check_inertia(problem.nominal + residual)
+        if self.inertia_factor is None:
+            _check_inertia(problem.nominal + residual)
         errors = estimate.table(self._errors(estimate, rng), np.nan)
-        return Identified(problem.nominal + residual, residual, errors, estimate.findings)
+        findings = (*findings, *estimate.findings)
+        result = Identified(problem.nominal + residual, residual, errors, findings)
+        return finished(self, problem, lag, result)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The simulations and the replicates."""
@@ -232,14 +250,13 @@ class InstrumentalVariables(ResidualOptions):
         gains, rest = estimate.solution.gains, estimate.solution.rest
         return block_bootstrap(lambda drawn: gains.T @ drawn, rest, length, self.bootstrap, rng)
 
-    def estimate(self, problem: Problem) -> Estimate:
+    def estimate(self, problem: Problem, lag: SecondOrderLag | None) -> Estimate:
         """The estimate without standard errors."""
         if self.wind_measurement and problem.training.wind is None:
             raise IdentificationError(
                 "wind_measurement=true: the recording has no measured wind, "
                 "expected a disturbance with wind"
             )
-        lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         if self.instruments == "none":
             estimate = _solve_excited_terms(samples, samples.phi)
@@ -247,7 +264,7 @@ class InstrumentalVariables(ResidualOptions):
             estimate = self._refine(problem, samples, lag)
         return Estimate(
             samples, estimate.kept, estimate.solution,
-            findings + estimate.findings + _fit_findings(estimate, problem.nominal.dofs),
+            estimate.findings + _fit_findings(estimate, problem.nominal.dofs),
         )  # fmt: skip
 
     def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
@@ -284,10 +301,12 @@ class InstrumentalVariables(ResidualOptions):
             recording = replace(recording, tau_filtered=None)
         motion, first = simulated_motion(recording, model, self.force, self.restart_s)
         starts = motion.t[first]
-        motion = self.filtered(motion, lag)
-        used = ~np.isin(motion.t, starts)
+        smoothing = self.smoothing(problem.training)
+        motion = self.filtered(motion, lag, smoothing)
+        inside = kept(motion, smoothing)
+        used = ~np.isin(motion.t[inside], starts)
         terms = self.terms(problem.nominal)
-        z = basis.evaluate(terms, motion.variables())
+        z = smoothed(motion, basis.evaluate(terms, motion.variables()), smoothing)
         means = np.mean(z, axis=0, where=used[:, None])
         means[[i for i, term in enumerate(terms) if term == CONSTANT]] = 0.0
         same_sign = np.maximum(np.mean(motion.nu > 0.0, axis=0), np.mean(motion.nu < 0.0, axis=0))

@@ -16,6 +16,7 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -25,6 +26,7 @@ from seatrial.models.identification.linear import (
     standard_errors,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,
@@ -82,6 +84,8 @@ class LeastSquares(ResidualOptions):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors and condition numbers."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
@@ -98,7 +102,8 @@ class LeastSquares(ResidualOptions):
             shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
-        return Identified(problem.nominal + residual, residual, errors, findings)
+        result = Identified(problem.nominal + residual, residual, errors, findings)
+        return finished(self, problem, lag, result)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The replicates of the bootstrap."""

@@ -9,6 +9,7 @@ compares a linear with a nonlinear model: Bargouth (2022), sections 3.2, 4.2 and
 """
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import AIR, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.wind import WindForce
 
 ONE = 5e-4  # an eigenvalue this near to 1 is printed as 1.000
@@ -48,7 +50,7 @@ class Linearised(Identifier):
 
     velocity: dict[str, float] | None
     operating_force: bool
-    wind: WindForce | None
+    wind: Annotated[WindForce | None, FromVessel("tuning.windage")]
     force: str | None
     hold_s: Positive | None
 

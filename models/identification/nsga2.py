@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from seatrial.models.demand import NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.free_parameters import NED
+from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.genetic_algorithm import Operators
 from seatrial.models.identification.multiobjective_search import (
     Algorithm,
@@ -35,9 +35,11 @@ from seatrial.models.identification.output_error import (
     fit_findings,
     fit_through,
 )
+from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import Errors, Uncertainty
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.problem import FEWEST, Identified, Identifier, Problem
+from seatrial.models.identification.validation import RESTART_S
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -178,12 +180,8 @@ class Nsga2(PredictionOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
         free = self.free(nominal)
+        self.check_bounded(free)
         lower, upper = self.box(free)
-        for label, low, high in zip(free.labels, lower, upper, strict=True):
-            if label not in NED and not np.isfinite(high - low):
-                raise ConfigurationError(
-                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
-                )
         for label in self.log_scale:
             if label not in ("all", *free.labels):
                 raise ConfigurationError(
@@ -206,7 +204,7 @@ class Nsga2(PredictionOptions):
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         objectives = Objectives(predictor, self.objective, self.grouped)
-        space = self._space(predictor)
+        space = self._space(predictor.free, problem)
         result = self._search(objectives, space, rng)
         chosen, rule = choose(result.front, self.decision, self.weights)
         findings = front_findings(predictor, objectives, result)
@@ -214,8 +212,9 @@ class Nsga2(PredictionOptions):
         point, errors = result.points[chosen], None
         if self.polish is not None:
             box = (space.lower, space.upper)
+            start = self._better_start(problem, point, np.clip(predictor.free.values, *box))
             predictor, fit_result = fit_through(
-                self, problem, point, box, self.polish_horizons, None, "estimated"
+                self, problem, start, box, self.polish_horizons, None, "estimated"
             )
             condition = check_determined(predictor, fit_result)
             step_s, free = predictor.course.step_s, predictor.free
@@ -224,8 +223,19 @@ class Nsga2(PredictionOptions):
             findings += fit_findings(predictor, fit_result)
             point = fit_result.point
         findings += objective_findings(objectives, point)
+        findings += active_bounds(predictor.free, point, (space.lower, space.upper))
         residual = predictor.free.residual(point)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+
+    def _better_start(self, problem: Problem, chosen: Array, believed: Array) -> Array:
+        """The chosen point (m,), or the believed one if that predicts better over `RESTART_S`.
+
+        A short search may end far from the valley that a refinement can follow.
+        """
+        every = max(round(RESTART_S / problem.training.period_s), FEWEST)
+        errors = Objectives(self.predictor(problem, every), "mse", grouped=True)
+        points = np.array([chosen, believed])
+        return np.asarray(points[np.argmin(np.sum(errors(points), axis=1))])
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The predictions of all candidates of all generations, and their comparison in pairs."""
@@ -250,15 +260,11 @@ class Nsga2(PredictionOptions):
         """How the standard errors of a refined point are computed."""
         return Uncertainty(self.errors, self.bootstrap, self.block_s)
 
-    def _space(self, predictor: Predictor) -> Space:
-        """Bounds of the search; the constant force is bounded by the largest recorded force."""
-        lower, upper = self.box(predictor.free)
-        largest = float(np.max(np.abs(predictor.course.force)))
-        for i, label in enumerate(predictor.free.labels):
-            if label in NED and label not in self.bounds:
-                lower[i], upper[i] = -largest, largest
+    def _space(self, free: FreeParameters, problem: Problem) -> Space:
+        """Bounds and scales of the search."""
+        lower, upper = self.box(free, problem.training)
         one_sign = lower * upper > 0.0
-        listed = np.isin(predictor.free.labels, self.log_scale)
+        listed = np.isin(free.labels, self.log_scale)
         return Space(lower, upper, one_sign if "all" in self.log_scale else listed)
 
     def _search(

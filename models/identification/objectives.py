@@ -19,7 +19,6 @@ from annotated_types import Ge
 from seatrial.models.demand import FINDING, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.free_parameters import NED
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
@@ -123,12 +122,7 @@ class Grid(PredictionOptions):
             raise ConfigurationError(
                 f"identifier.parameters: got {len(free)} ({some}{more}), expected two"
             )
-        lower, upper = self.box(free)
-        for label, low, high in zip(free.labels, lower, upper, strict=True):
-            if label in NED or not np.isfinite(high - low):
-                raise ConfigurationError(
-                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
-                )
+        self.check_bounded(free)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """A prediction and a finding for every point of the grid."""
@@ -143,7 +137,7 @@ class Grid(PredictionOptions):
         predictor = self.predictor(problem)
         objectives = Objectives(predictor, self.objective, grouped=False)
         free = predictor.free
-        axes = np.linspace(*self.box(free), self.points).T
+        axes = np.linspace(*self.box(free, problem.training), self.points).T
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(AXES))
         z = objectives(points).sum(axis=1).reshape(self.points, self.points)
         findings = [

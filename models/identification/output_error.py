@@ -16,6 +16,7 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Fit,
@@ -115,6 +116,8 @@ class OutputError(PredictionOptions):
         )
         findings = [Finding("condition_number", "all", condition), *covariance]
         findings += fit_findings(predictor, fit_result)
+        box = self.box(predictor.free, problem.training)
+        findings += active_bounds(predictor.free, fit_result.point, box)
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 
     def demands(self, extent: Extent) -> list[Demand]:
@@ -129,8 +132,9 @@ class OutputError(PredictionOptions):
         """The fit over the last horizon, and its predictor."""
         free = self.free(problem.nominal)
         sigma = None if self.sigma is None else np.array(self.sigma)
+        box = self.box(free, problem.training)
         return fit_through(
-            self, problem, free.values, self.box(free), self.horizons, sigma, self.initial_state
+            self, problem, free.values, box, self.horizons, sigma, self.initial_state
         )
 
 

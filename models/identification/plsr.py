@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -27,6 +28,7 @@ from seatrial.models.identification.kernel_pls import (
     output_moment,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
@@ -115,6 +117,8 @@ class Plsr(PartialLeastSquares):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of the chosen orders, with the MSE of every order."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)
@@ -138,7 +142,8 @@ class Plsr(PartialLeastSquares):
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
         errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
         findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
-        return Identified(problem.nominal + residual, residual, errors, findings)
+        result = Identified(problem.nominal + residual, residual, errors, findings)
+        return finished(self, problem, lag, result)
 
     def fit(self, moment: Array, z: Columns) -> Array:
         """Coefficients on Z of every order, shape (orders, 1 + J, K)."""

@@ -194,12 +194,17 @@ def _solve(
     step to a point where the residual is NaN.
     """
 
+    last: tuple[Array, Array, Array] | None = None  # a point with its initial states and residuals
+
     def residuals(x: Array) -> Array:
-        _, rest = misfit.best(x)
-        return np.array([float(np.linalg.norm(rest))] + [0.0] * len(x))
+        nonlocal last
+        last = (x.copy(), *misfit.best(x))
+        return np.array([float(np.linalg.norm(last[2]))] + [0.0] * len(x))
 
     def jacobian(x: Array) -> Array:
-        misfit.start, rest = misfit.best(x)
+        # scipy asks for the Jacobian at the accepted point, nearly always the last one
+        known = last is not None and np.array_equal(last[0], x)
+        misfit.start, rest = last[1:] if last is not None and known else misfit.best(x)
         columns = np.column_stack([rest.ravel(), misfit.jacobian(x, misfit.start, rest)])
         triangle = np.asarray(np.linalg.qr(columns, mode="r"))
         return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))

@@ -20,9 +20,11 @@ from seatrial.models.identification.free_run import (
     prediction_errors,
     spread,
 )
+from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
 from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags, Layout
@@ -119,12 +121,12 @@ class PredictionOptions(Identifier):
     table). With `coriolis: tied` C(nu) nu follows from the inertia, with `free` each of its
     coefficients is a parameter. `ned_force` adds a force (`north`, `east`) that is constant in NED
     (null: for a vessel in surge, sway and yaw), since a free run accumulates unmodelled forces.
-    `bounds` are `dof.term: [lower, upper]`, in any spelling of the term; the other parameters lie
-    between their nominal value divided and multiplied by `bound_factor` (null: unbounded). `force`
-    drives the prediction (null: the command filtered by the known lag, else the recorded acting
-    force, else the command). A new prediction begins at the measured state every `horizon` samples
-    (null: only one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second
-    again).
+    `bounds` are `dof.term: [lower, upper]`, in any spelling of the term; the other parameters have
+    physical bounds (`physical_bounds`), with the inertia within `bound_factor` of the believed one
+    (null: unbounded). `force` drives the prediction (null: the command filtered by the known lag,
+    else the recorded acting force, else the command). A new prediction begins at the measured state
+    every `horizon` samples (null: only one prediction). Rates are limited to `derivative_limit`
+    (m/s, rad/s and per second again).
     """
 
     parameters: tuple[str, ...] | None
@@ -183,13 +185,24 @@ class PredictionOptions(Identifier):
         )  # fmt: skip
         return Predictor(free, plan, course, self.integrator)
 
-    def box(self, free: FreeParameters) -> tuple[Array, Array]:
-        """Lower and upper bounds of the parameters, infinite where there are none, shape (m,)."""
+    def check_bounded(self, free: FreeParameters) -> None:
+        """Raise ConfigurationError for a parameter without bounds."""
+        for label in free.labels:
+            if self.bound_factor is None and label not in self.bounds:
+                raise ConfigurationError(
+                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
+                )
+
+    def box(self, free: FreeParameters, recording: Recording | None = None) -> tuple[Array, Array]:
+        """Lower and upper bounds (m,) of the parameters, infinite where there are none.
+
+        Parameters that are believed to be zero have physical bounds by the recording only.
+        """
         lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        for i, (label, value) in enumerate(zip(free.labels, free.values, strict=True)):
+        if self.bound_factor is not None:
+            sizes = believed_sizes(free, recording, self.force)
+            lower, upper = physical_bounds(free, sizes, self.bound_factor)
+        for i, label in enumerate(free.labels):
             if label in self.bounds:
                 lower[i], upper[i] = self.bounds[label]
-            elif self.bound_factor is not None and value != 0.0:
-                ends = (value / self.bound_factor, value * self.bound_factor)
-                lower[i], upper[i] = min(ends), max(ends)
         return lower, upper

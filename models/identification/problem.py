@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.derivatives import DOWN
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -44,6 +45,7 @@ class Identified:
     stages: tuple[Vessel, ...] = ()  # residual table of each stage
     state_space: StateSpace | None = None  # linear model with all its inputs
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
+    warnings: tuple[str, ...] = ()  # one line each, what is wrong and what to try
 
 
 FEWEST = 2  # samples of a recording
@@ -97,6 +99,14 @@ class Identifier(ABC):
         """This identifier without bootstrap standard errors, for a cross-validation."""
         return self
 
+    def quick(self) -> "Identifier":
+        """This identifier without bootstrap and refinement, for a first comparison."""
+        return self.without_bootstrap()
+
+    def alternatives(self, problem: Problem) -> dict[str, Self]:
+        """Choices that its options leave to the data, the simplest first; empty: there are none."""
+        return {}
+
 
 def with_interval(identifier: Identifier, identified: Identified) -> Identified:
     """Add the finding `interval_of_estimate` to a model with standard errors, unless it has it."""
@@ -128,15 +138,19 @@ def choose_basis(
 ) -> tuple[Term, ...]:
     """The basis: `full` (Jervan's 31 terms), `physical` (those of the nominal model), or a list.
 
+    `linear` are the accelerations, the velocities and the restoring forces of the nominal model.
     For a vessel that does not move in surge, sway and yaw `full` equals `physical`.
     """
     if choice == "full" and nominal.dofs == PLANAR:
         terms = basis.full_basis(nominal.dofs)
     elif choice in ("full", "physical"):
         terms = nominal.terms
+    elif choice == "linear":
+        restoring = [term.name for term in nominal.terms if term.name in DOWN]
+        terms = basis.terms([*nominal.accelerations, *nominal.velocities, *restoring])
     elif isinstance(choice, str):
         raise ConfigurationError(
-            f"identifier.basis: got {choice!r}, expected full, physical or a list of terms"
+            f"identifier.basis: got {choice!r}, expected full, physical, linear or a list of terms"
         )
     else:
         terms = basis.terms(choice)

@@ -16,12 +16,14 @@ with it the lack of fit. Standard errors of coefficients are those for the estim
 with little excitation near the lag's frequency, lag and inertia cannot be distinguished.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from itertools import product
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import scipy
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
@@ -35,17 +37,20 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import DROP_S, Recording
+from seatrial.models.recording.smoothing import Smoothing, noise_floor, smoothing_for
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 CONSTANT = basis.term("1")
+NAMED_BASES = ("full", "physical", "linear")
 NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
 SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no effect
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
+SETTLED = 0.5  # periods of the cut-off after which a filter has forgotten where it began
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 
 
@@ -79,24 +84,37 @@ class Samples:
 class ResidualOptions(Identifier):
     """Data options of the identifiers of a residual table.
 
-    `basis`: full (Jervan's 31 terms), physical (those of the nominal model) or a list of terms;
-    `extra_terms` are added to it. `force`: the force of the residual; null is filtered if the
-    thruster lag is known, else actual if that is recorded, else commanded. `lowpass_hz`: zero-phase
-    low-pass filter of velocity, acceleration and force. `thruster`: the lag is known (from the
-    vessel), estimated from the recording, or none.
+    `basis`: full (Jervan's 31 terms), physical (those of the nominal model), linear or a list of
+    terms; `extra_terms` are added to it. `force`: the force of the residual; null is filtered if
+    the thruster lag is known, else actual if that is recorded, else commanded. `lowpass_hz`:
+    zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
+    of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
+    (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
+    about the believed one, and damping dissipates (null: no physical constraints). `refinement:
+    free_run` refines the table by free runs over segments of `segment_s` [s]. `tune` maps options
+    to values of which free runs over blocks left out choose one.
     """
 
     basis: str | tuple[str, ...]
     extra_terms: tuple[str, ...]
     force: Literal["commanded", "filtered", "actual"] | None
-    lowpass_hz: Positive | None
+    lowpass_hz: Positive | Literal["auto"] | None
     thruster: Literal["known", "estimated", "none"]
+    inertia_factor: Annotated[float, Gt(1)] | None
+    refinement: Literal["free_run", "none"]
+    segment_s: Positive
+    tune: dict[str, tuple[Any, ...]] | None
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if isinstance(self.basis, str) and self.basis not in ("full", "physical"):
+        for name, choices in (self.tune or {}).items():
+            if not choices:
+                raise ConfigurationError(f"tune.{name}: got no values, expected at least one")
+        for values in self._combinations():
+            self._with(values)
+        if isinstance(self.basis, str) and self.basis not in NAMED_BASES:
             raise ConfigurationError(
-                f"basis: got {self.basis!r}, expected full, physical or a list of terms"
+                f"basis: got {self.basis!r}, expected {', '.join(NAMED_BASES)} or a list of terms"
             )
         basis.terms(() if isinstance(self.basis, str) else self.basis)
         basis.terms(self.extra_terms)
@@ -107,6 +125,14 @@ class ResidualOptions(Identifier):
             )
         if self.thruster == "none" and self.force == "filtered":
             raise ConfigurationError("force=filtered needs a thruster lag, got thruster=none")
+
+    @property
+    def noise_remedies(self) -> tuple[str, ...]:
+        """Options that noise in the regressors biases less; empty if it does not bias these."""
+        if self.refinement == "free_run":
+            return ()
+        smoother = () if self.lowpass_hz == "auto" else ("identifier.lowpass_hz=auto",)
+        return (*smoother, "identifier=robust", "identifier=iv")
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
@@ -131,31 +157,91 @@ class ResidualOptions(Identifier):
     def needs(self) -> Needs:
         """The force, the thruster lag if it must be known, and the low-pass filter."""
         lag = self.force == "filtered" and self.thruster == "known"
-        return Needs(self.force, lag, self.lowpass_hz)
+        cutoff = None if self.lowpass_hz == "auto" else self.lowpass_hz
+        return Needs(self.force, lag, cutoff)
+
+    def quick(self) -> Identifier:
+        """This identifier without bootstrap and refinement."""
+        identifier = self.without_bootstrap()
+        assert isinstance(identifier, ResidualOptions)
+        return replace(identifier, refinement="none")
+
+    def alternatives(self, problem: Problem) -> dict[str, Self]:
+        """The identifiers of every combination of the values of `tune`."""
+        names = ", ".join(self.tune or ())
+        return {
+            f"[{names} = {', '.join(map(str, values))}]": self._with(values)
+            for values in self._combinations()
+        }
+
+    def _combinations(self) -> list[tuple[Any, ...]]:
+        """Every combination of the values of `tune`."""
+        return list(product(*self.tune.values())) if self.tune else []
+
+    def _with(self, values: tuple[Any, ...]) -> Self:
+        """This identifier with the values of the options of `tune`."""
+        options = dict(zip(self.tune or (), values, strict=True))
+        known = {field.name for field in fields(self)} - {"tune"}
+        for name in options:
+            if name not in known:
+                raise ConfigurationError(
+                    f"tune: got {name!r}, expected options of the identifier: "
+                    f"{', '.join(sorted(known))}"
+                )
+        return replace(self, **options, tune=None)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel."""
         return choose_basis(self.basis, self.extra_terms, nominal)
 
-    def filtered(self, recording: Recording, lag: SecondOrderLag | None) -> Recording:
-        """The recording with the force filtered by the lag, after the low-pass filter."""
+    def smoothing(self, recording: Recording) -> Smoothing:
+        """The low-pass filters for a recording."""
+        if self.lowpass_hz != "auto":
+            return Smoothing(self.lowpass_hz)
+        floor = noise_floor(recording.nu, recording.piece_starts, recording.period_s)
+        return smoothing_for(floor.cutoff_hz, recording.period_s)
+
+    def filtered(
+        self, recording: Recording, lag: SecondOrderLag | None, smoothing: Smoothing
+    ) -> Recording:
+        """The recording with the force filtered by the lag, after the filter of the signals.
+
+        Where the regressors are filtered too, their filter drops the ends of the pieces.
+        """
         if self.thruster == "none":
             recording = replace(recording, tau_filtered=None)
         elif self.thruster == "estimated":
             recording = recording.with_thruster(lag)
-        return recording.lowpass(self.lowpass_hz)
+        drop_s = DROP_S if smoothing.regressors_hz is None else 0.0
+        return recording.lowpass(smoothing.signals_hz, drop_s)
 
-    def samples(self, recording: Recording, nominal: Vessel, lag: SecondOrderLag | None) -> Samples:
+    def samples(
+        self,
+        recording: Recording,
+        nominal: Vessel,
+        lag: SecondOrderLag | None,
+        smoothing: Smoothing | None = None,
+        terms: tuple[Term, ...] | None = None,
+    ) -> Samples:
         """Regressors and lack of fit of a recording.
+
+        `smoothing` is by default that for the recording, `terms` are those of the options.
 
         Raises IdentificationError for values that are not finite or too few samples.
         """
-        filtered = self.filtered(recording, lag)
-        terms, x = self.terms(nominal), filtered.variables()
-        phi, heading = basis.evaluate(terms, x), basis.evaluate(NED_COLUMNS, x)
-        epsilon, force = lack_of_fit(filtered, nominal, self.force), filtered.force(self.force)
+        smoothing = self.smoothing(recording) if smoothing is None else smoothing
+        filtered = self.filtered(recording, lag, smoothing)
+        terms = self.terms(nominal) if terms is None else terms
+        x = filtered.variables()
+        parts = (
+            basis.evaluate(terms, x),
+            lack_of_fit(filtered, nominal, self.force),
+            filtered.force(self.force),
+            basis.evaluate(NED_COLUMNS, x),
+        )
+        phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
         samples = Samples(terms, phi, epsilon, force, heading, recording.period_s)
-        if not (np.all(np.isfinite(phi)) and np.all(np.isfinite(epsilon))):
+        if not (np.all(np.isfinite(samples.phi)) and np.all(np.isfinite(samples.epsilon))):
             raise IdentificationError("the training part has values that are not finite")
         if len(samples) <= len(terms) + 1:
             raise IdentificationError(
@@ -163,6 +249,21 @@ class ResidualOptions(Identifier):
                 f"expected at least {len(terms) + 2}"
             )
         return samples
+
+
+def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array:
+    """Columns (N, k) of a filtered recording after the filter of the regressors."""
+    cutoff = smoothing.regressors_hz
+    if cutoff is None:
+        return columns
+    return filtered.lowpassed(columns, cutoff)[kept(filtered, smoothing)]
+
+
+def kept(filtered: Recording, smoothing: Smoothing) -> NDArray[np.bool_]:
+    """Samples (N,) of a filtered recording that the filter of the regressors leaves."""
+    if smoothing.regressors_hz is None:
+        return np.ones(len(filtered), dtype=np.bool_)
+    return filtered.interior(max(DROP_S, SETTLED / smoothing.regressors_hz))
 
 
 def ned_columns(heading: Array) -> Array:
@@ -205,7 +306,10 @@ class _Search:
 
     def force(self, lag: SecondOrderLag) -> Array:
         """Command [N, Nm] after the lag and the low-pass filter, (N, n_dof)."""
-        return self.options.filtered(self.problem.training, lag).force("filtered")[self.keep]
+        training = self.problem.training
+        smoothing = self.options.smoothing(training)
+        filtered = self.options.filtered(training, lag, smoothing)
+        return smoothed(filtered, filtered.force("filtered"), smoothing)[self.keep]
 
 
 def thruster_of(

@@ -29,7 +29,7 @@ EXCITED = 1e-11  # least ratio of smallest to largest singular value of the inpu
 class Sampled:
     """Outputs (N, m) and inputs (N, r) of contiguous stretches, sampled every `period_s` [s].
 
-    The first m inputs are the forces, the others are terms of the motion or the attitude.
+    The first inputs are the forces, the others are terms of the motion or the attitude.
     """
 
     y: Array
@@ -49,34 +49,40 @@ def sampled(
     output: Output,
     period_s: float | None,
     span: float,
+    forces: tuple[str, ...] | None = None,
+    outputs: tuple[str, ...] | None = None,
 ) -> Sampled:
     """Sample the pose, and the mean of the force and the `extra` terms over each period.
 
-    `period_s` is rounded to whole samples of the recording, at least one; None is one. `body_pose`
-    sums increments in body axes; `pose` is the NED pose, for which the heading must stay within
-    `span` [rad] of its mean. Raises IdentificationError otherwise.
+    `forces` are the degrees of freedom of the forces among the inputs, `outputs` poses (`x`) and
+    terms (`u`, `u_dot`); None is all forces, and the whole pose. `period_s` is rounded to whole
+    samples of the recording, at least one; None is one. `body_pose` sums increments in body axes;
+    `pose` is the NED pose, for which the heading must stay within `span` [rad] of its mean. Raises
+    IdentificationError otherwise.
     """
     recorded_period = recording.period_s
     samples = max(round((period_s or recorded_period) / recorded_period), 1)
     turns = recording.dofs in (PLANAR, DOFS)
     psi = recording.attitude[:, 2] if turns else np.zeros(1)
-    if output == "pose":
+    poses = poses_of(recording.dofs)
+    forces = recording.dofs if forces is None else forces
+    outputs = poses if outputs is None else outputs
+    if output == "pose" and set(outputs) & set(poses):
         _check_heading(psi, span)
     edges = np.flatnonzero(recording.piece_starts)[1:]
     terms = basis.evaluate(extra, recording.variables())
     terms = 0.5 * (terms + following(terms))  # the mean over a sample, as of the force
-    acting = np.hstack([recording.held_force(force)[:, 1], terms])
+    columns = [recording.dofs.index(dof) for dof in forces]
+    acting = np.hstack([recording.held_force(force)[:, 1][:, columns], terms])
+    measured = _measured(recording, output, outputs, edges)
     y, u, stretch = [], [], []
     for number, part in enumerate(np.split(np.arange(len(recording)), edges)):
-        eta = recording.eta[part]
-        pose = body_pose(eta, recording.dofs) if output == "body_pose" else eta - eta[0]
         rows = len(part) // samples
-        y.append(pose[: rows * samples : samples])
+        y.append(measured[part][: rows * samples : samples])
         u.append(
             acting[part][: rows * samples].reshape(rows, samples, acting.shape[1]).mean(axis=1)
         )
         stretch.append(np.full(rows, number))
-    names = poses_of(recording.dofs)
     body = output == "body_pose" and turns
     return Sampled(
         y=np.vstack(y),
@@ -84,10 +90,27 @@ def sampled(
         stretch=np.concatenate(stretch).astype(np.int64),
         period_s=samples * recorded_period,
         extra=extra,
-        inputs=(*(f"tau_{dof}" for dof in recording.dofs), *(one.name for one in extra)),
-        outputs=tuple(f"body {name}" if body else name for name in names),
+        inputs=(*(f"tau_{dof}" for dof in forces), *(one.name for one in extra)),
+        outputs=tuple(f"body {name}" if body and name in poses else name for name in outputs),
         heading=float(np.mean(psi)) if output == "pose" else 0.0,
     )
+
+
+def _measured(recording: Recording, output: Output, names: tuple[str, ...], edges: Codes) -> Array:
+    """The named poses, each contiguous part from its own origin, and terms; shape (N, m)."""
+    poses = poses_of(recording.dofs)
+    columns: dict[str, Array] = {}
+    if set(names) & set(poses):
+        parts = np.split(recording.eta, edges)
+        if output == "body_pose":
+            pose = np.vstack([body_pose(eta, recording.dofs) for eta in parts])
+        else:
+            pose = np.vstack([eta - eta[0] for eta in parts])
+        columns |= dict(zip(poses, pose.T, strict=True))
+    others = [name for name in names if name not in poses]
+    values = basis.evaluate(basis.terms(others), recording.variables())
+    columns |= dict(zip(others, values.T, strict=True))
+    return np.column_stack([columns[name] for name in names])
 
 
 def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:

@@ -12,7 +12,14 @@ from seatrial.models.identification.physical_form import PhysicalForm
 from seatrial.models.identification.sampled_data import Sampled, stretches
 from seatrial.models.identification.subspace import Realisation
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
-from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
+from seatrial.models.notation import (
+    ACCELERATIONS,
+    DOFS,
+    FORCE_UNIT,
+    POSE_UNIT,
+    POSES,
+    VELOCITIES,
+)
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
 
@@ -25,6 +32,7 @@ def realisation_findings(realisation: Realisation) -> list[Finding]:
         "spectral_radius": model.spectral_radius,
         "predictor_radius": model.predictor_radius,
         "gain_recomputed": realisation.gain_recomputed,
+        "poles_moved": realisation.poles_moved,
         "controllable_order": model.controllable_order,
         "observable_order": model.observable_order,
     }
@@ -33,19 +41,32 @@ def realisation_findings(realisation: Realisation) -> list[Finding]:
     return findings + [Finding("singular_value", "all", float(v), i=i) for i, v in values]
 
 
-def model_findings(model: StateSpace, lags: int, dofs: tuple[str, ...]) -> list[Finding]:
+def axes_of(outputs: tuple[str, ...]) -> tuple[str, ...]:
+    """The degree of freedom of every pose, velocity or acceleration; `all` for other outputs."""
+    axes: dict[str, str] = {}
+    for names in (POSES, VELOCITIES, ACCELERATIONS):
+        axes |= dict(zip(names, DOFS, strict=True))
+    return tuple(axes.get(name.removeprefix("body "), "all") for name in outputs)
+
+
+def model_findings(
+    model: StateSpace, lags: int, dofs: tuple[str, ...], named: bool = False
+) -> list[Finding]:
     """The eigenvalues, and the Markov parameters up to a lag.
 
-    For a Markov parameter i is the lag, j the input and dof the output; for an eigenvalue i is its
-    number, the largest magnitude first.
+    For a Markov parameter i is the lag, j the input and dof the output, which the label names as
+    well if `named`; for an eigenvalue i is its number, the largest magnitude first.
     """
+    before = [f"{name} of " if named else "" for name in model.outputs]
     findings = []
     for i, value in enumerate(model.eigenvalues, start=1):
         findings.append(Finding("eigenvalue_real", "all", float(value.real), i=i))
         findings.append(Finding("eigenvalue_imag", "all", float(value.imag), i=i))
     for lag, matrix in enumerate(model.markov(lags)):
         findings += [
-            Finding("markov", dofs[row], float(value), i=lag, j=j + 1, label=model.inputs[j])
+            Finding(
+                "markov", dofs[row], float(value), "", lag, j + 1, before[row] + model.inputs[j]
+            )
             for (row, j), value in np.ndenumerate(matrix)
         ]
     return findings
@@ -64,10 +85,13 @@ def physical_findings(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Finding
     return findings
 
 
-def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) -> list[Finding]:
+def fit_findings(
+    model: StateSpace, held_out: Sampled, dofs: tuple[str, ...], named: bool = False
+) -> list[Finding]:
     """One-step, ten-step and free-run fit [%] on held-out data, per output.
 
-    The first state of every stretch is estimated from that stretch.
+    The first state of every stretch is estimated from that stretch. If `named`, the label is the
+    name of the output.
     """
     predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
     parts = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
@@ -80,9 +104,11 @@ def fit_findings(model: StateSpace, held_out: Sampled, dofs: tuple[str, ...]) ->
             predicted["free_run"].append(model.simulate(u, free))
     labels = {"one_step": HIDES_BIAS}
     return [
-        Finding(f"fit_{name}", dof, float(value), "%", label=labels.get(name))
+        Finding(f"fit_{name}", dof, float(value), "%", label=output if named else labels.get(name))
         for name, rows in predicted.items()
-        for dof, value in zip(dofs, fit(held_out.y, np.vstack(rows)), strict=True)
+        for dof, output, value in zip(
+            dofs, model.outputs, fit(held_out.y, np.vstack(rows)), strict=True
+        )
     ]
 
 

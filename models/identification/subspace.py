@@ -5,7 +5,8 @@
 Block Hankel matrices of L rows, with J past samples as instruments, are compressed by one QR
 factorisation. An SVD of the part of the future explained by the past gives the extended
 observability matrix. Its shift invariance gives A, and its first block is C. The other matrices
-follow from linear least squares.
+follow from linear least squares. Poles outside the unit circle, which the noise may cause, can be
+moved onto it first (`stable`). `stable_predictor` makes A - K C stable.
 
 `open`: the future inputs are projected out, and the past samples as instruments remove the noise.
 With feedback the future inputs contain past noise, and the model is biased for any record length.
@@ -23,7 +24,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError, IdentificationError
@@ -36,58 +36,13 @@ from seatrial.models.identification.sampled_data import (
     stretches,
     triangular,
 )
+from seatrial.models.identification.stable_predictor import (
+    observer_gain,
+    onto_unit_circle,
+    with_gain,
+)
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
-
-FLOORS = (1e-9, 1e-6, 1e-3, 1.0)  # process noise added to all states, relative to the mean of Q
-
-
-def observer_gain(A: Array, C: Array) -> Array:
-    """A gain G (n, m) with A - G C stable: that of the Kalman predictor for unit covariances."""
-    return _riccati_gain(A, C, np.eye(len(A)), np.zeros((len(A), len(C))), np.eye(len(C)))
-
-
-def with_gain(model: StateSpace, K: Array, e: Array) -> tuple[StateSpace, bool]:
-    """The model with gain K (n, m), or with the stable K of the same spectrum.
-
-    If A - K C is not stable, the Riccati equation with the covariances K R K', K R and R gives the
-    stable gain with the same noise spectrum; R is that of the innovations e (N, m). Data without
-    noise do not determine K: then process noise at the inputs and measurement noise of 1 % of the
-    output are assumed. Also returns whether the gain was recomputed.
-    """
-    m = len(model.C)
-    if not np.any(K):
-        B = model.B
-        S, R = np.zeros((model.order, m)), 1e-4 * np.eye(m)
-        return replace(model, K=_riccati_gain(model.A, model.C, B @ B.T, S, R)), True
-    model = replace(model, K=K)
-    if model.predictor_radius < 1.0:
-        return model, False
-    R = e.T @ e / len(e)
-    R = R + 1e-6 * np.trace(R) / m * np.eye(m)
-    return replace(model, K=_riccati_gain(model.A, model.C, K @ R @ K.T, K @ R, R)), True
-
-
-def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
-    """K = (A P C' + S)(C P C' + R)^-1 with P of the Riccati equation of the predictor.
-
-    If the noise does not excite every state, there may be no stabilising solution; then process
-    noise is added to all states, in increasing amounts.
-    """
-    size = max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
-    for share in FLOORS:
-        try:
-            P = solve_discrete_are(A.T, C.T, Q + share * size * np.eye(len(A)), R, s=S)
-        except (np.linalg.LinAlgError, ValueError):
-            continue
-        K = np.asarray(np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + S).T).T)
-        if spectral_radius(A - K @ C) < 1.0:
-            return K
-    raise IdentificationError(
-        f"the identified model has no stable predictor: it is not detectable from its outputs, "
-        f"spectral radius {spectral_radius(A):.4g}"
-    )
-
 
 Variant = Literal["open", "closed"]
 DETERMINED = 1e-11  # least ratio of smallest to largest singular value of a regression
@@ -102,6 +57,7 @@ class Realisation:
     model: StateSpace
     singular_values: Array
     gain_recomputed: bool  # K of the regression had no stable predictor, or there was no noise
+    poles_moved: int  # number of poles that were moved onto the unit circle
 
 
 def identify_innovations(
@@ -113,6 +69,7 @@ def identify_innovations(
     variant: Variant,
     *,
     feedthrough: bool = False,
+    stable: bool = False,
     period_s: float = 1.0,
     stretch: Codes | None = None,
     times: Codes | None = None,
@@ -120,10 +77,10 @@ def identify_innovations(
     """Identify A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
 
     `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
-    `closed` cannot. `stretch` (N,) is the index of the contiguous part of each sample, `times` are
-    the indices of the samples to use (for a bootstrap), `period_s` [s] is the sample time. Raises
-    IdentificationError when the data do not determine the model, ConfigurationError for options
-    that do not fit the data.
+    `closed` cannot. `stable` moves poles onto the unit circle that lie outside. `stretch` (N,) is
+    the index of the contiguous part of each sample, `times` are the indices of the samples to use
+    (for a bootstrap), `period_s` [s] is the sample time. Raises IdentificationError when the data
+    do not determine the model, ConfigurationError for options that do not fit the data.
     """
     _check(y, u, L, J, order, variant, feedthrough)
     y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
@@ -131,12 +88,12 @@ def identify_innovations(
     every = np.arange(len(y)) if times is None else times
     record = Record(y / y_scale, u / u_scale, parts, every)
     if variant == "closed":
-        model, values, recomputed = _identify_closed(record, L, J, order)
+        realisation = _identify_closed(record, L, J, order, stable)
     else:
-        model, values, recomputed = _identify_open(record, L, J, order, feedthrough)
-    model = _with_noise_and_start(model, record)
+        realisation = _identify_open(record, L, J, order, feedthrough, stable)
+    model = _with_noise_and_start(realisation.model, record)
     model = replace(model, period_s=period_s).scaled(u_scale, y_scale)
-    return Realisation(model, values, recomputed)
+    return replace(realisation, model=model)
 
 
 def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
@@ -152,8 +109,8 @@ def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
 
 
 def _identify_open(
-    record: Record, L: int, J: int, order: int | None, feedthrough: bool
-) -> tuple[StateSpace, Array, bool]:
+    record: Record, L: int, J: int, order: int | None, feedthrough: bool, stable: bool
+) -> Realisation:
     """Project out the future inputs, with the past as instruments; B and D by output error."""
     m = record.y.shape[1]
     rows = starts(record, J + L + 1)
@@ -163,20 +120,22 @@ def _identify_open(
     a = inputs * record.u.shape[1]
     b = a + J * (record.u.shape[1] + m)
     A, C, values = realise(R[b:, a:b], m, order)
+    forgets = spectral_radius(A) < 1.0
+    A, moved = onto_unit_circle(A) if stable else (A, 0)
     observer = observer_gain(A, C)
-    gain = np.zeros_like(observer) if spectral_radius(A) < 1.0 else observer
+    gain = np.zeros_like(observer) if forgets else observer
     B, D = input_matrices(record, record.u, A, C, gain, feedthrough)
     model = StateSpace(A, B, C, D, 1.0)
     explained, e = explained_by_past(record, J, feedthrough)
     noise, scale = _innovation_inputs(e.y)
     K, _ = input_matrices(explained, noise, A, C, observer, False, known=model)
     model, recomputed = with_gain(model, K @ scale, e.y)
-    return model, values, recomputed
+    return Realisation(model, values, recomputed, moved)
 
 
 def _identify_closed(
-    record: Record, L: int, J: int, order: int | None
-) -> tuple[StateSpace, Array, bool]:
+    record: Record, L: int, J: int, order: int | None, stable: bool
+) -> Realisation:
     """Estimate the innovations, then solve a deterministic problem with the inputs (u, e)."""
     m, r = record.y.shape[1], record.u.shape[1]
     explained, e = explained_by_past(record, J, False)
@@ -186,11 +145,12 @@ def _identify_closed(
     R = triangular([*known, Window(explained.y, 0, L + 1)], rows)
     a = L * (r + noise.shape[1])
     A, C, values = realise(R[a:, a:], m, order)
+    A, moved = onto_unit_circle(A) if stable else (A, 0)
     v = np.hstack([explained.u, noise])
     BK, D = input_matrices(explained, v, A, C, observer_gain(A, C), False)
     model = StateSpace(A, BK[:, :r], C, D[:, :r], 1.0)
     model, recomputed = with_gain(model, BK[:, r:] @ scale, e.y)
-    return model, values, recomputed
+    return Realisation(model, values, recomputed, moved)
 
 
 def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:

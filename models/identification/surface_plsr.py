@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.cross_validation import (
     Pair,
     Selection,
@@ -39,6 +40,7 @@ from seatrial.models.identification.kernel_pls import (
 )
 from seatrial.models.identification.plsr import PartialLeastSquares
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
@@ -195,6 +197,8 @@ class SurfacePlsr(PartialLeastSquares):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of all stages; the surfaces are findings."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
@@ -218,7 +222,8 @@ class SurfacePlsr(PartialLeastSquares):
         findings += stage_findings(samples, parts)
         errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
         model = problem.nominal + tables[-1]
-        return Identified(model, tables[-1], errors, findings, tuple(parts))
+        result = Identified(model, tables[-1], errors, findings, tuple(parts))
+        return finished(self, problem, lag, result)
 
     def stage(
         self, moment: Array, z: Columns, pairs: list[Pair], before: list[list[Choice]]

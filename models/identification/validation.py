@@ -170,6 +170,11 @@ def _ahead(rest: Array, limited: float) -> Ahead:
     return Ahead(np.sqrt(np.mean(np.square(rest), axis=0)), limited, np.std(rest, axis=0))
 
 
+def rate_limit(recording: Recording) -> float:
+    """Limit of the rates [m/s, rad/s, per second again], beyond which a prediction has diverged."""
+    return max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
+
+
 def prediction(
     model: Vessel,
     recording: Recording,
@@ -183,8 +188,7 @@ def prediction(
     IdentificationError when a term needs a quantity that is not predicted, such as the heading in
     surge alone.
     """
-    limit = max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
-    course = course_of(recording, thruster, force, horizon, limit, model.attitude)
+    course = course_of(recording, thruster, force, horizon, rate_limit(recording), model.attitude)
     try:
         plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
     except ConfigurationError as error:

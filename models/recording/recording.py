@@ -6,17 +6,17 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.smoothing import lowpass
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
 GAP = 1.5  # in sample times; a longer time step is a gap
-LOWPASS_ORDER = 4
+DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
 Mask = NDArray[np.bool_]
 
@@ -118,7 +118,7 @@ class Recording:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
         return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind)
 
-    def lowpass(self, cutoff_hz: float | None, drop_s: float = 2.0) -> "Recording":
+    def lowpass(self, cutoff_hz: float | None, drop_s: float = DROP_S) -> "Recording":
         """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
 
         `drop_s` [s] are dropped at each end, where the filter lacks data on one side.
@@ -127,6 +127,21 @@ class Recording:
             return self
         pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
         return pieces[0] if len(pieces) == 1 else _joined(pieces)
+
+    def interior(self, drop_s: float) -> Mask:
+        """Samples (N,) at least `drop_s` [s] from the ends of their pieces."""
+        drop, inside = round(drop_s / self.period_s), np.zeros(len(self), dtype=np.bool_)
+        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
+        for a, b in pairwise(edges):
+            inside[a + drop : max(b - drop, a + drop)] = True
+        return inside
+
+    def lowpassed(self, values: Array, cutoff_hz: float) -> Array:
+        """Zero-phase low-pass of columns (N, k) that belong to the samples, piece by piece."""
+        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
+        return np.concatenate(
+            [lowpass(values[a:b], cutoff_hz, self.period_s) for a, b in pairwise(edges)]
+        )
 
     def pieces(self) -> list["Recording"]:
         """The segments without a gap in time, such as the trips of the training part."""
@@ -138,12 +153,9 @@ class Recording:
         drop = round(drop_s / self.period_s)
         if len(self) < 2 * drop + 30:
             raise RecordingError(f"got {len(self)} samples, too few for a low-pass filter")
-        sections = scipy.signal.butter(
-            LOWPASS_ORDER, cutoff_hz, fs=1.0 / self.period_s, output="sos"
-        )
 
         def smooth(values: Array) -> Array:
-            return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))
+            return lowpass(values, cutoff_hz, self.period_s)
 
         smoothed = replace(
             self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),

@@ -33,7 +33,10 @@ def test_the_search_finds_the_non_linear_model_on_every_seed(
 ) -> None:
     # Table 7.5: the printed estimates are 2 to 145 % off
     bounds = "++identifier.bounds={surge.u_dot:[10,120],surge.u:[1,40],surge.|u|u:[0,10]}"
-    options = ("experiment=hoyer_table_7_5", f"excitation={excitation}", "identifier.polish=null")
+    options = (
+        "experiment=hoyer_table_7_5", f"excitation={excitation}", "identifier.polish=null",
+        "identifier.population_cap=1000",
+    )  # fmt: skip
     for seed in range(10):
         rows = run(*options, bounds, f"seed={seed}").coefficients
         found = [row for row in rows if row.model == "identified"]

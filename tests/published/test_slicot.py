@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.subspace import Realisation, identify_innovations
+from seatrial.models.identification.variant_selection import NAMES, select_variant
 
 
 def printed(dataset: str, quantity: str) -> np.ndarray:
@@ -96,3 +97,27 @@ def test_daisy_records_are_explained(
     assert found.model.predictor_radius < 1.0
     one_step = variance_accounted_for(y, found.model.predict(y, u))
     assert np.all(one_step >= vaf)  # past outputs help the predictor
+
+
+@pytest.mark.parametrize(
+    ("name", "inputs", "outputs", "order", "L", "J"),
+    [
+        ("evaporator", slice(0, 3), slice(3, 6), 4, 10, 10),  # of the toolbox's cmp_ident.m
+        ("cstr", slice(1, 2), slice(2, 4), 5, 10, 10),
+        ("CD_player_arm", slice(0, 2), slice(2, 4), 8, 6, 20),
+        ("robot_arm", slice(0, 1), slice(1, 2), 4, 10, 20),
+    ],
+)
+def test_the_variant_that_the_data_choose_loses_no_point(
+    name: str, inputs: slice, outputs: slice, order: int, L: int, J: int
+) -> None:
+    y, u = daisy(name, inputs, outputs)
+    selection = select_variant(y, u, L, J, order)
+    vaf = {
+        (variant, direct): free_run_vaf(
+            identify_innovations(y, u, L, J, order, variant, feedthrough=direct), y, u
+        )
+        for variant, direct in NAMES
+    }
+    chosen = vaf[selection.variant, selection.feedthrough]
+    assert np.all(chosen >= np.max(list(vaf.values()), axis=0) - 1.0), (selection, vaf)

@@ -1,5 +1,6 @@
 """DSR of a vessel: physical form, body axes, standard errors, and what is refused."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.dsr import Dsr
+from seatrial.models.identification.dsr import Dsr, restart_error
 from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.sampled_data import body_pose, sampled
@@ -20,6 +21,9 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotation
 from seatrial.models.vessel.table import Vessel
+from seatrial.runner.closed_loop import Streams
+from seatrial.runner.trial import excite
+from tests.trials import composed
 
 Identifier = Callable[..., Any]
 INERTIA = np.array([[1200.0, 0.0, 0.0], [0.0, 1300.0, 30.0], [0.0, 15.0, 2500.0]])
@@ -118,6 +122,7 @@ def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) 
         true = np.diag(sailed.truth.inertia)
         np.testing.assert_allclose(np.diag(found.model.inertia), true, rtol=0.06)
         assert value(found, "predictor_radius") < 1.0
+        assert [f.label for f in found.findings if f.name == "variant"] == ["closed"]
         assert all(value(found, "fit_one_step", dof) > 95.0 for dof in PLANAR)
         assert all(0.5 < value(found, "delay", dof) < 1.0 for dof in PLANAR)  # the lag's 0.8 s
         values = [f.value for f in found.findings if f.name == "singular_value"]
@@ -245,6 +250,106 @@ def test_the_input_is_the_mean_force_over_the_period_that_follows(
     np.testing.assert_allclose(data.u[:3, 0], [1.0, 3.0, 5.0])  # ramps 0-1-2, 2-3-4, ...
 
 
+def test_the_velocity_alone_needs_one_state_an_axis(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    problem = problem_of(axis_recording(800, rng))
+    found = identifier("dsr", bootstrap=None, outputs=("u", "v", "w")).identify(problem, rng)
+    model, truth = found.state_space, linearise(linear_vessel()).discretised(0.5)
+    assert model is not None
+    assert (model.order, model.outputs) == (3, ("u", "v", "w"))
+    velocity = replace(truth, C=np.eye(3, 6, 3))
+    np.testing.assert_allclose(model.markov(20), velocity.markov(20), atol=1e-9)
+    np.testing.assert_array_equal(found.model.theta, problem.nominal.theta)
+    assert found.control_model is None
+    (reason,) = [f.label for f in found.findings if f.name == "physical_form"]
+    assert reason == (
+        "no physical form: it needs all forces as the first inputs and the whole pose as output"
+    )
+    names = [f.label for f in found.findings if f.name == "fit_free_run"]
+    assert names == ["u", "v", "w"]
+    assert value(found, "markov", "sway", i=1, label="v of tau_sway") == model.markov(2)[1, 1, 1]
+
+
+def test_one_force_and_one_velocity_are_a_first_order_model(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    """Surge is decoupled here: the pole is exp(-d h / m), the static gain 1 / d."""
+    dsr = identifier("dsr", bootstrap=None, inputs=("tau_surge",), outputs=("u",))
+    model = dsr.identify(problem_of(axis_recording(800, rng)), rng).state_space
+    assert model is not None
+    m, d = INERTIA[0, 0], DAMPING[0, 0]
+    assert model.inputs == ("tau_surge",)
+    np.testing.assert_allclose(model.A, np.exp(-0.5 * d / m), rtol=1e-9)
+    np.testing.assert_allclose(model.C @ model.B / (1.0 - model.A), 1.0 / d, rtol=1e-6)
+
+
+def test_the_acceleration_responds_directly_and_terms_can_be_inputs(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    """D is 1 / M in surge; with the velocity as input the acceleration has no state of its own."""
+    recording = axis_recording(800, rng)
+    nu_dot = np.linalg.solve(INERTIA, (recording.tau - recording.nu @ DAMPING.T).T).T
+    nu_dot += 1e-4 * rng.standard_normal(nu_dot.shape)
+    problem = problem_of(replace(recording, nu_dot=nu_dot))
+    dsr = identifier("dsr", bootstrap=None, outputs=("u_dot", "v_dot", "w_dot"))
+    found = dsr.identify(problem, rng)
+    assert value(found, "feedthrough") == 1.0
+    assert found.state_space is not None
+    np.testing.assert_allclose(found.state_space.D, np.linalg.inv(INERTIA), atol=3e-6)
+    mixed = replace(dsr, inputs=("tau_surge", "|u|u"), outputs=("x", "u_dot"), order=2)
+    model = mixed.identify(problem, rng).state_space
+    assert model is not None
+    assert (model.inputs, model.outputs) == (("tau_surge", "|u|u"), ("x", "u_dot"))
+    assert model.D[1, 0] == pytest.approx(1.0 / INERTIA[0, 0], rel=0.02)
+
+
+def test_the_nominal_model_is_kept_where_it_predicts_better(
+    identifier: Identifier, rng: np.random.Generator
+) -> None:
+    """The truth as nominal model, and noise; then the other way round."""
+    problem = problem_of(axis_recording(800, rng, noise=0.02))
+    terms = basis.terms(["u_dot", "v_dot", "w_dot", "u", "v", "w"])
+    truth = Vessel("truth", problem.nominal.dofs, terms, linear_vessel().theta)
+    dsr = identifier("dsr", bootstrap=None)
+    kept = dsr.identify(replace(problem, nominal=truth), rng)
+    np.testing.assert_array_equal(kept.model.theta, truth.theta)
+    assert kept.control_model is None
+    assert kept.state_space is not None
+    (reason,) = [f.label for f in kept.findings if f.name == "physical_form"]
+    assert str(reason).startswith("the nominal model is kept: over predictions of 30 s")
+    better = dsr.identify(problem, rng)
+    assert value(better, "physical_form") == 1.0
+    assert restart_error(better.model, problem) < restart_error(problem.nominal, problem)
+    unchecked = replace(dsr, physical_form="optional")
+    found = unchecked.identify(replace(problem, nominal=truth), rng)
+    assert restart_error(found.model, problem) > restart_error(truth, problem)
+    assert found.control_model is not None
+
+
+@pytest.mark.skipif("SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set")
+@pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
+@pytest.mark.parametrize("name", ["random-1", "surge-1", "sway-1", "heave-1"])
+def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one(
+    vessel: str, name: str
+) -> None:
+    path = f"{os.environ['SEATRIAL_DATA']}/beluga/{name}.csv"
+    trial = composed(
+        f"vessel={vessel}", "excitation=recording", f"excitation.path={path}", "identifier=dsr",
+        "identifier.bootstrap=null", "evaluation=none", "controller=none",
+    )  # fmt: skip
+    excited = excite(trial, Streams(1))
+    training, held_out = (excited.recording.part(p) for p in (excited.training, excited.testing))
+    problem = Problem(training, held_out, trial.vessel.nominal(), trial.vessel.thruster)
+    found = trial.identifier.identify(problem, np.random.default_rng(0))
+    assert value(found, "spectral_radius") < 1.0 + 1e-6
+    assert value(found, "predictor_radius") < 1.0
+    assert restart_error(found.model, problem) <= restart_error(problem.nominal, problem)
+    (form,) = [f for f in found.findings if f.name == "physical_form"]
+    assert form.value == 1.0 or form.label
+    assert form.value == 1.0 or found.control_model is None
+
+
 @pytest.mark.slow
 def test_standard_errors_are_the_spread_over_replications(identifier: Identifier) -> None:
     """Twenty noisy recordings of a linear vessel: bootstrap and spread within a factor of 2."""
@@ -339,6 +444,9 @@ def test_the_order_by_the_gap_is_the_physical_one(
         ({"extra_terms": ["1"]}, "expected a term that varies"),
         ({"extra_terms": ["u_dot"]}, "are in the model already"),
         ({"extra_terms": ["u"]}, "are in the model already"),
+        ({"inputs": []}, "inputs: got \\[\\], expected different names"),
+        ({"outputs": ["u", "u"]}, "outputs: got .* expected different names"),
+        ({"variant": "closed", "feedthrough": True}, "got true with variant=closed"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
         ({"markov_parameters": -1}, "markov_parameters must not be negative"),
     ],
@@ -361,6 +469,16 @@ def test_what_cannot_work_is_refused_before_any_work(
         replace(dsr, force="filtered").check(milliampere, None, False)
     with pytest.raises(ConfigurationError, match="expected at most L x outputs = 6"):
         replace(dsr, order=8, L=2, physical_form="optional").check(milliampere, None, False)
+    replace(dsr, inputs=("tau_yaw", "uv"), outputs=("psi", "r_dot")).check(milliampere, None, False)
+    for changes, message in (
+        ({"inputs": ("tau_roll",)}, "inputs: got tau_roll, expected tau_surge, tau_sway, tau_yaw"),
+        ({"inputs": ("1",)}, "inputs: got 1, expected .* or terms that vary"),
+        ({"outputs": ("z",)}, "term 'z': got 'z'"),
+        ({"outputs": ("p",)}, "outputs: got p, expected x, y, psi or terms that vary"),
+        ({"outputs": ("u",), "physical_form": "required"}, "required, but it needs all forces"),
+    ):
+        with pytest.raises(ConfigurationError, match=message):
+            replace(dsr, **changes).check(milliampere, None, False)
 
 
 def test_a_stretch_shorter_than_a_period_is_left_out() -> None:

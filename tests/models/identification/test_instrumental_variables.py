@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,12 @@ DATA = os.environ.get("SEATRIAL_DATA")
 data = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set")
 
 AXES = ("surge", "sway", "yaw")
+
+
+@pytest.fixture(scope="session")
+def identifier(identifier):
+    """The estimators by themselves, without smoothing and physical constraints."""
+    return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
 # The pure estimator
@@ -122,7 +128,7 @@ def surge(**options: Any) -> Any:
     problem = Problem(
         recording.part(split.train), recording.part(split.test), vessel.nominal(), None
     )
-    iv = of_conf("identifier", "iv", **options)
+    iv = of_conf("identifier", "iv", **{"lowpass_hz": None, "inertia_factor": None, **options})
     iv.check(vessel.nominal(), None, True)
     return iv.identify(problem, np.random.default_rng(0))
 
@@ -218,7 +224,7 @@ class Experiment:
 
     def disturbance(self) -> Disturbance:
         wind = Wind(
-            ship().tuning["windage"], self.wind_m_s, None, 60.0, "to", "gusting", 60.0, 0.15, 5.0,
+            ship().tuning.windage, self.wind_m_s, None, 60.0, "to", "gusting", 60.0, 0.15, 5.0,
             10.0, None,
         )  # fmt: skip
         return Disturbance(
@@ -274,6 +280,7 @@ def predictor(name: str) -> Any:
     return of_conf(
         "identifier", "iv", basis=list(TERMS), iterations=1, orientation_terms=orientation,
         wind_measurement=wind, instruments="none" if name.startswith("LS") else "simulated",
+        lowpass_hz=None, inertia_factor=None,
     )  # fmt: skip
 
 
@@ -288,7 +295,7 @@ def median_errors(
         for seed in range(runs):
             problem, wanted = experiment.run(n, seed)
             for name, one in identifiers.items():
-                residual = one.estimate(problem).residual(problem.nominal.dofs)
+                residual = one.estimate(problem, None).residual(problem.nominal.dofs)
                 wrong = effective(problem.nominal + residual) - wanted
                 found[name].append(float(np.linalg.norm(wrong)))
         for name in names:

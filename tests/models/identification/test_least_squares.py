@@ -1,11 +1,19 @@
 """Least squares against the plant that sailed."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 
 AXES = ("surge", "sway", "yaw")
+
+
+@pytest.fixture(scope="session")
+def identifier(identifier):
+    """The estimators by themselves, without smoothing and physical constraints."""
+    return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
 def diagonal(vessel) -> np.ndarray:
@@ -69,7 +77,7 @@ def test_terms_that_cannot_be_told_apart_are_named(calm, identifier, rng) -> Non
     ("changes", "message"),
     [
         ({"lowpass_hz": -1.0}, "lowpass_hz must be positive or null, got -1"),
-        ({"basis": "all"}, "basis: got 'all', expected full, physical or a list of terms"),
+        ({"basis": "all"}, "basis: got 'all', expected full, physical, linear or a list of terms"),
         ({"basis": ["u", "uu", "u^2"]}, "is given twice"),
         ({"extra_terms": ["speed"]}, "expected factors"),
         ({"force": "thrust"}, "force: got 'thrust'"),

@@ -322,7 +322,7 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),
         ({"polish_horizons": [0]}, "horizons must be at least 2"),
-        ({"parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
+        ({"bound_factor": None, "parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):

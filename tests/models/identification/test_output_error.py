@@ -341,12 +341,14 @@ def test_wrong_options_are_refused(identifier, make, change, message):
         identifier("least_squares", **change).check(make.surge(60.0, 20.0), None, False)
 
 
-def test_bounds_hold_and_factors_follow_the_nominal_value(identifier, make, signal):
+def test_bounds_hold_and_are_findings(identifier, make, signal):
     truth, believed = make.surge(60.0, 20.0), make.surge(100.0, 20.0)
     option = identifier(
         "least_squares", bounds={"surge.u_dot": [80.0, 300.0]}, bound_factor=1.5, **EULER
     )
     free = free_parameters(believed, None, "tied", False)
-    np.testing.assert_allclose(option.box(free), [[80.0, 20.0 / 1.5], [300.0, 30.0]])
+    np.testing.assert_allclose(option.box(free), [[80.0, 0.0], [300.0, 100.0]])
     found = option.identify(make.problem(truth, believed, signal("many_sine")), None)
     assert found.model.coefficient("surge", "u_dot") == pytest.approx(80.0)
+    active = [one for one in found.findings if one.name == "active_bound"]
+    assert [(one.dof, one.label, one.unit) for one in active] == [("surge", "surge.u_dot", "kg")]

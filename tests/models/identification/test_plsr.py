@@ -1,5 +1,7 @@
 """PLSR of the lack of fit against the thesis's figures and the plant that sailed."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
@@ -9,6 +11,12 @@ from seatrial.models.identification.problem import lack_of_fit
 
 THESIS_MSE = (659.2, 1191.6, 1737.4)  # Jervan (2020), Table 4.5: N^2, N^2, (Nm)^2
 THESIS_TRACKING = 0.086  # Table 4.10 [m]
+
+
+@pytest.fixture(scope="session")
+def identifier(identifier):
+    """The estimators by themselves, without smoothing and physical constraints."""
+    return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
 def findings(found, name: str) -> list:

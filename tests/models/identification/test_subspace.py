@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification import linear
-from seatrial.models.identification.subspace import identify_innovations, largest_gap, observer_gain
+from seatrial.models.identification.stable_predictor import (
+    observer_gain,
+    onto_unit_circle,
+    with_gain,
+)
+from seatrial.models.identification.subspace import identify_innovations, largest_gap
 from seatrial.models.simulation.statespace import StateSpace
 
 LAGS = 20
@@ -236,6 +241,76 @@ def test_a_state_that_no_output_shows_has_no_stable_predictor() -> None:
     hidden = StateSpace(np.diag([0.5, 1.1]), np.eye(2), np.eye(1, 2), np.zeros((1, 2)), 1.0)
     with pytest.raises(IdentificationError, match=r"no stable predictor: .* radius 1\.1"):
         observer_gain(hidden.A, hidden.C)
+
+
+def random_matrices(seed: int, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (5, 5) of a spectral radius, C (2, 5) and a K (5, 2) that is nothing in particular."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((5, 5))
+    A *= radius / np.max(np.abs(np.linalg.eigvals(A)))
+    return A, rng.standard_normal((2, 5)), 3.0 * rng.standard_normal((5, 2))
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000), radius=st.floats(0.3, 1.5))
+def test_every_predictor_is_stable(seed: int, radius: float) -> None:
+    A, C, K = random_matrices(seed, radius)
+    model = StateSpace(A, np.ones((5, 1)), C, np.zeros((2, 1)), 1.0)
+    e = np.random.default_rng(seed).standard_normal((50, 2))
+    for gain in (K, np.zeros_like(K)):
+        assert with_gain(model, gain, e)[0].predictor_radius < 1.0
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_stable_gain_has_the_spectrum_of_the_noise(seed: int) -> None:
+    """H R H* = H' R' H'* on the unit circle, so H'^-1 H R (H'^-1 H)* does not vary along it."""
+    A, C, K = random_matrices(seed, 0.9)
+    model = StateSpace(A, np.ones((5, 1)), C, np.zeros((2, 1)), 1.0)
+    e = np.random.default_rng(seed).standard_normal((50, 2))
+    found, recomputed = with_gain(model, K, e)
+    R = e.T @ e / len(e)
+    products = []
+    for z in np.exp(1j * np.linspace(0.0, np.pi, 7)):
+        inner = np.linalg.inv(z * np.eye(5) - A)
+        old, new = np.eye(2) + C @ inner @ K, np.eye(2) + C @ inner @ found.K
+        ratio = np.linalg.solve(new, old)
+        products.append(ratio @ R @ ratio.conj().T)
+    assert recomputed == (np.max(np.abs(np.linalg.eigvals(A - K @ C))) >= 1.0)
+    np.testing.assert_allclose(products, [products[0]] * 7, rtol=1e-3, atol=1e-3 * np.trace(R))
+
+
+@given(seed=st.integers(0, 10_000), radius=st.floats(0.3, 2.0))
+def test_only_poles_outside_the_unit_circle_are_moved_onto_it(seed: int, radius: float) -> None:
+    A = random_matrices(seed, radius)[0]
+    before = np.linalg.eigvals(A)
+    after, moved = onto_unit_circle(A)
+    outside = np.abs(before) > 1.0
+    assert moved == np.count_nonzero(outside)
+    expected = before / np.maximum(np.abs(before), 1.0)
+    distance = np.abs(np.linalg.eigvals(after)[:, None] - expected)
+    assert np.all(distance.min(axis=0) < 1e-6)
+    assert np.all(distance.min(axis=1) < 1e-6)
+    if not moved:
+        np.testing.assert_allclose(after, A, atol=1e-12)
+
+
+def test_a_stable_model_of_an_integrator_under_noise(rng: np.random.Generator) -> None:
+    """Too high an order gives poles outside the unit circle, and a simulation that explodes."""
+    truth = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), 1.0)
+    u = rng.standard_normal((300, 1))
+    y = truth.simulate(u) + 0.5 * rng.standard_normal((300, 1))
+    moved = 0
+    for variant in ("open", "closed"):
+        free = identify_innovations(y, u, 8, 10, 8, variant)  # type: ignore[arg-type]
+        kept = identify_innovations(y, u, 8, 10, 8, variant, stable=True)  # type: ignore[arg-type]
+        assert free.poles_moved == 0
+        assert kept.poles_moved == np.count_nonzero(np.abs(free.model.eigenvalues) > 1.0)
+        assert kept.model.spectral_radius < 1.0 + 1e-9
+        assert kept.model.predictor_radius < 1.0
+        far = np.abs(kept.model.simulate(np.zeros((20_000, 1))))
+        assert np.max(far) < 1e6
+        moved += kept.poles_moved
+    assert moved > 0
 
 
 def test_the_order_is_the_largest_gap() -> None:

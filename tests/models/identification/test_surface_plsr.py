@@ -1,5 +1,7 @@
 """Surface PLSR against scikit-learn one by one, and against the thesis."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
@@ -12,6 +14,12 @@ from seatrial.models.vessel.basis import Array
 
 THESIS_MSE = (487.1, 825.1, 1372.2)  # Jervan (2020), Table 4.6: N^2, N^2, (Nm)^2
 SELECTED_MSE = (634.7, 894.2, 1563.2)  # Table 4.7
+
+
+@pytest.fixture(scope="session")
+def identifier(identifier):
+    """The estimators by themselves, without smoothing and physical constraints."""
+    return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
 def findings(found, name: str) -> list:

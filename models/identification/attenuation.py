@@ -1,0 +1,118 @@
+"""Attenuation of regression coefficients by noise in the regressors.
+
+Least squares on measured regressors Phi + E finds, for noise E that the motion does not know,
+
+    theta_hat -> (I - G^-1 S) theta,   G = mean of (Phi + E)'(Phi + E),   S = mean of E'E
+
+for any length of the recording, so a coefficient keeps the share 1 - lambda of its own value,
+lambda_j = [G^-1 S]_jj: Fuller (1987), Measurement Error Models, section 2.2. With one regressor
+lambda is the share of noise in its variance. The standard error does not show it. S comes of noise
+like that of the recording, drawn once more and passed through the smoothing and the terms.
+
+In closed loop the controller passes slow noise on to the motion: lambda is then too large for what
+a low-pass filter leaves, and right for broad-band noise.
+
+The noise of a velocity is white, with the density above 0.8 of the Nyquist frequency. That of an
+acceleration is white too, or, if the acceleration was computed from the velocity, the derivative
+of the velocity's noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.residual import ResidualOptions, Samples
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.smoothing import NEGLIGIBLE, derivative_response, noise_floor
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+WORTH_A_WARNING = 0.05  # of a believed coefficient
+CONFIDENCE = 0.95  # that no loss is within the interval of its coefficient, of all together
+RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
+
+
+def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Velocity and acceleration noise (N, n_dof) with the spectra of that of a recording."""
+    starts, period = recording.piece_starts, recording.period_s
+    floors = [noise_floor(x, starts, period) for x in (recording.nu, recording.nu_dot)]
+    velocity, acceleration = (
+        np.where(floor.share > NEGLIGIBLE, floor.deviation, 0.0)
+        * rng.standard_normal(recording.nu.shape)
+        for floor in floors
+    )
+    frequency = np.fft.rfftfreq(len(recording), period)
+    for k in np.flatnonzero(np.any(velocity != 0.0, axis=0)):
+        response = derivative_response(recording.nu[:, k], recording.nu_dot[:, k], period)
+        if response is not None:
+            spectrum = 1j * np.interp(frequency, *response) * np.fft.rfft(velocity[:, k])
+            acceleration[:, k] = np.fft.irfft(spectrum, len(recording))
+    return velocity, acceleration
+
+
+def attenuations(samples: Samples, again: Samples) -> Array:
+    """lambda (n_terms,) of the columns of `samples`; `again` are the same with noise once more."""
+    size = np.sqrt(np.mean(samples.phi**2, axis=0))
+    size[size == 0.0] = 1.0
+    phi, noise = samples.phi / size, (again.phi - samples.phi) / size
+    inverse = np.linalg.pinv(phi.T @ phi, RESOLUTION, hermitian=True)
+    return np.asarray(np.clip(np.sum(inverse * (noise.T @ noise), axis=1), 0.0, 1.0))
+
+
+def noticeable(
+    samples: Samples, shares: Array, believed: Vessel, errors: Array | None
+) -> list[tuple[int, int]]:
+    """Coefficients (term, degree of freedom) that lose more than 5 %, the largest force first.
+
+    shares (n_terms,), errors (n_terms, n_dof). A loss within the interval of the estimate
+    (Bonferroni's, for all together) and a coefficient that is believed to be zero do not count.
+    """
+    theta = believed.on(samples.terms).theta
+    count = max(int(np.count_nonzero(theta)), 1)
+    interval = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE) / count))
+    loss = shares[:, None] * np.abs(theta)
+    hidden = np.zeros_like(loss) if errors is None else interval * np.nan_to_num(errors)
+    force = loss * np.sqrt(np.mean(samples.phi**2, axis=0))[:, None]
+    spread = np.std(samples.force, axis=0)  # zero where nothing pushed
+    force = np.divide(force, spread, out=np.zeros_like(force), where=spread > 0.0)
+    force[(shares <= WORTH_A_WARNING)[:, None] | (loss <= hidden)] = 0.0
+    order = [divmod(int(i), theta.shape[1]) for i in np.argsort(-force, axis=None)]
+    return [(i, k) for i, k in order if force[i, k] > 0.0]
+
+
+def with_attenuation(
+    options: ResidualOptions, problem: Problem, lag: SecondOrderLag | None, result: Identified
+) -> Identified:
+    """The result with a finding for each coefficient that noise attenuates, and a warning."""
+    training, dofs = problem.training, problem.nominal.dofs
+    if not options.noise_remedies:
+        return result
+    velocity, acceleration = noise_like(training, np.random.default_rng(0))
+    if not (np.any(velocity) or np.any(acceleration)):
+        return result
+    noisy = replace(training, nu=training.nu + velocity, nu_dot=training.nu_dot + acceleration)
+    smoothing = options.smoothing(training)
+    once, again = (
+        options.samples(part, problem.nominal, lag, smoothing) for part in (training, noisy)
+    )
+    shares = attenuations(once, again)
+    errors = None if result.std_error is None else result.std_error[: len(shares)]
+    lost = noticeable(once, shares, problem.nominal, errors)
+    if not lost:
+        return result
+    findings = [
+        Finding("attenuation", dofs[k], float(shares[i]), label=once.terms[i].name) for i, k in lost
+    ]
+    worst = findings[0]
+    warning = (
+        f"noise in the regressors attenuates {worst.dof}.{worst.label} by "
+        f"{100.0 * shares[lost[0][0]]:.0f} %, which its standard error does not show: "
+        f"try {' or '.join(options.noise_remedies)}"
+    )
+    return replace(
+        result, findings=(*result.findings, *findings), warnings=(*result.warnings, warning)
+    )

@@ -1,0 +1,245 @@
+"""Selection by free runs over blocks that were left out of the estimation.
+
+Every alternative is identified without one block of the training part at a time, and predicts that
+block: free runs under the recorded force that begin again at the measured state every `horizon_s`.
+Errors are relative to the spread of each velocity over the training part; per axis
+
+    NRMSE = rms(nu_simulated - nu) / std(nu),    FIT = 100 (1 - NRMSE) %.
+
+Alternatives are compared by the mean of NRMSE^2 over the axes, and paired over the free runs, since
+the blocks are the same for all. Of those that exceed the least by no more than one standard error
+of the difference, or by hardly anything, the first one listed is chosen: Hastie, Tibshirani and
+Friedman (2009), section 7.10.
+
+One-step errors of the force, by which orders and penalties are usually chosen, do not see whether a
+model runs away; an order or a method chosen on the test part is evaluated on the data that chose
+it: Jervan (2020), chapter 6.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.validation import RESTART_S, prediction
+from seatrial.models.recording.recording import Recording, blocked_k_fold
+from seatrial.models.recording.smoothing import noise_floor
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+FOLDS = 3
+SEED = 0  # of estimates on blocks, so that the choice draws nothing from the trial's stream
+SIMPLER = 0.04  # relative excess of the squared error that a simpler alternative may have
+NEGLIGIBLE = 1e-6  # mean squared error, over the variance, that cannot be told from none
+MOTION = 2.0  # least standard deviation of a velocity that moves, over that of its noise
+STILL = 1e-9  # [m/s, rad/s] standard deviation below which nothing moved
+UNUSABLE = (IdentificationError, ConfigurationError, RecordingError)  # what an alternative may say
+
+
+class LeftOut(NamedTuple):
+    """Errors on the blocks left out, over the variance of each velocity of the training part."""
+
+    squares: Array  # (n_runs, n_axes) mean square error of each free run
+    samples: Array  # (n_runs,) samples of each
+
+    @property
+    def nrmse(self) -> Array:
+        """Root mean square error over the standard deviation, per axis (n_axes,)."""
+        return np.asarray(np.sqrt(np.average(self.squares, axis=0, weights=self.samples)))
+
+    @property
+    def error(self) -> float:
+        """Mean of NRMSE^2 over the axes."""
+        return float(np.mean(self.nrmse**2))
+
+    def excess(self, other: "LeftOut") -> tuple[Array, Array]:
+        """Mean of own minus other NRMSE^2 per axis (n_axes,), and its standard error."""
+        difference = self.squares - other.squares
+        mean = np.average(difference, axis=0, weights=self.samples)
+        if len(difference) < 2:
+            return mean, np.zeros_like(mean)
+        share = self.samples / np.sum(self.samples)
+        variance = np.einsum("r,rk->k", share**2, (difference - mean) ** 2)
+        return mean, np.sqrt(variance * len(difference) / (len(difference) - 1))
+
+    def exceeds(self, other: "LeftOut") -> bool:
+        """Whether the error is larger by more than one standard error, and by what matters."""
+        overall = LeftOut(np.mean(self.squares, axis=1, keepdims=True), self.samples)
+        reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
+        mean, error = overall.excess(reference)
+        allowed = max(float(error[0]), SIMPLER * other.error, NEGLIGIBLE - other.error)
+        return float(mean[0]) > allowed
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The blocks of a problem's training part, and how they are predicted."""
+
+    problem: Problem
+    folds: int = FOLDS
+    horizon_s: float = RESTART_S
+    force: str | None = None
+
+    @cached_property
+    def axes(self) -> list[int]:
+        """Degrees of freedom whose velocity moved by more than its noise."""
+        training = self.problem.training
+        noise = noise_floor(training.nu, training.piece_starts, training.period_s).deviation
+        moved = np.std(training.nu, axis=0) > np.maximum(MOTION * noise, STILL)
+        return np.flatnonzero(moved).tolist()
+
+    def worse(self, left_out: LeftOut, reference: LeftOut) -> str | None:
+        """What is worse than a reference by more than one standard error; None: nothing."""
+        mean, error = left_out.excess(reference)
+        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE)
+        dofs = self.problem.nominal.dofs
+        lost = [
+            f"{dofs[k]} {np.sqrt(own):.3g} instead of {np.sqrt(own - excess):.3g}"
+            for k, own, excess, most in zip(
+                self.axes, left_out.nrmse**2, mean, allowed, strict=True
+            )
+            if excess > most
+        ]
+        return f"worse than the nominal model: NRMSE in {', '.join(lost)}" if lost else None
+
+    def judge(self, identifier: Identifier) -> LeftOut:
+        """Errors of an identifier on every block left out.
+
+        Raises an error of UNUSABLE when it cannot identify, or its model cannot be simulated.
+        """
+        identifier.check(self.problem.nominal, self.problem.thruster, measured=False)
+
+        def estimate(problem: Problem) -> Vessel:
+            return identifier.identify(problem, np.random.default_rng(SEED)).model
+
+        return self.left_out(estimate)
+
+    def left_out(
+        self, estimate: Callable[[Problem], Vessel], lag: SecondOrderLag | None = None
+    ) -> LeftOut:
+        """Errors of estimated models on the blocks; `lag` is by default the known one."""
+        training, lag = self.problem.training, lag or self.problem.thruster
+        errors = []
+        for split in blocked_k_fold(len(training), self.folds):
+            part = training.part(split.train)
+            model = estimate(replace(self.problem, training=part, validation=part))
+            errors.append(self.runs(model, training.part(split.test), lag))
+        return LeftOut(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
+
+    def runs(self, model: Vessel, recording: Recording, lag: SecondOrderLag | None) -> LeftOut:
+        """Errors of free runs of a model over a recording; where rates are limited they are large.
+
+        Raises IdentificationError when the model cannot be simulated.
+        """
+        every = max(round(self.horizon_s / recording.period_s), 2)
+        predicted = prediction(model, recording, lag, self.force, every)
+        deviations, _ = predicted.deviations()
+        restart, axes = predicted.course.restart, self.axes
+        errors = deviations[:, len(model.dofs) :][:, axes]
+        variance = np.var(self.problem.training.nu[:, axes], axis=0)
+        begin = np.flatnonzero(restart)
+        length = np.diff(np.append(begin, len(restart)))
+        squares = np.add.reduceat(errors**2, begin, axis=0) / variance
+        kept = length > 1  # the first sample of a run is the measured state itself
+        return LeftOut(squares[kept] / (length[kept, None] - 1.0), length[kept] - 1.0)
+
+
+def first_within(errors: dict[str, LeftOut]) -> str:
+    """The first name whose error hardly exceeds the least one."""
+    best = min(errors, key=lambda name: errors[name].error)
+    return next(name for name in errors if not errors[name].exceeds(errors[best]))
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Candidates compared by free runs over blocks left out, each with its best alternative.
+
+    Alternatives of one candidate are compared by their quick forms, the candidates themselves as
+    they are. After `budget_s` [s] no further estimate begins.
+    """
+
+    candidates: Mapping[str, Mapping[str, Identifier]]  # alternatives, the preferred first
+    blocks: Blocks
+    reference: LeftOut | None = None  # no axis of an admissible candidate is worse than here
+    budget_s: float | None = None
+
+    def run(self) -> tuple[dict[str, LeftOut], dict[str, str]]:
+        """Errors of the admissible alternatives in their order, and why others were left out."""
+        began, errors, reasons = perf_counter(), dict[str, LeftOut](), dict[str, str]()
+        for alternatives in self.candidates.values():
+            if self.budget_s is not None and perf_counter() - began > self.budget_s:
+                reasons |= dict.fromkeys(alternatives, f"the budget of {self.budget_s:g} s is over")
+                continue
+            name = self._best(alternatives, reasons)
+            judged = self._judge(name, alternatives[name].without_bootstrap(), reasons)
+            if judged is None:
+                continue
+            worse = self.reference and self.blocks.worse(judged, self.reference)
+            if worse:
+                reasons[name] = worse
+            else:
+                errors[name] = judged
+        return errors, reasons
+
+    def _best(self, alternatives: Mapping[str, Identifier], reasons: dict[str, str]) -> str:
+        """The alternative with the best quick form; the first one if none can be judged."""
+        if len(alternatives) == 1:
+            return next(iter(alternatives))
+        quick = {
+            name: judged
+            for name, identifier in alternatives.items()
+            if (judged := self._judge(name, identifier.quick(), reasons)) is not None
+        }
+        best = first_within(quick) if quick else next(iter(alternatives))
+        for name, judged in quick.items():
+            reasons[name] = f"quick estimate: NRMSE {np.sqrt(judged.error):.3g}"
+        reasons.pop(best, None)
+        return best
+
+    def _judge(self, name: str, identifier: Identifier, reasons: dict[str, str]) -> LeftOut | None:
+        try:
+            return self.blocks.judge(identifier)
+        except UNUSABLE as error:
+            reasons[name] = str(error)
+            return None
+
+
+def best_of(
+    alternatives: Mapping[str, Identifier], blocks: Blocks, rng: np.random.Generator
+) -> Identified:
+    """Identify with the alternative that predicts the blocks left out best.
+
+    Raises IdentificationError when none of them predicts the blocks.
+    """
+    candidates = {name: {name: identifier} for name, identifier in alternatives.items()}
+    if len(candidates) == 1:
+        return next(iter(alternatives.values())).identify(blocks.problem, rng)
+    errors, reasons = Contest(candidates, blocks).run()
+    if not errors:
+        name, reason = next(iter(reasons.items()))
+        raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")
+    chosen = first_within(errors)
+    result = alternatives[chosen].identify(blocks.problem, rng)
+    return replace(result, findings=(*result.findings, *error_findings(errors, blocks, chosen)))
+
+
+def error_findings(errors: dict[str, LeftOut], blocks: Blocks, chosen: str) -> tuple[Finding, ...]:
+    """FIT of every alternative per axis, its mean NRMSE, and the choice."""
+    dofs, rows = blocks.problem.nominal.dofs, []
+    for i, (name, left_out) in enumerate(errors.items()):
+        fits = zip(blocks.axes, 100.0 * (1.0 - left_out.nrmse), strict=True)
+        rows += [
+            Finding("left_out_fit", dofs[k], float(fit), "%", i, label=name) for k, fit in fits
+        ]
+        rows.append(
+            Finding("left_out_error", "all", float(np.sqrt(left_out.error)), "", i, label=name)
+        )
+        rows.append(Finding("chosen", "all", float(name == chosen), "", i, label=name))
+    return tuple(rows)

@@ -1,0 +1,309 @@
+"""What physics asks of an identified table, as constraints of a convex program.
+
+    inertia      M_0 / factor <= (M + M') / 2 <= factor M_0       linear matrix inequalities
+    symmetry     |M_ij - M_ji| <= factor |M_0ij - M_0ji|
+    dissipation  nu' d(nu) >= 0                                   at sampled velocities
+    restoring    moments of roll and pitch that are believed to right the vessel do so
+
+M_0 is the believed inertia; d(nu) are the forces that depend on velocities alone. A Coriolis force
+does no work, so it may be part of d. Restoring forces, weather and constants are left out. A table
+whose damping creates energy runs away in a free run, and one whose inertia is not positive
+definite cannot be simulated at all.
+
+The parameters p enter linearly, theta = theta_0 + L dp (`free_parameters`), so dissipation is a
+row per velocity. The matrix inequalities are met by cutting planes: where an eigenvector x of the
+solution violates one, the linear row x' M x is added and the quadratic program is solved again
+(Kelley (1960)); a few rounds suffice for matrices of this size.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import daqp
+import numpy as np
+import scipy
+
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.notation import VELOCITIES
+from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES, Array, Term
+from seatrial.models.vessel.table import Vessel
+
+RECORDED = 150  # recorded velocities at which the damping must dissipate
+DRAWN = 100  # further ones, at each scale
+SCALES = (0.3, 1.0, 2.0, 10.0)  # of the recorded velocities; the last one: no runaway beyond them
+CUTS = 60  # rounds of cutting planes
+RIGHTING = (("roll", "sin(phi)cos(theta)"), ("pitch", "sin(theta)"))  # restoring moments
+REPEATS = 5  # of a quadratic program about its solution
+TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Linear constraints A dp >= b, each with the name of what it stands for."""
+
+    A: Array  # (k, m)
+    b: Array  # (k,)
+    names: tuple[str, ...]
+
+    def __add__(self, other: "Rows") -> "Rows":
+        return Rows(
+            np.vstack([self.A, other.A]),
+            np.concatenate([self.b, other.b]),
+            self.names + other.names,
+        )
+
+
+def damping_terms(table: Vessel) -> list[int]:
+    """Indices of the terms that depend on velocities of the hull alone, such as u, |v|r, u^3."""
+    hull = {VARIABLES.index(letter) for letter in VELOCITIES}
+    return [
+        i
+        for i, term in enumerate(table.terms)
+        if any(term.codes) and all(code % N_VARIABLES in {0, *hull} for code in term.codes)
+    ]
+
+
+def dissipates(term: Term, letter: str) -> bool:
+    """Whether a positive coefficient brakes its own axis `letter`: x, |x|x or x^3 in that of x."""
+    letters = {VARIABLES[code % N_VARIABLES] for code in term.codes if code}
+    odd = sum(0 < code < N_VARIABLES for code in term.codes) % 2 == 1
+    return odd and letters == {letter}
+
+
+def sampled_velocities(
+    nu: Array, inertia: Array | None, scales: tuple[float, ...] = SCALES
+) -> Array:
+    """Velocities (n, n_dof) [m/s, rad/s] for the dissipation, from the recorded ones (N, n_dof).
+
+    Recorded ones and multiples of them, and a low-discrepancy sequence. An axis that hardly moved
+    takes part in the latter with a velocity of the same kinetic energy as the others, by the
+    diagonal of the inertia (n_dof, n_dof); without it with the largest recorded one. `scales`
+    multiply the velocities.
+    """
+    step = max(len(nu) // RECORDED, 1)
+    recorded = [scale * nu[::step] for scale in scales]
+    largest = np.max(np.abs(nu), axis=0)
+    if inertia is not None:
+        M = np.diag(inertia)
+        largest = np.sqrt(np.max(largest**2 * M) / M)
+    halton = scipy.stats.qmc.Halton(nu.shape[1], scramble=False).random(DRAWN + 1)[1:]
+    drawn = [scale * largest * (2.0 * halton - 1.0) for scale in scales[1:]]
+    return np.vstack([*recorded, *drawn])
+
+
+def dissipated(table: Vessel, velocities: Array) -> Array:
+    """Power (n,) [W] that the damping of a table takes from the motion at velocities (n, n_dof)."""
+    index = damping_terms(table)
+    motion = table.variables(np.zeros_like(velocities), velocities)
+    damping = basis.evaluate([table.terms[i] for i in index], motion) @ table.theta[index]
+    return np.asarray(np.sum(damping * velocities, axis=1))
+
+
+def unphysical(model: Vessel, believed: Vessel, nu: Array) -> str | None:
+    """What of an identified model cannot be at recorded velocities nu (N, n_dof); None: nothing.
+
+    Its inertia is not positive definite, or its damping creates energy where the believed one
+    takes some.
+    """
+    if np.min(np.linalg.eigvalsh(0.5 * (model.inertia + model.inertia.T))) <= 0.0:
+        return "its inertia is not positive definite"
+    velocities = nu[:: max(len(nu) // RECORDED, 1)]
+    own, reference = dissipated(model, velocities), dissipated(believed, velocities)
+    creates = (own < -TOLERANCE * np.abs(reference)) & (reference >= 0.0)
+    if not np.any(creates):
+        return None
+    return (
+        f"its damping creates energy at {100.0 * np.mean(creates):.2g} % of the recorded velocities"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicalConstraints:
+    """The constraints on the parameters of a table. `factor` bounds the inertia."""
+
+    free: FreeParameters
+    velocities: Array  # (n, n_dof)
+    factor: float
+    scale: Array  # (m,) size of the parameters, for the tolerance
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Dissipation at the velocities, and the sign of the damping of each axis by itself.
+
+        Rows that the believed table itself violates ask nothing that it could not be.
+        """
+        table = self.free.nominal
+        index = damping_terms(table)
+        motion = table.variables(np.zeros_like(self.velocities), self.velocities)
+        phi = basis.evaluate([table.terms[i] for i in index], motion)
+        work = phi[:, :, None] * self.velocities[:, None, :]  # (n, terms, n_dof)
+        believed = dissipated(table, self.velocities)
+        directions = self.free.slopes[index]
+        slopes = np.einsum("ntd,tdm->nm", work, directions)
+        signs = self._signs(index)
+        rows = Rows(slopes, -believed, ("dissipation",) * len(slopes)) + signs
+        rows += self._asymmetry() + self._righting()
+        size = np.linalg.norm(rows.A * self.scale, axis=1)
+        keep = (rows.b <= 0.0) & (size > 0.0)
+        names = tuple(name for name, kept in zip(rows.names, keep, strict=True) if kept)
+        return Rows(rows.A[keep] / size[keep, None], rows.b[keep] / size[keep], names)
+
+    def _signs(self, index: Sequence[int]) -> Rows:
+        """Coefficients of x, |x|x and x^3 in the equation of x that are believed to be positive."""
+        table, directions = self.free.nominal, self.free.slopes
+        A, b, names = [], [], []
+        for i in index:
+            for k, letter in enumerate(table.velocities):
+                positive = dissipates(table.terms[i], letter) and table.theta[i, k] > 0.0
+                if positive and np.any(directions[i, k]):
+                    A.append(directions[i, k])
+                    b.append(-table.theta[i, k])
+                    names.append(f"{table.dofs[k]}.{table.terms[i]}")
+        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), tuple(names))
+
+    def _asymmetry(self) -> Rows:
+        """M_ij - M_ji differs from zero by no more than `factor` times what is believed."""
+        M, slopes = self.free.nominal.inertia, self._inertia_slopes
+        A, b = [], []
+        for i, j in zip(*np.triu_indices(len(M), 1), strict=True):
+            slope, believed = slopes[:, i, j] - slopes[:, j, i], M[i, j] - M[j, i]
+            for sign in (1.0, -1.0):
+                A.append(sign * slope)
+                b.append(-self.factor * abs(believed) - sign * believed)
+        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("symmetry",) * len(b))
+
+    def _righting(self) -> Rows:
+        """Moments of roll and pitch that are believed to right the vessel do so."""
+        table, directions = self.free.nominal, self.free.slopes
+        A, b = [], []
+        for i, term in enumerate(table.terms):
+            k = next(
+                (
+                    table.dofs.index(dof)
+                    for dof, name in RIGHTING
+                    if dof in table.dofs and term.name == name
+                ),
+                None,
+            )
+            if k is not None and table.theta[i, k] > 0.0 and np.any(directions[i, k]):
+                A.append(directions[i, k])
+                b.append(-table.theta[i, k])
+        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("restoring",) * len(b))
+
+    @cached_property
+    def _inertia_slopes(self) -> Array:
+        """Derivative of the inertia, shape (m, n_dof, n_dof)."""
+        table = self.free.nominal
+        rows = [table.terms.index(basis.term(letter)) for letter in table.accelerations]
+        return np.asarray(self.free.slopes[rows].transpose(2, 1, 0))
+
+    @cached_property
+    def _inertia_directions(self) -> Array:
+        """Derivative of the symmetric part of the inertia, shape (m, n_dof, n_dof)."""
+        slopes = self._inertia_slopes
+        return np.asarray(0.5 * (slopes + slopes.transpose(0, 2, 1)))
+
+    @cached_property
+    def _believed_inertia(self) -> Array:
+        inertia = self.free.nominal.inertia
+        return np.asarray(0.5 * (inertia + inertia.T))
+
+    def violated(self, change: Array) -> tuple[str, ...]:
+        """Names of the constraints that a change (m,) of the believed parameters violates."""
+        missed = self.rows.A @ change < self.rows.b - TOLERANCE
+        names = [self.rows.names[i] for i in np.flatnonzero(missed)]
+        cuts = self.cuts(change)
+        return tuple(dict.fromkeys([*names, *(cuts.names if cuts else ())]))
+
+    def within(self, change: Array) -> Array:
+        """A change (m,), or the part of it whose inertia is within the bounds."""
+        ratios, _ = self._inertia(change)
+        low, high = (bound - 1.0 for bound in (1.0 / self.factor, self.factor))
+        away = ratios - 1.0  # in proportion to the change
+        shares = np.divide(np.where(away < 0.0, low, high), away, where=away != 0.0, out=away + 2.0)
+        return change * min(1.0, float(np.min(shares)))
+
+    def _inertia(self, change: Array) -> tuple[Array, Array]:
+        """Eigenvalues (n_dof,) and vectors of the inertia over the believed one."""
+        M_0 = self._believed_inertia
+        M = M_0 + np.einsum("m,mij->ij", change, self._inertia_directions)
+        values, vectors = scipy.linalg.eigh(M, M_0)
+        return values, vectors
+
+    def cuts(self, change: Array) -> Rows | None:
+        """Rows that the inertia violates after a change (m,) of the parameters; None: none."""
+        eigenvalues, vectors = self._inertia(change)
+        A, b = [], []
+        for value, x in zip(eigenvalues, vectors.T, strict=True):
+            low, high = value < 1.0 / self.factor - TOLERANCE, value > self.factor + TOLERANCE
+            if low or high:
+                sign = 1.0 if low else -1.0
+                slope = np.einsum("i,mij,j->m", x, self._inertia_directions, x)
+                A.append(sign * slope)
+                b.append(sign * ((1.0 / self.factor if low else self.factor) - 1.0))
+        if not A:
+            return None
+        return Rows(np.array(A), np.array(b), ("inertia",) * len(A))
+
+
+def solve(
+    hessian: Array, gradient: Array, constraints: PhysicalConstraints | None, at: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """The step d (m,) that minimises d'Hd/2 - g'd so that `at` + d meets the constraints.
+
+    `at` (m,) is the change of the parameters from the believed ones so far. Returns the names of
+    the active constraints too. Raises IdentificationError if the program cannot be solved.
+    """
+    root = np.sqrt(np.diag(hessian))
+    if not (np.all(np.isfinite(hessian)) and np.all(root > 0.0)):
+        raise IdentificationError("the training part does not determine every parameter")
+    H, g = hessian / np.outer(root, root), gradient / root
+    if constraints is None:
+        return np.asarray(np.linalg.solve(H, g)) / root, ()
+    rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
+    for _ in range(CUTS):
+        change, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
+        cuts = constraints.cuts(change / root)
+        if cuts is None:
+            names = tuple(dict.fromkeys(rows.names[i] for i in active))
+            return change / root - at, names
+        rows = rows + cuts
+    change = constraints.within(change / root)  # what rounding has left is far beyond the bounds
+    return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
+
+
+def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
+    """minimise d'Hd/2 - g'd so that A d >= b; the solution, and the rows that bind.
+
+    The solver's tolerance is absolute, so rows of an axis whose weight is small beside that of
+    another are solved for again about the solution, until all of them hold.
+    """
+    if not len(A):
+        return np.asarray(np.linalg.solve(H, g)), []
+    solution, active = _solved(H, g, A, b)
+    for _ in range(REPEATS):
+        missing = b - A @ solution
+        if np.max(missing) <= TOLERANCE:
+            break
+        step, active = _solved(H, g - H @ solution, A, missing)
+        solution = solution + step
+    return solution, active
+
+
+def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
+    norm = np.linalg.norm(A, axis=1)  # rows and a solution of size one, for the solver's tolerances
+    size = max(float(np.max(np.abs(g))), float(np.max(b / norm))) or 1.0
+    solution, _, flag, info = daqp.solve(
+        np.ascontiguousarray(H),
+        -g / size,
+        np.ascontiguousarray(A / norm[:, None]),
+        np.full(len(A), 1e30),
+        b / (norm * size),
+        np.zeros(len(A), dtype=np.int32),
+    )
+    if flag <= 0:
+        raise IdentificationError(f"the physical constraints leave no solution (daqp: {flag})")
+    return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()

@@ -1,0 +1,248 @@
+"""Refinement of a table by free runs over segments, with the initial velocities free.
+
+    minimise sum_k |W (nu_k - nu_hat_k(p, nu_0))|^2 + tau sum_j (dp_j / s_j)^2
+
+Every segment begins at the measured pose and at an initial velocity of its own, which is estimated
+and projected out of the Jacobian (QR): starting at measured or smoothed velocities biases the
+inertia by one to two percent. W is one over the root mean square of each residual, found in a few
+rounds, and the prior is that of the structured regression. Measurement noise is in the output
+alone, where it does not bias. The steps are those of Gauss and Newton with Levenberg's damping,
+each a quadratic program with the physical constraints.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seatrial.models.findings import Finding
+from seatrial.models.identification.attenuation import with_attenuation
+from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.identification.free_run import course_of, predicted_layout
+from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
+from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.identification.structured import entries_of, inflation, structure
+from seatrial.models.identification.uncertainty import stationary_variance
+from seatrial.models.identification.validation import rate_limit
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+STEP = 1e-6  # of finite differences, relative to the prior's deviation of a parameter
+STEPS = 5  # of Gauss and Newton for one weighting
+WEIGHTINGS = 3
+TRIES = 6  # of a step, each with ten times the damping
+DAMPING = 1e-3  # the first
+ENOUGH = 1e-4  # relative decrease below which the steps end
+ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Refined parameters with their covariance."""
+
+    change: Array  # (m,) p - p_believed
+    active: tuple[str, ...]  # names of constraints that bind
+    covariance: Array  # (m, m)
+    evaluations: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    change: Array  # (m,)
+    start: Array  # (n_segments, n_dof) initial minus measured velocities
+    rest: Array  # (N, n_dof) measured - predicted velocities
+
+
+class _Segments:
+    """Velocity residuals of a predictor's segments as a function of parameters and starts."""
+
+    def __init__(self, predictor: Predictor, deviation: Array) -> None:
+        self.predictor, self.deviation = predictor, deviation
+        self.begin = np.flatnonzero(predictor.course.restart)
+        self.n_dof = len(predictor.free.nominal.dofs)
+        self.spread = predictor.spread[self.n_dof :]
+        self.evaluations = 0
+
+    def point(self, change: Array, start: Array | None = None) -> _Point:
+        start = np.zeros((len(self.begin), self.n_dof)) if start is None else start
+        self.evaluations += 1
+        offset = np.hstack([np.zeros_like(start), start])
+        states = self.predictor.predict(self.predictor.free.values + change, offset)
+        measured = self.predictor.course.measured[:, self.n_dof :]
+        return _Point(change, start, measured - states[:, -self.n_dof :])
+
+    def slopes(self, point: _Point) -> tuple[Array, Array]:
+        """Derivatives of the prediction by parameters (N, n_dof, m) and starts (N, n_dof, n_dof).
+
+        If the inertia after a forward step is not positive definite, a backward step is used.
+        """
+        by_parameter = np.empty((*point.rest.shape, len(point.change)))
+        for j, size in enumerate(STEP * self.deviation):
+            step = np.where(np.arange(len(point.change)) == j, size, 0.0)
+            ahead = self.point(point.change + step, point.start).rest
+            if not np.isfinite(ahead[0, 0]):
+                size, ahead = -size, self.point(point.change - step, point.start).rest
+            by_parameter[..., j] = (point.rest - ahead) / size
+        by_start = np.empty((*point.rest.shape, self.n_dof))
+        for j, size in enumerate(STEP * self.spread):
+            start = point.start + np.where(np.arange(self.n_dof) == j, size, 0.0)
+            by_start[..., j] = (point.rest - self.point(point.change, start).rest) / size
+        return by_parameter, by_start
+
+    def project(self, by_start: Array, values: Array) -> tuple[Array, Array]:
+        """Values (N, n_dof, c) without what the starts explain, as (N n_dof, c), and the starts.
+
+        The starts' coefficients have shape (n_segments, n_dof, c).
+        """
+        left, coefficients = np.empty_like(values), []
+        for a, b in zip(self.begin, [*self.begin[1:], len(values)], strict=True):
+            Q, R = np.linalg.qr(by_start[a:b].reshape(-1, self.n_dof))
+            flat = values[a:b].reshape(-1, values.shape[2])
+            along = Q.T @ flat
+            left[a:b] = (flat - Q @ along).reshape(values[a:b].shape)
+            coefficients.append(np.linalg.lstsq(R, along, rcond=None)[0])
+        return left.reshape(-1, values.shape[2]), np.array(coefficients)
+
+
+def segments(
+    recording: Recording,
+    free: FreeParameters,
+    lag: SecondOrderLag | None,
+    force: str | None,
+    segment_s: float,
+) -> Predictor:
+    """The predictor of a recording in segments of `segment_s` [s]."""
+    table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
+    course = course_of(recording, lag, force, every, rate_limit(recording), table.attitude)
+    return Predictor(free, predicted_layout(table.terms, table.dofs, free.support), course, "rk4")
+
+
+def refine(
+    predictor: Predictor,
+    change: Array,
+    deviation: Array,
+    constraints: PhysicalConstraints | None,
+) -> Refined:
+    """Refine the parameters from `change` (m,), or from the believed ones if they predict better.
+
+    `predictor` begins a segment at each of its restarts; `deviation` (m,) is the prior's.
+    """
+    runs = _Segments(predictor, deviation)
+    starts = [runs.point(change), runs.point(np.zeros_like(change))]
+    point = min(starts, key=lambda p: _squares(p.rest, 1.0 / runs.spread))
+    rms, tau = _scale(point, runs), inflation(point.rest)
+    active: tuple[str, ...] = ()
+    for _ in range(WEIGHTINGS):
+        prior = tau / deviation**2
+        point, active = _converge(runs, point, active, 1.0 / rms, prior, constraints)
+        rms, tau = _scale(point, runs), inflation(point.rest)
+    covariance = _covariance(runs, point, 1.0 / rms, tau / deviation**2)
+    return Refined(point.change, active, covariance, runs.evaluations)
+
+
+def _scale(point: _Point, runs: _Segments) -> Array:
+    rms = np.sqrt(np.mean(point.rest**2, axis=0))
+    return np.asarray(np.maximum(rms, ROUNDING * runs.spread))
+
+
+def _squares(rest: Array, weight: Array) -> float:
+    """Weighted sum of squares; infinite where the model cannot be simulated."""
+    total = float(np.sum((weight * rest) ** 2))
+    return total if np.isfinite(total) else float("inf")
+
+
+def _converge(
+    runs: _Segments,
+    point: _Point,
+    active: tuple[str, ...],
+    weight: Array,
+    prior: Array,
+    constraints: PhysicalConstraints | None,
+) -> tuple[_Point, tuple[str, ...]]:
+    """Steps until the cost hardly decreases, with weights (n_dof,) and a prior (m,).
+
+    `active` are the constraints that bind at the point; they stay if no step is better.
+    """
+    damping = 0.0
+
+    def cost(at: _Point) -> float:
+        return _squares(at.rest, weight) + float(prior @ at.change**2)
+
+    for _ in range(STEPS):
+        J, S = (weight[:, None] * slopes for slopes in runs.slopes(point))
+        values = np.concatenate([J, (weight * point.rest)[..., None]], axis=2)
+        left, along = runs.project(S, values)
+        gram = left.T @ left
+        H, g = gram[:-1, :-1] + np.diag(prior), gram[:-1, -1] - prior * point.change
+        before = cost(point)
+        for _ in range(TRIES):
+            damped = H + damping * np.diag(np.diag(H))
+            step, binding = solve(damped, g, constraints, point.change)
+            start = point.start + along[..., -1] - along[..., :-1] @ step
+            moved = runs.point(point.change + step, start)
+            if cost(moved) < before:
+                break
+            damping = max(10.0 * damping, DAMPING)
+        else:
+            break
+        point, active, damping = moved, binding, damping / 10.0
+        if before - cost(point) < ENOUGH * before:
+            break
+    return point, active
+
+
+def _covariance(runs: _Segments, point: _Point, weight: Array, prior: Array) -> Array:
+    """cov(p) (m, m): the stationary variance of the residuals through the gains, and the prior's.
+
+    The correlations are those for white residuals. An active constraint does not narrow it.
+    """
+    J, S = (weight[:, None] * slopes for slopes in runs.slopes(point))
+    left, _ = runs.project(S, J)
+    information = left.T @ left
+    inverse = np.linalg.inv(information + np.diag(prior))
+    gains = (left @ inverse).reshape(J.shape)
+    variance = np.zeros(len(inverse))
+    for d in range(runs.n_dof):
+        variance += stationary_variance(gains[:, d], weight[d] * point.rest[:, d])
+    unknowns = len(point.change) + point.start.size
+    variance *= point.rest.size / max(point.rest.size - unknowns, 1)
+    variance += np.einsum("ij,j,ij->i", inverse, prior, inverse)
+    deviation = np.sqrt(variance / np.diag(inverse))  # H^-1 = H^-1 (information + prior) H^-1
+    return np.asarray(inverse * np.outer(deviation, deviation))
+
+
+def finished(
+    options: ResidualOptions, problem: Problem, lag: SecondOrderLag | None, result: Identified
+) -> Identified:
+    """An estimated table after the physical constraints and the refinement that are asked for.
+
+    A table that meets the constraints is not changed by them.
+    """
+    result = with_attenuation(options, problem, lag, result)
+    if options.inertia_factor is None and options.refinement == "none":
+        return result
+    free, training = entries_of(result.residual, problem.nominal), problem.training
+    terms = free.nominal.terms
+    samples = options.samples(training, free.nominal, lag, terms=terms)
+    model = structure(free, samples, training.nu, options.inertia_factor)
+    change, broken = model.nearest(result.residual.on(terms).theta)
+    if options.refinement == "none" and not broken:
+        return result
+    errors = result.std_error
+    if options.refinement == "free_run":
+        predictor = segments(training, free, lag, options.force, options.segment_s)
+        refined = refine(predictor, change, model.size, model.constraints)
+        change, broken = refined.change, refined.active
+        rows = [terms.index(term) for term in result.residual.terms]
+        errors = free.std_error(refined.covariance)[rows]
+    residual = free.residual(free.values + change).on(result.residual.terms)
+    active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
+    return replace(
+        result,
+        model=problem.nominal + residual,
+        residual=residual,
+        std_error=errors,
+        findings=(*result.findings, *active),
+    )

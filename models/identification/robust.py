@@ -1,0 +1,121 @@
+"""Identification for recordings that nobody has seen: structure, prior, constraints, free runs.
+
+1. The free parameters of the nominal model are found by a regression with a prior about the
+   believed values and physical constraints (`structured`), on smoothed signals (`smoothing`).
+2. They are refined by free runs over segments whose initial velocities are free (`refinement`).
+3. Both are repeated with a force that is constant in NED, and with windage where the wind was
+   measured. Free runs over blocks left out choose among them (`blocked_free_run`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
+from seatrial.models.identification.free_parameters import (
+    FreeParameters,
+    free_parameters,
+    nonzero_labels,
+)
+from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.refinement import refine, segments
+from seatrial.models.identification.residual import ResidualOptions, thruster_of
+from seatrial.models.identification.structured import structure
+from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")
+Choice = Literal["none", "ned_force", "windage", "both"]
+DISTURBANCES: tuple[Choice, ...] = ("none", "ned_force", "windage", "both")  # the simplest first
+FEWEST = 40  # samples
+
+
+@dataclass(frozen=True)
+class Robust(ResidualOptions):
+    """Structured regression with a prior and constraints, refined by free runs over segments.
+
+    The terms of `basis` that the nominal model has are free where it has them, the others in every
+    degree of freedom. `disturbance`: none, ned_force (north, east), windage, or auto by
+    cross-validation. `prior` is the standard deviation of a parameter over its believed size. With
+    `refinement: none` the regression is the result.
+    """
+
+    disturbance: Choice | Literal["auto"]
+    prior: Positive
+
+    @property
+    def interval_covers(self) -> bool:
+        """Refined parameters have the noise in the output alone."""
+        return self.refinement == "free_run"
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Raise ConfigurationError for options that do not fit the vessel."""
+        super().check(nominal, thruster, measured)
+        if self.disturbance in DISTURBANCES[1:] and nominal.dofs != PLANAR:
+            raise ConfigurationError(
+                f"identifier.disturbance={self.disturbance} needs a vessel in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(nominal.dofs)}"
+            )
+
+    def needs(self) -> Needs:
+        """The data of the residual, and enough samples for the folds."""
+        return super().needs()._replace(samples=FEWEST)
+
+    def quick(self) -> Identifier:
+        """This identifier without refinement."""
+        return replace(self, refinement="none")
+
+    def alternatives(self, problem: Problem) -> dict[str, Self]:
+        """The choices of disturbance terms, and those of `tune`."""
+        tuned = super().alternatives(problem)
+        if self.disturbance != "auto":
+            return tuned
+        names = DISTURBANCES
+        if problem.nominal.dofs != PLANAR:
+            names = DISTURBANCES[:1]
+        elif problem.training.wind is None:
+            names = DISTURBANCES[:2]
+        return {
+            f"{variant}[{name}]": replace(base, disturbance=name)
+            for variant, base in (tuned or {"": self}).items()
+            for name in (names if base.disturbance == "auto" else (base.disturbance,))
+        }
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the table, with the alternative that predicts best."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
+        lag, findings = thruster_of(self, problem)
+        free, training = self.free(problem.nominal), problem.training
+        smoothing = self.smoothing(training)
+        samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
+        model = structure(free, samples, training.nu, self.inertia_factor)
+        change, active = model.regress(self.prior)
+        findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
+        errors = None
+        if self.refinement == "free_run":
+            predictor = segments(training, free, lag, self.force, self.segment_s)
+            refined = refine(predictor, change, self.prior * model.size, model.constraints)
+            change, active = refined.change, refined.active
+            errors = free.std_error(refined.covariance)
+            findings += (Finding("evaluations", "all", float(refined.evaluations)),)
+        residual = free.residual(free.values + change)
+        findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)
+        return Identified(problem.nominal + residual, residual, errors, findings)
+
+    def free(self, nominal: Vessel) -> FreeParameters:
+        """The free parameters, with those of the disturbance."""
+        terms = self.terms(nominal)
+        own = [label for label, term in nonzero_labels(nominal, "tied") if term in terms]
+        new = [
+            f"{dof}.{term}" for term in terms if term not in nominal.terms for dof in nominal.dofs
+        ]
+        windage = WINDAGE if self.disturbance in ("windage", "both") else ()
+        labels = dict.fromkeys([*own, *new, *windage])
+        ned_force = self.disturbance in ("ned_force", "both")
+        return free_parameters(nominal, list(labels), "tied", ned_force, symmetric=True)

@@ -1,0 +1,193 @@
+"""Sparse regression of the lack of fit, by the optimizers of pysindy.
+
+    stlsq  min |y - X w|^2 + penalty |w|^2, terms with |w_j| < threshold left out, repeated:
+           Brunton, Proctor and Kutz (2016), PNAS 113, 3932-3937
+    sr3    min |y - X w|^2 / 2 + lambda |s|_0 + |w - s|^2 / (2 relaxation), lambda so that s_j is
+           zero below the threshold: Champion, Zheng, Aravkin, Brunton and Kutz (2020), IEEE
+           Access 8, 169259-169271
+
+y is the lack of fit of one degree of freedom, X are the terms; both are standardised, so w_j is the
+share of a term in the lack of fit and one threshold serves all terms and vessels. The term 1 is the
+intercept, which is never left out. By default the threshold of each degree of freedom is chosen on
+blocks left out of the training part: the largest one whose error exceeds the least by at most one
+standard error of the difference, Hastie, Tibshirani and Friedman (2009), section 7.10. The nominal
+model is among the choices.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge
+
+from seatrial.models.demand import Demand, Extent
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
+from seatrial.models.identification.linear import Decomposition, decompose
+from seatrial.models.identification.problem import Identified, Needs, Problem
+from seatrial.models.identification.refinement import finished
+from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
+from seatrial.models.notation import SQUARE_UNIT
+from seatrial.models.ranges import NotNegative, Positive
+from seatrial.models.recording.recording import blocks
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+THRESHOLDS = (0.0, *np.geomspace(1e-3, 1.0, 7).tolist())  # shares of the lack of fit
+CHOICES: tuple[float | None, ...] = (*THRESHOLDS, None)  # None: no terms, the nominal model
+ROUNDING = 1e-12  # mean square of an error, relative to the force's, below which it is rounding
+ITERATIONS = 300  # at most; STLSQ needs one for each term that it leaves out
+TOLERANCE = 1e-6  # change of w at which SR3 ends
+
+
+@dataclass(frozen=True)
+class Sparse(ResidualOptions):
+    """Sequentially thresholded least squares (`stlsq`) or sparse relaxed regression (`sr3`).
+
+    `threshold` is the least share of a term in the lack of fit; null chooses it by
+    cross-validation over `folds` blocks. `penalty` is that of `stlsq` per sample, `relaxation` the
+    nu of `sr3`. With `unbiased` the terms that are left are fitted again by least squares.
+    """
+
+    algorithm: Literal["stlsq", "sr3"]
+    threshold: NotNegative | None
+    penalty: NotNegative
+    relaxation: Positive
+    unbiased: bool
+    folds: Annotated[int, Ge(2)]
+
+    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
+        """Raise ConfigurationError without pysindy, or for options that do not fit the vessel."""
+        if find_spec("pysindy") is None:
+            raise ConfigurationError(
+                "identifier=sparse: pysindy is not installed: pip install 'seatrial[rivals]'"
+            )
+        super().check(nominal, thruster, measured)
+
+    def needs(self) -> Needs:
+        """The data of the residual, and two samples for each fold."""
+        return super().needs()._replace(samples=2 * self.folds)
+
+    def demands(self, extent: Extent) -> list[Demand]:
+        """The decompositions of the folds."""
+        count = self.folds if self.threshold is None else 0
+        return [Demand("folds", count, f"{count} regressions", float(count) * extent.samples)]
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the residual table, with the threshold and the number of terms of each axis."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
+        lag, findings = thruster_of(self, problem)
+        samples = self.samples(problem.training, problem.nominal, lag)
+        dofs = problem.nominal.dofs
+        thresholds = [self.threshold] * len(dofs)
+        if self.threshold is None:
+            errors = self.left_out_errors(samples)
+            floor = ROUNDING * np.mean(samples.force**2, axis=0)
+            thresholds = [CHOICES[sparsest(errors[..., k], floor[k])] for k in range(len(dofs))]
+            findings += error_findings(np.mean(errors, axis=1), dofs)
+        part = self._decompose(samples)
+        columns = [
+            self._solve(part, samples.epsilon[:, [k]], threshold)
+            for k, threshold in enumerate(thresholds)
+        ]
+        residual = Vessel("residual", dofs, samples.terms, np.hstack(columns))
+        findings += choice_findings(residual, thresholds)
+        result = Identified(problem.nominal + residual, residual, findings=findings)
+        return finished(self, problem, lag, result)
+
+    def left_out_errors(self, samples: Samples) -> Array:
+        """Mean square of the lack of fit on the blocks left out, shape (n_choices, folds, n_dof).
+
+        Raises IdentificationError if the terms cannot be distinguished without a block.
+        """
+        errors = np.empty((len(CHOICES), self.folds, samples.epsilon.shape[1]))
+        for j, block in enumerate(blocks(len(samples), self.folds)):
+            kept = np.delete(np.arange(len(samples)), block)
+            phi, epsilon = samples.phi[kept], samples.epsilon[kept]
+            part = self._decompose(replace(samples, phi=phi, epsilon=epsilon))
+            for i, threshold in enumerate(CHOICES):
+                theta = self._solve(part, epsilon, threshold)
+                rest = samples.epsilon[block] - samples.phi[block] @ theta
+                errors[i, j] = np.mean(rest**2, axis=0)
+        return errors
+
+    def _decompose(self, samples: Samples) -> Decomposition:
+        penalised = self.algorithm == "stlsq" and self.penalty > 0.0
+        return decompose(samples, np.ones(len(samples)), penalised)
+
+    def _solve(self, part: Decomposition, epsilon: Array, threshold: float | None) -> Array:
+        """The table (n_terms, m) of a lack of fit (N, m); None: no terms.
+
+        Rotating the samples by U' leaves the regression as it is, with one row for each column.
+        """
+        theta = np.zeros((part.n_terms, epsilon.shape[1]))
+        if threshold is None:
+            return theta
+        weighted, root = part.weighted(epsilon), np.sqrt(len(epsilon))
+        size = np.sqrt(np.sum(weighted**2, axis=0))
+        size[size == 0.0] = 1.0
+        with warnings.catch_warnings():  # that no term is left is a result; it is stored
+            warnings.simplefilter("ignore")
+            optimizer = self._optimizer(threshold)
+            optimizer.fit(part.s[:, None] * part.vt / root, part.u.T @ weighted / size)
+        theta[part.columns] = optimizer.coef_.T * size / root / part.scale[:, None]
+        if part.constant is not None:
+            theta[part.constant] = np.mean(epsilon, axis=0) - part.mean @ theta[part.columns]
+        return theta
+
+    def _optimizer(self, threshold: float) -> Any:
+        from pysindy.optimizers import SR3, STLSQ  # slow to import, and optional
+
+        if self.algorithm == "stlsq":
+            return STLSQ(
+                threshold,
+                alpha=self.penalty,
+                max_iter=ITERATIONS,
+                ridge_kw={"solver": "svd"},
+                unbias=self.unbiased,
+            )
+        return SR3(
+            SR3.calculate_l0_weight(threshold, self.relaxation),
+            regularizer="L0",
+            relax_coeff_nu=self.relaxation,
+            tol=TOLERANCE,
+            max_iter=ITERATIONS,
+            unbias=self.unbiased,
+        )
+
+
+def sparsest(errors: Array, floor: float) -> int:
+    """Index of the last choice within one standard error of the least error.
+
+    `errors` (n_choices, folds) begin with the most terms; those below `floor` are equal.
+    """
+    errors = np.maximum(errors, floor)
+    excess = errors - errors[int(np.argmin(np.mean(errors, axis=1)))]
+    allowed = np.std(excess, axis=1, ddof=1) / np.sqrt(errors.shape[1])
+    return int(np.flatnonzero(np.mean(excess, axis=1) <= allowed)[-1])
+
+
+def error_findings(errors: Array, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
+    """Mean squared error (n_choices, n_dof) on the blocks left out for every threshold."""
+    labels = ["no terms" if choice is None else f"{choice:.3g}" for choice in CHOICES]
+    return tuple(
+        Finding("threshold_mse", dof, float(errors[i, k]), SQUARE_UNIT[dof], i=i, label=label)
+        for k, dof in enumerate(dofs)
+        for i, label in enumerate(labels)
+    )
+
+
+def choice_findings(residual: Vessel, thresholds: Sequence[float | None]) -> tuple[Finding, ...]:
+    """The threshold of each degree of freedom (None: no terms) and how many terms are left."""
+    findings = []
+    for k, (dof, threshold) in enumerate(zip(residual.dofs, thresholds, strict=True)):
+        count = int(np.count_nonzero(residual.theta[:, k]))
+        findings.append(Finding("sparse_threshold", dof, threshold))
+        findings.append(Finding("selected_variables", dof, float(count)))
+    return tuple(findings)

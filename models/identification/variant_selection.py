@@ -1,0 +1,180 @@
+"""The variant of a subspace identification, and whether it has a direct term, from the data.
+
+Each alternative is identified without one block at a time, and judged on that block. What it is
+judged by depends on whether the input depends on past outputs.
+
+Without such feedback all alternatives are consistent, and the simulation decides, from the state
+that fits the block best: predictions would use past outputs, which hide a wrong response.
+
+With feedback the input contains past noise. `open` is biased then, and because of that noise it
+simulates the record better than the truth does. The one-step prediction error has no such
+preference if the noise is modelled: Ljung (1999), System Identification, section 13.4.
+
+Test for feedback: without it the innovations e are independent of all inputs. u_k is regressed on
+J past samples of u, and of e beside them; an F-test compares the two. Caines and Chan (1975),
+Feedback between stationary stochastic processes, IEEE Transactions on Automatic Control 20.
+
+The error of a block is rms(predicted - measured) / std(measured), the mean over the outputs. The
+first alternative whose error exceeds the least by at most one standard error of the difference is
+chosen: Hastie, Tibshirani and Friedman (2009), section 7.10.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from seatrial.models.errors import IdentificationError
+from seatrial.models.findings import Finding
+from seatrial.models.identification.linear import triangle, turns
+from seatrial.models.identification.sampled_data import (
+    Record,
+    Window,
+    explained_by_past,
+    hankel,
+    starts,
+    stretches,
+)
+from seatrial.models.identification.subspace import NOISE_FREE, Variant, identify_innovations
+from seatrial.models.recording.recording import blocked_k_fold
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.vessel.basis import Array, Codes
+
+FOLDS = 5
+LONGEST = 20_000  # samples that the choice is made with: the first ones of a longer record
+LOST = 1.0  # largest error of a block, that of simulating the mean
+SIGNIFICANT = 1e-3  # p-value below which there is feedback
+Alternative = tuple[Variant, bool]  # and whether D is estimated
+NAMES: dict[Alternative, str] = {
+    ("closed", False): "closed", ("open", False): "open", ("open", True): "open with D",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The chosen alternative, the p-value of no feedback, and errors (folds,) where compared."""
+
+    variant: Variant
+    feedthrough: bool
+    p_value: float
+    errors: dict[Alternative, Array]
+
+    def findings(self) -> list[Finding]:
+        """The choice, the test for feedback, and the error of each alternative on each block j."""
+        feedback = self.p_value < SIGNIFICANT
+        reason = "judged by " + ("one-step predictions" if feedback else "simulations")
+        chosen = NAMES[self.variant, self.feedthrough]
+        rows = [
+            Finding("variant", "all", float(self.variant == "closed"), label=chosen),
+            Finding("feedthrough", "all", float(self.feedthrough)),
+            Finding("feedback", "all", float(feedback), label=reason),
+            Finding("feedback_p_value", "all", self.p_value),
+        ]
+        for i, (alternative, values) in enumerate(self.errors.items()):
+            label = NAMES[alternative]
+            rows += [
+                Finding("variant_error", "all", float(value), "", i, j, label)
+                for j, value in enumerate(values)
+            ]
+        return rows
+
+
+def select_variant(
+    y: Array,
+    u: Array,
+    L: int,
+    J: int,
+    order: int | None,
+    alternatives: Sequence[Alternative] = tuple(NAMES),
+    *,
+    stable: bool = False,
+    stretch: Codes | None = None,
+) -> Selection:
+    """Choose one of the alternatives, the simplest first, for outputs y (N, m), inputs u (N, r).
+
+    At most LONGEST samples are used, so that the choice does not take long on a long record.
+    The other arguments are those of `identify_innovations`. Raises IdentificationError when the
+    data are too few for the test of feedback.
+    """
+    y, u = y[:LONGEST], u[:LONGEST]
+    times = np.arange(len(y))
+    parts = np.zeros_like(times) if stretch is None else stretch[:LONGEST]
+    p_value = feedback_p_value(y, u, J, parts)
+    error_of = prediction_error if p_value < SIGNIFICANT else simulation_error
+    errors = {one: np.full(FOLDS, LOST) for one in alternatives}
+    for i, (train, test) in enumerate(blocked_k_fold(len(y), FOLDS)):
+        number = 2 * parts + (np.cumsum(test) > 0)  # no window may bridge the block left out
+        for variant, direct in alternatives:
+            with suppress(IdentificationError):
+                model = identify_innovations(
+                    y[train], u[train], L, J, order, variant, feedthrough=direct, stable=stable,
+                    stretch=number[train],
+                ).model  # fmt: skip
+                left_out = Record(y[test], u[test], parts[test], times[test])
+                errors[variant, direct][i] = min(error_of(model, left_out), LOST)
+    return Selection(*_simplest(errors), p_value, errors)
+
+
+def feedback_p_value(y: Array, u: Array, J: int, stretch: Codes) -> float:
+    """The p-value of the hypothesis that no input depends on past outputs; 1 without noise.
+
+    The least p-value of the inputs, times their number (Bonferroni).
+    """
+    scales = [np.where((size := np.std(values, axis=0)) > 0.0, size, 1.0) for values in (y, u)]
+    record = Record(y / scales[0], u / scales[1], stretch, np.arange(len(y)))
+    after, e = explained_by_past(record, J, False)
+    noisy = np.std(e.y, axis=0) > NOISE_FREE
+    rows = starts(after, J + 1)
+    blocks = [Window(after.u, 0, J), Window(e.y[:, noisy], 0, J), Window(after.u, J, 1)]
+    a, b, r = (window.length * window.x.shape[1] for window in blocks)
+    left = len(rows) - a - b
+    if b == 0 or left < 1:
+        return 1.0
+    R = triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows)))[:, -r:]
+    explained, rest = np.sum(R[a : a + b] ** 2, axis=0), np.sum(R[a + b :] ** 2, axis=0)
+    random = rest > NOISE_FREE**2 * np.sum(R**2, axis=0)  # not a function of its own past
+    ratio = explained[random] / b / (rest[random] / left)
+    return float(min(1.0, r * np.min(f_distribution.sf(ratio, b, left), initial=1.0)))
+
+
+def prediction_error(model: StateSpace, record: Record) -> float:
+    """Error of one-step predictions, relative to the spread of the outputs."""
+    predicted = [
+        model.predict(y, u, 1, model.initial_state(y, u)) for y, u in _parts(record)
+    ]  # fmt: skip
+    return _relative_error(record.y, np.vstack(predicted))
+
+
+def simulation_error(model: StateSpace, record: Record) -> float:
+    """Error of a simulation, relative to the spread of the outputs; infinite if it diverges."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        simulated = [
+            model.simulate(u, model.initial_state(y, u, free_run=True)) for y, u in _parts(record)
+        ]
+        return _relative_error(record.y, np.vstack(simulated))
+
+
+def _parts(record: Record) -> Iterator[tuple[Array, Array]]:
+    """Outputs and inputs of each contiguous part."""
+    y, u = (stretches(values, record.stretch) for values in (record.y, record.u))
+    return zip(y, u, strict=True)
+
+
+def _relative_error(y: Array, predicted: Array) -> float:
+    size, spread = np.sqrt(np.mean((predicted - y) ** 2, axis=0)), np.std(y, axis=0)
+    moved = spread > 0.0
+    error = float(np.mean(size[moved] / spread[moved])) if np.any(moved) else LOST
+    return error if np.isfinite(error) else np.inf
+
+
+def _simplest(errors: dict[Alternative, Array]) -> Alternative:
+    """The first alternative within one standard error of the best."""
+    best = min(errors.values(), key=lambda values: float(np.mean(values)))
+
+    def within(values: Array) -> bool:
+        excess = values - best
+        return bool(np.mean(excess) <= np.std(excess, ddof=1) / np.sqrt(len(excess)))
+
+    return next(one for one, values in errors.items() if within(values))

@@ -1,0 +1,106 @@
+"""Noise of measured signals, and the smoothing that it asks for.
+
+White noise has a flat spectrum, motion one that falls with frequency: what Welch's density shows
+in the highest fifth of the band is noise. The cut-off f_c is the frequency at which the density
+first falls below four times that floor, the largest over the axes. Smoothing is in two stages:
+the signals at 2 f_c, before products are formed of them, and every regressor together with the
+force at 0.75 f_c. A filter that acts on both sides of a linear equation leaves it true; one that
+acts on the velocities alone, below about 0.3 Hz, biases nonlinear terms.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from seatrial.models.vessel.basis import Array
+
+NOISE_BAND = 0.8  # of the Nyquist frequency; above it there is noise alone
+ABOVE_FLOOR = 4.0  # density over that of the noise
+LOWPASS_ORDER = 4
+SEGMENT = 1024  # samples of one periodogram
+PERIODOGRAMS = 8  # least number of them for a coherence
+EXPLAINED = 0.8  # of an acceleration's noise, if it was computed from the velocity
+NEGLIGIBLE = 1e-8  # share of noise in a signal's variance that asks for no smoothing
+SIGNALS, REGRESSORS = 2.0, 0.75  # cut-offs of the two stages, in f_c
+HIGHEST = 0.9  # of the Nyquist frequency, for a filter
+
+
+class NoiseFloor(NamedTuple):
+    """White noise of measured signals (k,), and the cut-off of a low-pass filter against it."""
+
+    deviation: Array  # (k,) standard deviation of the noise
+    share: Array  # (k,) of the variance of each signal
+    cutoff_hz: float | None  # None: no noise worth a filter
+
+
+def noise_floor(signals: Array, starts: NDArray[np.bool_], period_s: float) -> NoiseFloor:
+    """Noise of signals (N, k) sampled with `period_s` [s]; `starts` (N,) begin a new piece.
+
+    The longest piece without a gap is used.
+    """
+    edges = np.append(np.flatnonzero(starts), len(signals))
+    longest = int(np.argmax(np.diff(edges)))
+    piece = signals[edges[longest] : edges[longest + 1]]
+    frequency, density = scipy.signal.welch(
+        piece, 1.0 / period_s, nperseg=min(len(piece), SEGMENT), axis=0
+    )
+    nyquist = 0.5 / period_s
+    floor = np.median(density[noise_band(frequency, nyquist)], axis=0)
+    noise, variance = floor * nyquist, np.var(piece, axis=0)
+    share = np.divide(noise, variance, out=np.zeros_like(noise), where=variance > 0.0)
+    cutoffs = [
+        float(frequency[np.argmax(density[:, j] < ABOVE_FLOOR * floor[j])])
+        for j in np.flatnonzero(share > NEGLIGIBLE)
+    ]
+    lowest = frequency[1] if len(frequency) > 1 else nyquist
+    cutoff = max(*cutoffs, lowest) if cutoffs else None
+    return NoiseFloor(np.sqrt(noise), np.minimum(share, 1.0), cutoff)
+
+
+def noise_band(frequency: Array, nyquist: float) -> NDArray[np.bool_]:
+    """The frequencies [Hz] (n,) that show noise alone: the highest fifth, or the last one."""
+    return np.asarray(frequency >= min(NOISE_BAND * nyquist, frequency[-1]))
+
+
+def derivative_response(
+    velocity: Array, acceleration: Array, period_s: float
+) -> tuple[Array, Array] | None:
+    """How an acceleration (N,) was computed from a velocity (N,); None if it was measured.
+
+    Frequencies [Hz] and H of the response i H. A measured acceleration holds more than the velocity
+    explains at the frequencies at which the velocity is noise.
+    """
+    length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
+    args = {"fs": 1.0 / period_s, "nperseg": length}
+    frequency, own = scipy.signal.welch(velocity, **args)
+    _, other = scipy.signal.welch(acceleration, **args)
+    _, cross = scipy.signal.csd(velocity, acceleration, **args)
+    floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
+    noise = own < ABOVE_FLOOR * floor
+    explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])
+    if not explained > EXPLAINED * np.sum(other[noise]):
+        return None
+    return frequency, np.imag(cross) / own
+
+
+class Smoothing(NamedTuple):
+    """Cut-offs [Hz] of the low-pass filters of signals and of regressors with the force."""
+
+    signals_hz: float | None
+    regressors_hz: float | None = None
+
+
+def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
+    """Both stages for the cut-off f_c of the noise; None: neither."""
+    if cutoff_hz is None:
+        return Smoothing(None)
+    highest = HIGHEST * 0.5 / period_s
+    return Smoothing(*(min(stage * cutoff_hz, highest) for stage in (SIGNALS, REGRESSORS)))
+
+
+def lowpass(values: Array, cutoff_hz: float, period_s: float) -> Array:
+    """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward."""
+    sections = scipy.signal.butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))

@@ -1,0 +1,158 @@
+"""Errors of free runs over blocks left out, and the rule that chooses by them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.blocked_free_run import (
+    Blocks,
+    Contest,
+    LeftOut,
+    best_of,
+    first_within,
+)
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+
+
+@dataclass(frozen=True)
+class Given(Identifier):
+    """An identifier that returns a factor of the nominal model, whatever the data."""
+
+    factor: float
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        model = self.factor * problem.nominal
+        return Identified(model, model - problem.nominal)
+
+
+@dataclass(frozen=True)
+class Failing(Identifier):
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        raise IdentificationError("always")
+
+
+@dataclass(frozen=True)
+class Seen(Identifier):
+    """An identifier that notes the training parts it is given."""
+
+    parts: list[np.ndarray]
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        assert len(problem.validation) == len(problem.training)
+        self.parts.append(problem.training.t)
+        return NoIdentifier().identify(problem, rng)
+
+
+def left_out(*runs: float) -> LeftOut:
+    return LeftOut(np.array(runs)[:, None], np.full(len(runs), 100.0))
+
+
+def test_nrmse_is_weighted_by_samples() -> None:
+    errors = LeftOut(np.array([[1.0, 4.0], [0.0, 1.0]]), np.array([300.0, 100.0]))
+    np.testing.assert_allclose(errors.nrmse, np.sqrt([0.75, 3.25]))
+    assert errors.error == pytest.approx(2.0)
+
+
+def test_one_standard_error_is_that_of_the_paired_difference() -> None:
+    rng = np.random.default_rng(0)
+    common, difference = rng.uniform(1.0, 9.0, 20), rng.normal(0.5, 0.1, 20)
+    mean, error = left_out(*(common + difference)).excess(left_out(*common))
+    assert mean[0] == pytest.approx(np.mean(difference))
+    assert error[0] == pytest.approx(np.std(difference, ddof=1) / np.sqrt(20))
+
+
+def test_the_first_within_one_standard_error_is_chosen() -> None:
+    errors = {
+        "simple": left_out(1.3, 1.1, 1.2),
+        "better": left_out(0.6, 0.4, 0.5),
+        "best": left_out(0.5, 0.45, 0.4),
+    }  # better is worse by 0.05 on average, with a standard error of 0.05; simple by 0.75 +- 0.06
+    assert first_within(errors) == "better"
+    assert first_within({"best": errors["best"], "better": errors["better"]}) == "best"
+    one = {"a": left_out(1.03), "b": left_out(1.0)}  # no spread: hardly anything does not matter
+    assert first_within(one) == "a"
+    assert first_within(one | {"a": left_out(1.05)}) == "b"
+
+
+def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
+    blocks = Blocks(calm.problem)
+    assert blocks.axes == [0, 1, 2]
+    truth, nominal = (blocks.judge(Given(factor)) for factor in (0.5, 1.0))
+    assert np.all(truth.nrmse < 1e-3)
+    assert np.all(nominal.nrmse > 0.1)
+    assert blocks.worse(truth, nominal) is None
+    assert "worse than the nominal model: NRMSE in surge" in (blocks.worse(nominal, truth) or "")
+
+
+def test_every_sample_is_left_out_once_and_never_seen(calm) -> None:
+    training, parts = calm.problem.training, []
+    judged = Blocks(calm.problem, folds=4).judge(Seen(parts))
+    assert len(parts) == 4
+    outside = [np.setdiff1d(training.t, part) for part in parts]
+    np.testing.assert_array_equal(np.sort(np.concatenate(outside)), training.t)
+    assert np.sum(judged.samples) == len(training) - len(judged.samples)
+
+
+def test_runs_restart_at_the_measured_state(calm) -> None:
+    """Shorter runs of a wrong model have less time to leave the measured motion."""
+    errors = [Blocks(calm.problem, horizon_s=s).judge(Given(0.6)).error for s in (2.0, 10.0, 60)]
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_a_model_that_cannot_be_simulated_is_an_error(calm) -> None:
+    with pytest.raises(IdentificationError, match="not positive definite"):
+        Blocks(calm.problem).judge(Given(-1.0))
+
+
+def test_axes_that_did_not_move_beyond_their_noise_do_not_count(calm, rng) -> None:
+    training = calm.problem.training
+    nu = training.nu.copy()
+    nu[:, 1] = 0.01 * rng.standard_normal(len(nu))
+    nu[:, 2] = 0.0
+    problem = replace(calm.problem, training=replace(training, nu=nu))
+    assert Blocks(problem).axes == [0]
+
+
+def test_the_best_alternative_is_identified_on_the_whole(calm) -> None:
+    alternatives = {"fails": Failing(), "wrong": Given(0.8), "true": Given(0.5)}
+    found = best_of(alternatives, Blocks(calm.problem), np.random.default_rng(0))
+    np.testing.assert_array_equal(found.model.theta, (0.5 * calm.problem.nominal).theta)
+    chosen = {f.label: f.value for f in found.findings if f.name == "chosen"}
+    assert chosen == {"wrong": 0.0, "true": 1.0}
+    fits = {(f.label, f.dof): f.value for f in found.findings if f.name == "left_out_fit"}
+    assert len(fits) == 6
+    assert all(fits["true", dof] > fits["wrong", dof] for dof in calm.problem.nominal.dofs)
+
+
+def test_without_a_usable_alternative_the_reason_is_given(calm) -> None:
+    with pytest.raises(IdentificationError, match=r"no alternative .*: a: always"):
+        best_of({"a": Failing(), "b": Failing()}, Blocks(calm.problem), np.random.default_rng(0))
+
+
+def test_alternatives_of_one_candidate_compete_first(calm) -> None:
+    blocks = Blocks(calm.problem)
+    candidates = {
+        "one": {"one[a]": Given(0.9), "one[b]": Given(0.55)},
+        "two": {"two": Given(0.6)},
+    }
+    errors, reasons = Contest(candidates, blocks).run()
+    assert list(errors) == ["one[b]", "two"]
+    assert reasons["one[a]"].startswith("quick estimate: NRMSE ")
+    assert first_within(errors) == "one[b]"
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("ridge", {"tune": {"penalty": [1e6, 1e-6]}}, "[penalty = 1e-06]"),
+        ("plsr", {"tune": {"max_order": [1, 24]}, "bootstrap": None}, "[max_order = 24]"),
+        ("ls", {"tune": {"basis": ["linear", "physical"]}}, "[basis = physical]"),
+    ],
+)
+def test_tune_finds_a_planted_good_value(calm, identifier, name: str, options, expected) -> None:
+    """A penalty that lets nothing change, one latent variable, or no nonlinear damping lose."""
+    found = identifier(name, **options).identify(calm.problem, np.random.default_rng(0))
+    chosen = [f.label for f in found.findings if f.name == "chosen" and f.value == 1.0]
+    assert chosen == [expected]

@@ -1,0 +1,118 @@
+"""The robust identifier finds the plant and its disturbance, with intervals that cover."""
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from tests.trials import composed
+
+
+def chosen(found: Identified) -> str:
+    (name,) = [f.label for f in found.findings if f.name == "chosen" and f.value == 1.0]
+    return name
+
+
+def assert_recovered(model: Vessel, truth: Vessel, rtol: float) -> None:
+    """Every coefficient of the truth, and zero where it has none."""
+    union = truth.terms + tuple(term for term in model.terms if term not in truth.terms)
+    np.testing.assert_allclose(model.on(union).theta, truth.on(union).theta, rtol=rtol, atol=1e-6)
+
+
+def test_the_calm_plant_is_recovered(calm, identifier) -> None:
+    found = identifier("robust").identify(calm.problem, np.random.default_rng(0))
+    assert chosen(found) == "[none]"
+    assert_recovered(found.model, calm.truth, 1e-3)
+
+
+def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
+    found = identifier("robust").identify(constant.problem, np.random.default_rng(0))
+    assert chosen(found) == "[ned_force]"
+    assert_recovered(found.model, constant.truth, 5e-3)
+    for term in ("cos(psi)", "sin(psi)"):
+        force, truth = (table.row(term) for table in (found.model, constant.truth))
+        assert np.any(truth != 0.0)
+        np.testing.assert_allclose(force, truth, rtol=1e-4, atol=1e-6)
+
+
+def test_a_wind_is_chosen_and_recovered() -> None:
+    """Wind areas to a thousandth; damping to what a lap shows beside a wind of its own noise."""
+    trial = composed("disturbance=wind", "identifier=robust")
+    excited = trials.excite(trial, closed_loop.Streams(0))
+    parts = (excited.recording.part(mask) for mask in (excited.training, excited.testing))
+    problem = Problem(*parts, trial.vessel.nominal(), trial.vessel.thruster)
+    found = trial.identifier.identify(problem, np.random.default_rng(0))
+    assert chosen(found) == "[windage]"
+    truth = excited.truth
+    assert truth is not None
+    for dof, term in (("surge", "V_qu_q"), ("sway", "V_qv_q"), ("yaw", "u_qv_q")):
+        expected = truth.coefficient(dof, term)
+        assert expected != 0.0
+        assert found.model.coefficient(dof, term) == pytest.approx(expected, rel=2e-3)
+    np.testing.assert_allclose(np.diag(found.model.inertia), np.diag(truth.inertia), rtol=5e-3)
+
+
+def test_without_refinement_it_is_the_regression(calm, identifier) -> None:
+    options = {"refinement": "none", "disturbance": "none"}
+    found = identifier("robust", **options).identify(calm.problem, np.random.default_rng(0))
+    assert found.std_error is None
+    assert not [f for f in found.findings if f.name == "evaluations"]
+    inertia, truth = np.diag(found.model.inertia), np.diag(calm.truth.inertia)
+    np.testing.assert_allclose(inertia, truth, rtol=1e-3)
+
+
+def test_a_planted_good_prior_is_chosen(lap, identifier) -> None:
+    """A prior so narrow that nothing can change loses against one that lets the data speak."""
+    option = identifier(
+        "robust", disturbance="none", refinement="none", tune={"prior": [1e-5, 1.0]}
+    )
+    found = option.identify(lap("noise", 0).problem, np.random.default_rng(0))
+    assert chosen(found) == "[prior = 1.0]"
+
+
+def test_nothing_that_is_not_measured_is_estimated(lap, identifier) -> None:
+    option = identifier("robust")
+    problem = lap("noise", 0).problem
+    assert problem.training.wind is None
+    assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
+
+
+def test_a_disturbance_needs_a_planar_vessel(identifier, vessel) -> None:
+    beluga = vessel("beluga_linear")
+    for name in ("ned_force", "windage", "both"):
+        with pytest.raises(ConfigurationError, match=f"disturbance={name} needs a vessel in surge"):
+            identifier("robust", disturbance=name).check(beluga, None, False)
+    identifier("robust").check(beluga, None, False)
+
+
+@pytest.mark.parametrize(
+    ("tune", "message"),
+    [
+        ({"pryor": [1.0]}, "tune: got 'pryor', expected options of the identifier: "),
+        ({"tune": [{}]}, "tune: got 'tune', expected options"),
+        ({"prior": [1.0, -1.0]}, "prior must be"),
+    ],
+)
+def test_wrong_names_and_values_in_tune_are_refused_in_one_line(identifier, tune, message) -> None:
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        identifier("robust", tune=tune)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_intervals_cover(lap, identifier) -> None:
+    """What is called 95 % covers true coefficients that are not zero, over 20 seeds of noise."""
+    option, hits, counted = identifier("robust"), 0, 0
+    for seed in range(20):
+        noisy = lap("noise", seed)
+        found = option.identify(noisy.problem, np.random.default_rng(0))
+        truth = noisy.truth.on(found.residual.terms).theta
+        error = np.abs(found.model.on(found.residual.terms).theta - truth)
+        known = (truth != 0.0) & np.isfinite(found.std_error)
+        hits += np.count_nonzero(error[known] <= 1.96 * found.std_error[known])
+        counted += np.count_nonzero(known)
+    assert counted > 20 * 20
+    assert hits / counted >= 0.85

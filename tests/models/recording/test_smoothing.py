@@ -1,0 +1,117 @@
+"""The noise of a signal is found from its spectrum, and the cut-off from where the motion ends."""
+
+import numpy as np
+import pytest
+import scipy
+
+from seatrial.models.recording.smoothing import (
+    HIGHEST,
+    derivative_response,
+    lowpass,
+    noise_floor,
+    smoothing_for,
+)
+
+PERIOD_S = 0.1
+NYQUIST_HZ = 0.5 / PERIOD_S
+SAMPLES = 8000
+
+
+def motion(band_hz: float, rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
+    """A random motion (samples, 2) of deviations 1 and 0.3 with nothing above its band."""
+    spectrum = np.fft.rfft(rng.standard_normal((samples, 2)), axis=0)
+    spectrum[np.fft.rfftfreq(samples, PERIOD_S) > band_hz] = 0.0
+    signal = np.fft.irfft(spectrum, samples, axis=0)
+    return np.asarray(signal / np.std(signal, axis=0) * np.array([1.0, 0.3]))
+
+
+def one_piece(samples: int = SAMPLES) -> np.ndarray:
+    return np.arange(samples) == 0
+
+
+@pytest.mark.parametrize("deviation", [0.003, 0.03, 0.3])
+def test_a_known_noise_is_found(deviation: float, rng: np.random.Generator) -> None:
+    noise = deviation * rng.standard_normal((SAMPLES, 2))
+    floor = noise_floor(motion(0.3, rng) + noise, one_piece(), PERIOD_S)
+    np.testing.assert_allclose(floor.deviation, deviation, rtol=0.05)
+    variance = np.array([1.0, 0.09]) + deviation**2
+    np.testing.assert_allclose(floor.share, deviation**2 / variance, rtol=0.1)
+
+
+def test_without_noise_there_is_no_filter(rng: np.random.Generator) -> None:
+    t = PERIOD_S * np.arange(SAMPLES)
+    smooth = np.column_stack([np.sin(0.5 * t), np.cos(0.13 * t) + 0.2 * np.sin(1.7 * t)])
+    floor = noise_floor(smooth, one_piece(), PERIOD_S)
+    assert floor.cutoff_hz is None
+    assert smoothing_for(floor.cutoff_hz, PERIOD_S) == (None, None)
+    noise = 0.01 * rng.standard_normal(smooth.shape)
+    assert noise_floor(smooth + noise, one_piece(), PERIOD_S).cutoff_hz is not None
+
+
+def test_what_stands_still_has_no_noise() -> None:
+    floor = noise_floor(np.zeros((SAMPLES, 2)), one_piece(), PERIOD_S)
+    assert floor.cutoff_hz is None
+    np.testing.assert_array_equal(floor.deviation, 0.0)
+    np.testing.assert_array_equal(floor.share, 0.0)
+
+
+@pytest.mark.parametrize("band_hz", [0.2, 0.5, 1.0, 2.0])
+def test_the_cut_off_follows_the_band_of_the_motion(
+    band_hz: float, rng: np.random.Generator
+) -> None:
+    noisy = motion(band_hz, rng) + 0.02 * rng.standard_normal((SAMPLES, 2))
+    cutoff = noise_floor(noisy, one_piece(), PERIOD_S).cutoff_hz
+    assert cutoff is not None
+    resolution = 1.0 / (1024 * PERIOD_S)
+    assert band_hz - resolution <= cutoff <= band_hz + 4.0 * resolution
+
+
+def test_the_widest_band_of_the_axes_counts(rng: np.random.Generator) -> None:
+    slow, fast = motion(0.2, rng)[:, :1], motion(1.0, rng)[:, :1]
+    noisy = np.hstack([slow, fast]) + 0.02 * rng.standard_normal((SAMPLES, 2))
+    both = noise_floor(noisy, one_piece(), PERIOD_S).cutoff_hz
+    assert both == noise_floor(noisy[:, 1:], one_piece(), PERIOD_S).cutoff_hz
+    assert both == pytest.approx(1.0, rel=0.1)
+
+
+def test_the_longest_piece_counts(rng: np.random.Generator) -> None:
+    """A gap is a step, whose spectrum is not that of noise; the longest piece has none."""
+    quiet = motion(0.3, rng) + 0.01 * rng.standard_normal((SAMPLES, 2))
+    loud = 10.0 + motion(0.3, rng, 3000) + 0.2 * rng.standard_normal((3000, 2))
+    starts = np.zeros(SAMPLES + 3000, dtype=bool)
+    starts[[0, 3000]] = True
+    floor = noise_floor(np.vstack([loud, quiet]), starts, PERIOD_S)
+    np.testing.assert_allclose(floor.deviation, 0.01, rtol=0.05)
+
+
+def test_the_stages_are_two_and_three_quarters_of_the_cut_off() -> None:
+    assert smoothing_for(0.4, PERIOD_S) == pytest.approx((0.8, 0.3))
+    highest = HIGHEST * NYQUIST_HZ
+    assert smoothing_for(4.0, PERIOD_S) == pytest.approx((highest, 3.0))
+    assert smoothing_for(NYQUIST_HZ, PERIOD_S)[1] == pytest.approx(0.75 * NYQUIST_HZ)
+
+
+def test_the_filter_has_no_phase_and_removes_what_is_above_it() -> None:
+    t = PERIOD_S * np.arange(2000)
+    slow, fast = np.sin(2.0 * np.pi * 0.1 * t), np.sin(2.0 * np.pi * 2.0 * t)
+    filtered = lowpass(np.column_stack([slow, slow + fast]), 0.5, PERIOD_S)
+    inside = slice(100, -100)
+    np.testing.assert_allclose(filtered[inside, 0], slow[inside], atol=1e-5)
+    np.testing.assert_allclose(filtered[inside, 1], slow[inside], atol=1e-4)
+
+
+def test_a_computed_acceleration_is_told_from_a_measured_one(rng: np.random.Generator) -> None:
+    """Central differences respond with i sin(w dt) / dt; another sensor has noise of its own."""
+    velocity = motion(0.3, rng)[:, 0] + 0.02 * rng.standard_normal(SAMPLES)
+    central = np.gradient(velocity, PERIOD_S)
+    response = derivative_response(velocity, central, PERIOD_S)
+    assert response is not None
+    frequency, H = response
+    noise = (frequency > 0.5) & (frequency < 4.5)
+    expected = np.sin(2.0 * np.pi * frequency * PERIOD_S) / PERIOD_S
+    np.testing.assert_allclose(H[noise], expected[noise], rtol=0.05)
+    clean = scipy.signal.sosfiltfilt(
+        scipy.signal.butter(4, 0.3, fs=1.0 / PERIOD_S, output="sos"), velocity
+    )
+    measured = np.gradient(clean, PERIOD_S) + 0.02 * rng.standard_normal(SAMPLES)
+    assert derivative_response(velocity, measured, PERIOD_S) is None
