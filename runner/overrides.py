@@ -7,8 +7,11 @@ from typing import Any
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, OverrideType, ValueType
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
+
+from seatrial.runner.vocabulary import GROUPS
 
 # `key=number` without signs, spaces or underscores; a part of Hydra's grammar.
 _NUMBER = re.compile(
@@ -51,6 +54,38 @@ class Parser:
                 self._parsed.clear()
             (self._parsed[text],) = self._parser.parse_overrides([text])
         return self._parsed[text]
+
+
+def left_to_jobs(
+    words: Sequence[str], variants: Sequence[Sequence[str]]
+) -> tuple[list[str], list[list[str]]]:
+    """Return the words of a sweep's command line, and its variants with what is left to the jobs.
+
+    Hydra applies a plain override to the default of its group first, which may not have the option:
+    `identifier=none,ls identifier.basis=physical`. As a part of every variant it is for the jobs.
+    """
+    parser = OverridesParser.create()
+
+    def parsed(word: str) -> Override | None:
+        try:
+            return parser.parse_override(word)
+        except HydraException:  # said by Hydra itself
+            return None
+
+    overrides = {word: override for word in words if "=" in word and (override := parsed(word))}
+    swept = {each.key_or_group for each in overrides.values() if each.is_sweep_override()}
+    swept |= {text.partition("=")[0] for variant in variants for text in variant}
+
+    def is_left(override: Override) -> bool:
+        group, dot, _ = override.key_or_group.partition(".")
+        plain = not (override.is_sweep_override() or override.is_delete())
+        return plain and bool(dot) and group in swept & set(GROUPS)
+
+    left = [word for word, override in overrides.items() if is_left(override)]
+    if not left:
+        return list(words), [list(variant) for variant in variants]
+    kept = [word for word in words if word not in left]
+    return kept, [[*left, *variant] for variant in variants or [()]]
 
 
 class Refused(Exception):  # noqa: N818

@@ -21,6 +21,17 @@ def test_an_option_is_left_out_where_a_choice_does_not_have_it(seatrial: Command
     ]
 
 
+def test_an_option_that_the_default_does_not_have_is_left_to_the_choices(
+    seatrial: Command,
+) -> None:
+    assert trials(seatrial, "identifier=none,ls", "identifier.bootstrap=null", "seed=1,2") == [
+        "identifier=none seed=1",
+        "identifier=none seed=2",
+        "identifier.bootstrap=null identifier=ls seed=1",
+        "identifier.bootstrap=null identifier=ls seed=2",
+    ]
+
+
 def test_an_option_that_no_choice_has_is_refused(seatrial: Command) -> None:
     answer = seatrial("-m", "identifier=none,ls", "identifier.bases=physical")
     assert answer.code == 2
