@@ -1,10 +1,11 @@
-"""Update the generated blocks of README.md and CONTRIBUTING.md: `make readme`.
+"""Update the generated blocks of README.md, CONTRIBUTING.md and identification.md: `make readme`.
 
 `python docs/refresh.py WORD` updates only some of them.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
 command; with a WORD, only blocks whose command contains it. The commands read the results of
-`make demo`, `make comparison`, `make published` and `make bench`.
+`make demo`, `make published`, `make bench`, `make robustness` and
+`make coverage`.
 """
 
 import re
@@ -15,6 +16,7 @@ from pathlib import Path
 
 README = Path(__file__).parents[1] / "README.md"
 CONTRIBUTING = README.with_name("CONTRIBUTING.md")
+IDENTIFICATION = Path(__file__).with_name("identification.md")
 BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -39,5 +41,7 @@ def refreshed(text: str, word: str = "") -> str:
 
 
 if __name__ == "__main__":
-    for page in (README, CONTRIBUTING):
-        page.write_text(refreshed(page.read_text(), *sys.argv[1:2]))
+    for page in (README, CONTRIBUTING, IDENTIFICATION):
+        text = page.read_text()
+        if (updated := refreshed(text, *sys.argv[1:2])) != text:
+            page.write_text(updated)

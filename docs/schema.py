@@ -17,6 +17,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from seatrial.models.vessel.tuning import AUTO, marks_of
 from seatrial.runner.config import Settings
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.options import CLASS, options, target
@@ -24,6 +25,7 @@ from seatrial.runner.vocabulary import GROUPS
 
 Schema = dict[str, Any]
 INTERPOLATION: Schema = {"type": "string", "pattern": r"\$\{"}
+FROM_VESSEL: Schema = {"const": AUTO}  # taken from the vessel
 NODE: Schema = {"type": "object"}  # of a class that may be anybody's
 NAMED: Schema = {"type": "object", "required": ["_target_"]}
 COMMENT = re.compile(r"^ *(\w+):[^#\n]*# *(.+)$", re.MULTILINE)
@@ -109,6 +111,9 @@ def _described(cls: type, classes: dict[str, Schema]) -> Schema:
     described = _resolved(options(cls).json_schema(), classes)
     described.pop("required", None)
     described["description"] = inspect.getdoc(cls)
+    for name, mark in marks_of(cls).marks.items():
+        alternative = FROM_VESSEL if mark.entry is None else NODE
+        described["properties"][name] = {"anyOf": [described["properties"][name], alternative]}
     for name, option in described["properties"].items():
         if name in comments:
             option["description"] = comments[name]

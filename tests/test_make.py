@@ -178,3 +178,29 @@ def test_constraints_are_names_and_versions_only(file: str) -> None:
     names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
     assert len(names) == len(set(names))
     assert "setuptools" in names  # for builds of packages that come as sources
+
+
+@pytest.mark.parametrize(("code", "sweeps"), [(0, 5), (1, 5), (2, 1)])
+def test_robustness_keeps_runs_that_fail_and_skips_data_that_are_not_there(
+    checkout: Path, code: int, sweeps: int
+) -> None:
+    """A sweep ends with 1 where a run failed, which does not stop the next; else it does."""
+    binaries = checkout / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    pretend_python(checkout, "stub", "3.11", venv=True)
+    script = binaries / "python"
+    shutil.copy(checkout / "tools" / "stub", script)
+    script.write_text(script.read_text() + f'case "$*" in "-m runner"*) exit {code} ;; esac\n')
+    answer = make(checkout, "robustness", "SEEDS=3")
+    assert (answer.returncode == 0) is (code < 2), answer.stderr
+    started = re.findall(r"stub -m runner .*", asked(checkout))
+    assert len(started) == sweeps
+    assert "skipped, SEATRIAL_DATA is not set" in answer.stdout or code == 2
+    assert all("results_dir=results/robustness" in one for one in started)
+    assert sum("seed=range(0,3)" in one for one in started) == (3 if code < 2 else 0)
+    assert ("docs/refresh.py docs.robustness" in asked(checkout)) is (code < 2)
+    if code == 0:
+        assert make(checkout, "robustness", "SEATRIAL_DATA=/data").returncode == 0
+        (path,) = re.findall(r"excitation.path=(\S+)", asked(checkout))
+        names = ("random-1", "surge-1", "sway-1", "heave-1")
+        assert path.split(",") == [f"/data/beluga/{name}.csv" for name in names]
