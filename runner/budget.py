@@ -75,6 +75,9 @@ def demands(trial: Trial, recorded: int | None = None) -> Iterable[Demand]:
                 yield file_demand(f"excitation.{option}", path)
             return
         samples = float(recorded)
+        if trial.controller is not None and isinstance(trial.evaluation, Mission):
+            voyages = 2 if trial.update is None else 3
+            yield from sailed(trial, "evaluation", trial.evaluation, voyages)
     for demand in trial.identifier.demands(_extent(trial, samples)):
         yield demand.of("identifier")
 

@@ -129,16 +129,17 @@ class MissionSetup:
 
 def prepare(
     trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
-    deployed: bool = False,
+    deployed: bool = False, true: Vessel | None = None,
 ) -> MissionSetup:  # fmt: skip
     """Prepare a mission that starts at rest, with the controller built on `model`.
 
-    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says.
+    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says. `true` is the
+    model of the plant; None means the nominal one, scaled.
     """
     vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
-    weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed)
+    weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed, true)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
@@ -210,14 +211,20 @@ def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
     return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
 
 
-def plant_of(trial: Trial, deployed: bool) -> Plant:
-    """Build the true vessel with its wind forces and, in a deployment, its change."""
-    vessel = trial.vessel
-    wind, change = trial.disturbance.aerodynamics(vessel.dofs), trial.plant_change
-    plant = vessel.plant(trial.plant_scale * vessel.nominal() + wind)
+def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
+    """Build the true vessel with its wind forces and, in a deployment, its change.
+
+    Wind forces are not added to a model `true` that has terms of its own for them.
+    """
+    vessel, change = trial.vessel, trial.plant_change
+    wind = trial.disturbance.aerodynamics(vessel.dofs)
+    model, scale = (vessel.nominal(), trial.plant_scale) if true is None else (true, 1.0)
+    if true is not None and true.force_table().aerodynamic:
+        wind = 0.0 * wind
+    plant = vessel.plant(scale * model + wind)
     if not deployed or change is None:
         return plant
-    return replace(plant, change=(change.at_s, change.scale * vessel.nominal() + wind))
+    return replace(plant, change=(change.at_s, change.scale * model + wind))
 
 
 def adapter_of(

@@ -22,6 +22,7 @@ PACKAGES = (
     "scikit-learn",
     "pymoo",
     "daqp",
+    "pysindy",
     "hydra-core",
     "omegaconf",
     "sqlalchemy",

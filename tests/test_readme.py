@@ -42,8 +42,10 @@ def test_every_number_of_a_vessel_has_a_source(name: str) -> None:
 
 @pytest.mark.slow
 def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
-    makefile = (ROOT / "Makefile").read_text()
-    demo = re.search(r"-m runner (-m identifier.*?hydra/launcher=joblib)", makefile, re.DOTALL)
+    recipe = subprocess.run(
+        ["make", "--dry-run", "demo"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout
+    demo = re.search(r"-m runner (-m --variant.*?hydra/launcher=joblib)", recipe, re.DOTALL)
     assert demo is not None
     words = shlex.split(demo[1].replace("\\\n", " "))
     subprocess.run(

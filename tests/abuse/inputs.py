@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
+from seatrial.runner.vessel_options import VesselOptions
 from tests.abuse.isolated import Order
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -160,7 +161,8 @@ def trials() -> list[Trial]:
                 short = (one for one in SHORT if not one.startswith(group))
                 overrides = (*short, f"{group}={name}")
                 config = compose("trial", list(overrides))
-                leaves = list(_leaves(OmegaConf.to_container(config, resolve=True)))
+                plain: Any = OmegaConf.to_container(config, resolve=True)
+                leaves = list(_leaves(VesselOptions().filled(plain)))
                 numeric = tuple(key for key, value in leaves if isinstance(value, (int, float)))
                 sizes = tuple(
                     key for key in numeric if SIZE.search(key) and not key.startswith("vessel.")

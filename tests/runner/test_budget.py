@@ -35,7 +35,7 @@ TOO_LARGE = {
     "controller=mpc_condensed controller.horizon=1000000": "controller.horizon",
     f"identifier=nsga2 identifier.population={BILLION}": "identifier.population",
     f"identifier=nsga2 identifier.generations={BILLION}": "identifier.generations",
-    f"identifier.bootstrap={BILLION}": "identifier.bootstrap",
+    f"identifier=plsr identifier.bootstrap={BILLION}": "identifier.bootstrap",
     f"identifier=ls identifier.bootstrap={BILLION}": "identifier.bootstrap",
     f"identifier=iv identifier.bootstrap={BILLION}": "identifier.bootstrap",
     f"identifier=iv identifier.iterations={BILLION}": "identifier.iterations",

@@ -31,15 +31,15 @@ REFUSED = {
     "identifer=ls": "identifer: unknown option, did you mean identifier?",
     "sampel_time_s=1": "sampel_time_s: unknown option, did you mean sample_time_s?",
     "plant.scael=1": "plant.scael: unknown option, did you mean plant.scale",
-    "lowpass_hz=1": "lowpass_hz: unknown option, did you mean identifier.lowpass_hz?",
+    "horizon_s=1": "horizon_s: unknown option, did you mean identifier.horizon_s?",
     "hydra.bogus=1": "hydra.bogus: unknown option, see python -m runner --cfg job",
     "vessel=null": "vessel: got null, expected one of ",
     "vessel=miliampere": (
         "vessel: no option 'miliampere', did you mean milliampere? expected one of "
     ),
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, joblib",
-    "identifier.force=best": "identifier.force: got 'best', expected one of commanded, ",
-    "identifier.lowpass_hz=abc": "identifier.lowpass_hz: got 'abc', expected a number or null",
+    "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
+    "identifier.budget_s=abc": "identifier.budget_s: got 'abc', expected a number or null",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
     "identifier._target_=os.system": (
         "identifier._target_: got 'os.system', which is not a dataclass to build"
@@ -70,7 +70,7 @@ def test_a_wrong_argument_is_refused(argument: str, seatrial: Command) -> None:
         "bogus=1",
         "vessel=null",
         "vessel=miliampere",
-        "identifier.force=best",
+        "identifier.horizon_s=abc",
         "database=postgresql",
         "database.url=mysql://a/b",
     ],
@@ -231,7 +231,7 @@ def test_as_a_program_of_its_own(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("flag", ["--help", "--cfg job", "-sc query=bash", "--hydra-help"])
+@pytest.mark.parametrize("flag", ["--help", "-sc query=bash", "--hydra-help"])
 def test_looking_around_imports_nothing_heavy(flag: str, tmp_path: Path) -> None:
     heavy = "numpy|numba|scipy|sklearn|sqlalchemy|pyarrow|matplotlib|pandas|rich|joblib"
     code = (

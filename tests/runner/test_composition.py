@@ -42,7 +42,7 @@ VALUES = (
 )
 # The name of a job's folder, of the overrides without this one.
 NAMED = "hydra.job.config.override_dirname.exclude_keys=[name] +name=${hydra:job.override_dirname}"
-OWN = "+vessel.tuning.own=[1,2,3]"
+OWN = "vessel.tuning.pid.kp=[1,2,3]"
 overrides = st.sampled_from(CHOICES) | st.builds(
     lambda sign, key, value: f"~{key}" if sign == "~" else f"{sign}{key}={value}",
     st.sampled_from(["", "", "", "", "+", "++", "~", "~~"]),
@@ -125,8 +125,12 @@ def test_jobs_that_share_are_those_of_hydra(
         ("seed=1", "seed=???"),
         ("controller.kp=[1,2,3]", "controller.kp=4"),
         ("seed=${.sample_time_s}", "seed=${.plant.scale}"),  # in Hydra's part they lead nowhere
-        (f"{OWN} controller.kp=${{vessel.tuning.own}}", OWN),  # then read by nothing
+        (f"{OWN} controller.ki=${{vessel.tuning.pid.kp}}", OWN),  # read by one option less
         ("vessel.tuning.reference.interval_s=1", "vessel.tuning.reference.interval_s=true"),
+        ("vessel.tuning.pid.kp=null seed=1", "vessel.tuning.pid.kp=null seed=2"),  # derived
+        ("~vessel.tuning vessel.length_m=5", "~vessel.tuning vessel.length_m=6"),
+        ("controller.kp=auto", "controller.kp=[1,2,3]"),
+        ("~vessel.tuning sample_time_s=0.1", "~vessel.tuning sample_time_s=0.2"),
     ],
 )
 def test_a_job_after_another(master: DictConfig, first: str, second: str) -> None:

@@ -31,8 +31,12 @@ FLOORS = (
     "models.control",
     "runner.invocation",
     "runner.vocabulary",
+    "runner.shared",
+    "runner.options",
     "runner.record.catalogue",
     "runner.database",
+    "runner.record.coefficient_rows",
+    "runner.export",
     "runner.compare",
     "runner",
 )
@@ -43,12 +47,12 @@ ONLY = {
     "runner.vocabulary": GROUND,
     "runner.record.catalogue": GROUND,
     "runner.database": NAMES,
-    "runner.compare": (*NAMES, "runner.invocation", "runner.database"),
+    "runner.compare": (*NAMES, "runner.invocation", "runner.database", "runner.export"),
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    *("hydra_errors", "yaml_files"),
+    *("hydra_errors", "yaml_files", "vessel_files"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 

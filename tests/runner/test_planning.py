@@ -25,10 +25,10 @@ from tests.runner.database.samples import make_start
 from tests.trials import composed, ordered
 
 JOBS = (
-    "seed=1", "seed=2", "plant.scale=2", "sample_time_s=0.2", "identifier.lowpass_hz=0.3",
-    "controller=none", "integration_step_s=1", "seed=-1", "excitation=prbs", "disturbance=wind",
-    "disturbance=wind disturbance.wind.speed_m_s=-1", "seed=1", "identifier.lowpass_hz=90",
-    "seed=2",
+    "seed=1", "seed=2", "plant.scale=2", "sample_time_s=0.2",
+    "identifier=ls identifier.lowpass_hz=0.3", "controller=none", "integration_step_s=1", "seed=-1",
+    "excitation=prbs", "disturbance=wind", "disturbance=wind disturbance.wind.speed_m_s=-1",
+    "seed=1", "identifier=ls identifier.lowpass_hz=90", "seed=2",
 )  # fmt: skip
 
 

@@ -59,14 +59,14 @@ def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
     assert all(run.drawn is not None for run in runs.values())
     drawn = {(key[0], *key[2:]): set(run.drawn or ()) for key, run in runs.items()}
     assert drawn == {
-        ("zigzag", "ls", "calm", "none", "none"): set(),
+        ("zigzag", "ls", "calm", "none", "auto"): set(),
         ("zigzag", "ls", "calm", "none", "0.4"): set(),
-        ("zigzag", "ls", "noise", "none", "none"): {"noise"},
+        ("zigzag", "ls", "noise", "none", "auto"): {"noise"},
         ("zigzag", "ls", "noise", "none", "0.4"): {"noise"},
-        ("zigzag", "ls", "wind", "constant", "none"): set(),
-        ("zigzag", "ls", "wind", "gusting", "none"): {"disturbance"},
+        ("zigzag", "ls", "wind", "constant", "auto"): set(),
+        ("zigzag", "ls", "wind", "gusting", "auto"): {"disturbance"},
         ("zigzag", "nsga2", "noise", "none", "none"): {"noise", "identifier"},
-        ("prbs", "ls", "calm", "none", "none"): {"excitation"},
+        ("prbs", "ls", "calm", "none", "auto"): {"excitation"},
     }
     seeds: dict[tuple[str, ...], list[Run]] = defaultdict(list)
     for key, run in runs.items():

@@ -17,7 +17,10 @@ from tests.trials import asked_for, composed
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["identifier.lowpass_hz=9"], "identifier.lowpass_hz must lie between 0 and 5, got 9"),
+        (
+            ["identifier=plsr", "identifier.lowpass_hz=9"],
+            "identifier.lowpass_hz must lie between 0 and 5, got 9",
+        ),
         (["controller=none"], "controller=none: excitation=waypoints needs a controller"),
         (["vessel=surge_linear"], "excitation=waypoints: a lap of way-points needs a vessel"),
         (["vessel=surge_linear", "excitation=four_corner"], "excitation=four_corner: a lap of"),
@@ -56,8 +59,9 @@ def test_without_evaluation_nothing_is_deployed() -> None:
 def test_a_deployment_that_diverges_keeps_what_holds() -> None:
     # least squares on a force that it does not model finds a vessel that does not hold a course
     trial = composed(
-        "identifier=ls", "vessel.velocity_limits=[1.4,1.2,1.0]", "disturbance=constant"
-    )
+        "identifier=ls", "identifier.inertia_factor=null", "deploy_unphysical=true",
+        "vessel.velocity_limits=[1.4,1.2,1.0]", "disturbance=constant",
+    )  # fmt: skip
     with pytest.raises(
         trials.TrialDiverged, match=r"identified model: .* exceeds .* at t = "
     ) as caught:

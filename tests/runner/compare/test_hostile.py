@@ -46,7 +46,7 @@ KINDS = [".x", "a..b", "os", "x." * 2000 + "x"]
 BASE = {
     "show": ["1"], "stats": ["1"], "sql": ["SELECT 1"], "plot": ["track"],
     "published": ["--summary"], "prune": ["--status", "failed"],
-    "report": ["--where", "seed>99"], "export": ["out"],
+    "report": ["--where", "seed>99"], "export": ["out"], "model": ["1", "--to", "yaml"],
 }  # fmt: skip
 
 
