@@ -137,9 +137,9 @@ def _objection(model: Vessel, blocks: Blocks) -> str | None:
     problem = blocks.problem
     if prediction(model, problem.training, problem.thruster, blocks.force).ahead(None).diverged:
         return "its free run diverges"
-    run = blocks.runs(model, problem.training, problem.thruster)
+    run = blocks.runs(model, problem.training)
     try:
-        reference = blocks.runs(problem.nominal, problem.training, problem.thruster)
+        reference = blocks.runs(problem.nominal, problem.training)
     except UNUSABLE:
         return None
     return blocks.worse(run, reference)

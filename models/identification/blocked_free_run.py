@@ -16,7 +16,7 @@ model runs away; an order or a method chosen on the test part is evaluated on th
 it: Jervan (2020), chapter 6.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -32,7 +32,6 @@ from seatrial.models.recording.recording import Recording, blocked_k_fold
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag
 
 FOLDS = 3
 SEED = 0  # of estimates on blocks, so that the choice draws nothing from the trial's stream
@@ -115,31 +114,21 @@ class Blocks:
         Raises an error of UNUSABLE when it cannot identify, or its model cannot be simulated.
         """
         identifier.check(self.problem.nominal, self.problem.thruster, measured=False)
-
-        def estimate(problem: Problem) -> Vessel:
-            return identifier.identify(problem, np.random.default_rng(SEED)).model
-
-        return self.left_out(estimate)
-
-    def left_out(
-        self, estimate: Callable[[Problem], Vessel], lag: SecondOrderLag | None = None
-    ) -> LeftOut:
-        """Errors of estimated models on the blocks; `lag` is by default the known one."""
-        training, lag = self.problem.training, lag or self.problem.thruster
-        errors = []
+        training, errors = self.problem.training, []
         for split in blocked_k_fold(len(training), self.folds):
             part = training.part(split.train)
-            model = estimate(replace(self.problem, training=part, validation=part))
-            errors.append(self.runs(model, training.part(split.test), lag))
+            problem = replace(self.problem, training=part, validation=part)
+            model = identifier.identify(problem, np.random.default_rng(SEED)).model
+            errors.append(self.runs(model, training.part(split.test)))
         return LeftOut(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 
-    def runs(self, model: Vessel, recording: Recording, lag: SecondOrderLag | None) -> LeftOut:
+    def runs(self, model: Vessel, recording: Recording) -> LeftOut:
         """Errors of free runs of a model over a recording; where rates are limited they are large.
 
         Raises IdentificationError when the model cannot be simulated.
         """
         every = max(round(self.horizon_s / recording.period_s), 2)
-        predicted = prediction(model, recording, lag, self.force, every)
+        predicted = prediction(model, recording, self.problem.thruster, self.force, every)
         deviations, _ = predicted.deviations()
         restart, axes = predicted.course.restart, self.axes
         errors = deviations[:, len(model.dofs) :][:, axes]

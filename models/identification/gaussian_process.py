@@ -32,7 +32,6 @@ from annotated_types import Ge
 from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.kernel_posterior import (
     CHUNK,
     LONGEST,
@@ -105,10 +104,8 @@ class GaussianProcess(ResidualOptions):
         detail = f"{self.subsample} samples in the marginal likelihood"
         return [Demand("subsample", self.subsample, detail, work, memory)]
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the kernels and the R^2 of the projections."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         data = self._data(problem, lag, rng)
         tables, about = self._tables(data, problem.nominal)

@@ -26,7 +26,6 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.linear import qr
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.refinement import finished
@@ -217,10 +216,8 @@ class InstrumentalVariables(ResidualOptions):
             terms += tuple(t for t in NED_COLUMNS if t not in terms)
         return terms
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors; findings describe the instruments."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)

@@ -16,7 +16,6 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -82,10 +81,8 @@ class LeastSquares(ResidualOptions):
                 f"extra_terms"
             )
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors and condition numbers."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -115,10 +114,8 @@ class Plsr(PartialLeastSquares):
     max_order: PositiveInt | None
     selection: Selection
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of the chosen orders, with the MSE of every order."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)

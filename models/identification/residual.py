@@ -16,6 +16,7 @@ with it the lack of fit. Standard errors of coefficients are those for the estim
 with little excitation near the lag's frequency, lag and inertia cannot be distinguished.
 """
 
+from abc import abstractmethod
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import product
@@ -28,7 +29,9 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.problem import (
+    Identified,
     Identifier,
     Needs,
     Problem,
@@ -159,6 +162,16 @@ class ResidualOptions(Identifier):
         lag = self.force == "filtered" and self.thruster == "known"
         cutoff = None if self.lowpass_hz == "auto" else self.lowpass_hz
         return Needs(self.force, lag, cutoff)
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the residual table, with the alternative that predicts best if there are any."""
+        if alternatives := self.alternatives(problem):
+            return best_of(alternatives, Blocks(problem, force=self.force), rng)
+        return self.estimated(problem, rng)
+
+    @abstractmethod
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """The residual table of the options as they are; raises IdentificationError."""
 
     def quick(self) -> Identifier:
         """This identifier without bootstrap and refinement."""

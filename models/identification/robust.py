@@ -14,7 +14,6 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.free_parameters import (
     FreeParameters,
     free_parameters,
@@ -86,10 +85,8 @@ class Robust(ResidualOptions):
             for name in (names if base.disturbance == "auto" else (base.disturbance,))
         }
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the table, with the alternative that predicts best."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the table, refined if that is asked for."""
         lag, findings = thruster_of(self, problem)
         free, training = self.free(problem.nominal), problem.training
         smoothing = self.smoothing(training)

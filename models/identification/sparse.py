@@ -26,7 +26,6 @@ from annotated_types import Ge
 from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.refinement import finished
@@ -78,10 +77,8 @@ class Sparse(ResidualOptions):
         count = self.folds if self.threshold is None else 0
         return [Demand("folds", count, f"{count} regressions", float(count) * extent.samples)]
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the threshold and the number of terms of each axis."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs

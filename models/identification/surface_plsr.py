@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.cross_validation import (
     Pair,
     Selection,
@@ -195,10 +194,8 @@ class SurfacePlsr(PartialLeastSquares):
         if not 1 <= self.stages <= 10:
             raise ConfigurationError(f"stages must be 1 to 10, got {self.stages}")
 
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+    def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of all stages; the surfaces are findings."""
-        if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs

@@ -11,18 +11,8 @@ from seatrial.models.identification.blocked_free_run import Blocks
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
+from tests.models.identification.known_results import Failing, Given
 from tests.trials import composed
-
-
-@dataclass(frozen=True)
-class Given(Identifier):
-    """An identifier that returns a factor of the nominal model, whatever the data."""
-
-    factor: float
-
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        model = self.factor * problem.nominal
-        return Identified(model, model - problem.nominal)
 
 
 @dataclass(frozen=True)
@@ -37,12 +27,6 @@ class Damped(Identifier):
         theta[7:, self.dof] *= self.factor  # the rows after the inertia and the Coriolis forces
         model = replace(problem.nominal, theta=theta)
         return Identified(model, model - problem.nominal)
-
-
-@dataclass(frozen=True)
-class Failing(Identifier):
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        raise IdentificationError("always")
 
 
 @dataclass(frozen=True)

@@ -14,23 +14,7 @@ from seatrial.models.identification.blocked_free_run import (
     first_within,
 )
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
-
-
-@dataclass(frozen=True)
-class Given(Identifier):
-    """An identifier that returns a factor of the nominal model, whatever the data."""
-
-    factor: float
-
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        model = self.factor * problem.nominal
-        return Identified(model, model - problem.nominal)
-
-
-@dataclass(frozen=True)
-class Failing(Identifier):
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        raise IdentificationError("always")
+from tests.models.identification.known_results import Failing, Given
 
 
 @dataclass(frozen=True)

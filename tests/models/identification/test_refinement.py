@@ -92,9 +92,7 @@ def test_least_squares_is_better_in_free_runs_after_refinement(lap, identifier, 
         for choice in ("none", "free_run")
     )
     blocks = Blocks(problem)
-    runs = [
-        blocks.runs(model, problem.validation, problem.thruster).error for model in (plain, refined)
-    ]
+    runs = [blocks.runs(model, problem.validation).error for model in (plain, refined)]
     assert runs[1] < 0.8 * runs[0]
 
 
