@@ -97,8 +97,12 @@ def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
 
 @pytest.mark.slow
 def test_at_the_sources_noise_it_is_its_options_that_fail() -> None:
-    """Without a mean the noise alone is borne: L = 8 and J = 20 do as well as the true model."""
-    assert np.all(np.median(ratios("lqi", range(3), FULL_NOISE), axis=0) <= 1.5)
+    """Without a mean the noise alone is borne: L = 8 and J = 20 do as well as the true model.
+
+    Noise leaves their damping slightly wrong in sign, which a trial deploys only when asked to.
+    """
+    options = (FULL_NOISE, "deploy_unphysical=true")
+    assert np.all(np.median(ratios("lqi", range(3), *options), axis=0) <= 1.5)
 
 
 def test_a_controller_faster_than_its_model_is_refused_before_any_work() -> None:

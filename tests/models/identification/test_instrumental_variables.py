@@ -337,7 +337,8 @@ def test_consistency_over_fifty_runs(wind: float, name: str) -> None:
 @pytest.mark.parametrize("kind", ["stationary", "hac"])
 def test_standard_errors_of_a_recording_are_the_spread(kind: str) -> None:
     """Over 40 recordings within a factor of 2, and 1.96 of them cover about 95 % of the errors."""
-    iv = of_conf("identifier", "iv", basis=list(TERMS), iterations=1, errors=kind)
+    options = {"basis": list(TERMS), "iterations": 1, "errors": kind, "inertia_factor": None}
+    iv = of_conf("identifier", "iv", **options)
     wrong, reported = [], []
     for seed in range(40):
         problem, wanted = Experiment(SLOW_WIND).run(8000, seed)
