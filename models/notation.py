@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 DOFS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 PLANAR = ("surge", "sway", "yaw")
+ROLLING = ("surge", "sway", "roll", "yaw")
 POSES = ("x", "y", "z", "phi", "theta", "psi")
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 ACCELERATIONS = tuple(f"{name}_dot" for name in VELOCITIES)

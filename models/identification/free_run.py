@@ -9,7 +9,6 @@ that no candidate overflows; the number of limited rates is counted.
 (`seatrial.models.packs`) and sums their errors without storing trajectories.
 """
 
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,9 +21,9 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.dynamics import Scratch, scratch_in, scratch_size, step
-from seatrial.models.vessel.basis import ATTITUDE, N_VARIABLES, VARIABLES, Array, Term
-from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, layout
+from seatrial.models.simulation.dynamics import MATRICES, Scratch, scratch_in, scratch_size, step
+from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
+from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable
 from seatrial.models.vessel.pose import (
     Euler,
     Kinematics,
@@ -52,7 +51,7 @@ class Course(NamedTuple):
     """
 
     kinematics: Kinematics
-    force: Array  # (N, 3, n_dof) acting at the start, middle and end of each sample
+    acting: Array  # (N, 3, n): forces or inputs at the start, middle and end of each sample
     weather: Weather  # the wind in body axes, held over each sample, where it was measured
     measured: Array  # (N, 2 n_dof) measured pose and velocity
     reached: Array  # (N, n_pose + n_dof) measured states
@@ -121,12 +120,14 @@ def since(restart: Flags) -> NDArray[np.int64]:
 def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:
     """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-    By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
+    For a steered vessel these are the inputs, (N, 3, n_inputs). By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
     the command if the thrusters are known to have no lag, else the recorded acting force, else the
     command. An acting force is constant after the last sample.
     """
     if thruster is None and recording.without_lag and kind is None:
         kind = "commanded"
+    if recording.inputs is not None:
+        return recording.held_inputs()
     held = recording.held_force(kind)
     if thruster is not None and recording.force(kind) is recording.tau_filtered:
         start, end = held[:, 0], held[:, 2]
@@ -138,27 +139,28 @@ def _middle_of_lag(
     thruster: SecondOrderLag, step_s: float, start: Array, end: Array, command: Array
 ) -> Array:
     """Force in the middle of each sample, from the rate that leads to the force at its end."""
-    full_step, half_step = thruster.table(step_s), thruster.table(0.5 * step_s)
-    by_rate = full_step.a[0, 1] or 1.0  # a first-order lag has no rate, and the numerator is zero
-    rate = (end - full_step.a[0, 0] * start - full_step.b[0] * command) / by_rate
-    return np.asarray(
-        half_step.a[0, 0] * start + half_step.a[0, 1] * rate + half_step.b[0] * command
-    )
+    (a, b), (half_a, half_b) = thruster.exact(step_s), thruster.exact(0.5 * step_s)
+    by_rate = a[0, 1] or 1.0  # a first-order lag has no rate, and the numerator is zero
+    rate = (end - a[0, 0] * start - b[0] * command) / by_rate
+    return np.asarray(half_a[0, 0] * start + half_a[0, 1] * rate + half_b[0] * command)
 
 
-def predicted_layout(terms: Sequence[Term], dofs: tuple[str, ...], support: Flags) -> Layout:
-    """Layout of tables over `terms`; support (n_terms, n_dof) marks entries that can be non-zero.
+def predicted_layout(table: Vessel, support: Flags) -> Layout:
+    """Layout of tables like this; support (n_terms, n_dof) marks entries that can be non-zero.
 
     Raises ConfigurationError for a term that a free run cannot evaluate: a product with an
-    acceleration, or an attitude angle that is not part of the vessel's pose.
+    acceleration, an angle that is not part of the vessel's pose, or an input it does not have.
     """
-    angles = {name for name in ATTITUDE if name[4:-1] in poses_of(dofs)}
-    unknown = {*ACCELERATIONS, *ATTITUDE} - angles
-    for term, row in zip(terms, support, strict=True):
+    poses = poses_of(table.dofs)
+    known = {name for name in ATTITUDE if name[4:-1] in poses} | {*poses, *table.inputs}
+    if isinstance(kinematics_of(table.dofs, table.attitude), Quaternion):
+        known -= set(ANGLES)
+    unknown = {*ACCELERATIONS, *ATTITUDE, *ANGLES, *INPUTS} - known
+    for term, row in zip(table.terms, support, strict=True):
         names = {VARIABLES[code % N_VARIABLES] for code in term.codes}
         if term.name not in ACCELERATIONS and np.any(row) and names & unknown:
-            raise ConfigurationError(f"term {term} cannot be predicted in {', '.join(dofs)}")
-    return layout(terms, dofs, support)
+            raise ConfigurationError(f"term {term} cannot be predicted in {', '.join(table.dofs)}")
+    return table.layout(support)
 
 
 @lean_kernel
@@ -173,7 +175,7 @@ def _follow(
             nu[i] = course.start[k, eta.shape[0] + i]
         return
     step(
-        course.kinematics, plant, course.force[k - 1], eta, nu, course.weather, k - 1,
+        course.kinematics, plant, course.acting[k - 1], eta, nu, course.weather, k - 1,
         course.step_s, euler, course.limit, work,
     )  # fmt: skip
 
@@ -184,7 +186,7 @@ def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> fl
     n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
     n_pose = states.shape[1] - n_dof
     size = scratch_size(n_terms, n_dof, n_pose)
-    work = scratch_in(np.zeros(size), np.zeros((2, 3, 6)), n_terms, n_dof, n_pose)
+    work = scratch_in(np.zeros(size), np.zeros(MATRICES), n_terms, n_dof, n_pose)
     eta, nu = np.empty(n_pose), np.empty(n_dof)
     for k in range(states.shape[0]):
         _follow(plant, course, k, euler, eta, nu, work)
@@ -242,7 +244,7 @@ def _poses(kinematics: Kinematics, states: Array, poses: Array) -> None:
 
 def free_run(model: Vessel, course: Course, integrator: Integrator) -> Array:
     """Pose and velocity that a model predicts, shape (N, 2 n_dof)."""
-    plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+    plan = predicted_layout(model, model.theta != 0.0)
     inverse, _ = plan.inverse_inertia(model.theta[None])
     states = np.empty_like(course.reached)
     predict(plan.plant(model.theta, inverse[..., 0]), course, integrator == "euler", states)
@@ -290,13 +292,17 @@ def prediction_errors(
         _aligned(n_entries),
         _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH)),
     )
+    own_parameters = _aligned(structure.parameters.shape[0])
+    for i in range(structure.parameters.shape[0]):
+        own_parameters[i] = structure.parameters[i]
     plant = PlantTable(
         structure.codes, structure.term, structure.first, as_packs(own_entries),
         as_packs(own_inverse), structure.coupled, structure.velocity_index,
-        structure.magnitudes, structure.aerodynamic, structure.turning,
+        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
+        structure.inputs, structure.axes, structure.devices, as_packs(own_parameters),
     )  # fmt: skip
     size = scratch_size(n_terms, n_dof, n_pose)
-    vectors, matrices = _aligned(size), _aligned(36).reshape((2, 3, 6, WIDTH))
+    vectors, matrices = _aligned(size), _aligned(72).reshape((*MATRICES, WIDTH))
     work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
     sums = _aligned(2 * n_dof + 1)
     total, state = as_packs(sums), as_packs(_aligned(n_pose + 2 * n_dof))

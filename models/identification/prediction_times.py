@@ -83,7 +83,7 @@ class PredictionTimes(Identifier):
         Raises IdentificationError when a process fails.
         """
         nominal = problem.nominal
-        plan = predicted_layout(nominal.terms, nominal.dofs, nominal.theta != 0.0)
+        plan = predicted_layout(nominal, nominal.theta != 0.0)
         course = course_of(problem.training, problem.thruster, None, None, LIMIT, nominal.attitude)
         inverse, _ = plan.inverse_inertia(nominal.theta[None])
         task = Task(plan.plant(nominal.theta, inverse[..., 0]), course)

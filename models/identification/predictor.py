@@ -178,7 +178,7 @@ class PredictionOptions(Identifier):
         """Predictor of the training part; `horizon` overrides the option."""
         free = self.free(problem.nominal)
         nominal = free.nominal
-        plan = predicted_layout(nominal.terms, nominal.dofs, free.support)
+        plan = predicted_layout(nominal, free.support)
         course = course_of(
             problem.training, problem.thruster, self.force, horizon or self.horizon,
             self.derivative_limit, nominal.attitude,

@@ -165,7 +165,9 @@ def check_force(kind: str | None) -> None:
 
 def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array:
     """epsilon = tau - F(nu_dot, nu) [N, Nm], shape (N, n_dof). Jervan (2020), eq. (3.20)."""
-    fitted = model.inverse(recording.nu_dot, recording.nu, recording.attitude, recording.wind)
+    fitted = model.inverse(
+        recording.nu_dot, recording.nu, recording.attitude, recording.wind, recording.inputs
+    )
     return recording.force(force) - fitted
 
 

@@ -116,7 +116,7 @@ def segments(
     """The predictor of a recording in segments of `segment_s` [s]."""
     table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
     course = course_of(recording, lag, force, every, rate_limit(recording), table.attitude)
-    return Predictor(free, predicted_layout(table.terms, table.dofs, free.support), course, "rk4")
+    return Predictor(free, predicted_layout(table, free.support), course, "rk4")
 
 
 def refine(

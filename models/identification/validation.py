@@ -158,7 +158,7 @@ def _first(course: Course, n: int) -> Course:
     """The first n samples of a course."""
     weather = Weather(*(part[:n] for part in course.weather))
     return course._replace(
-        force=course.force[:n], weather=weather, measured=course.measured[:n],
+        acting=course.acting[:n], weather=weather, measured=course.measured[:n],
         reached=course.reached[:n], start=course.start[:n], restart=course.restart[:n],
     )  # fmt: skip
 
@@ -190,7 +190,7 @@ def prediction(
     """
     course = course_of(recording, thruster, force, horizon, rate_limit(recording), model.attitude)
     try:
-        plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+        plan = predicted_layout(model, model.theta != 0.0)
     except ConfigurationError as error:
         raise IdentificationError(str(error)) from error
     inverse, realistic = plan.inverse_inertia(model.theta[None])

@@ -18,6 +18,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 GAP = 1.5  # in sample times; a longer time step is a gap
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
+SHARED = ("dofs", "without_lag", "input_names")  # by all parts of a recording
 Mask = NDArray[np.bool_]
 
 
@@ -42,6 +43,9 @@ class Recording:
     tau_actual: Array | None = None
     wind: Array | None = None  # (N, 2) velocity of the air in body axes [m/s]
     without_lag: bool = False  # the thrusters are known to follow the command immediately
+    inputs: Array | None = None  # (N, n_inputs) of a steered vessel, as they act; `tau` is zero
+    commands: Array | None = None  # (N, n_inputs) of these inputs
+    input_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.t) < 2:
@@ -76,7 +80,7 @@ class Recording:
             self, t=self.t[mask], eta=self.eta[mask], nu=self.nu[mask], nu_dot=self.nu_dot[mask],
             tau=self.tau[mask], attitude=self.attitude[mask],
             tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
-            wind=cut(self.wind),
+            wind=cut(self.wind), inputs=cut(self.inputs), commands=cut(self.commands),
         )  # fmt: skip
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
@@ -114,9 +118,20 @@ class Recording:
         end = start if start is self.tau else following(start)
         return np.stack([start, 0.5 * (start + end), end], axis=1)
 
+    def held_inputs(self) -> Array:
+        """Inputs at the start, middle and end of each sample, shape (N, 3, n_inputs).
+
+        They are linear between the samples and constant after the last one.
+        """
+        assert self.inputs is not None
+        end = following(self.inputs)
+        return np.stack([self.inputs, 0.5 * (self.inputs + end), end], axis=1)
+
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
-        return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind)
+        columns = () if self.inputs is None else self.inputs.T
+        inputs = dict(zip(self.input_names, columns, strict=True))
+        return basis.variables(self.nu_dot, self.nu, self.attitude, self.dofs, self.wind, inputs)
 
     def lowpass(self, cutoff_hz: float | None, drop_s: float = DROP_S) -> "Recording":
         """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
@@ -162,6 +177,7 @@ class Recording:
             tau_filtered=None if self.tau_filtered is None else smooth(self.tau_filtered),
             tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
             wind=None if self.wind is None else smooth(self.wind),
+            inputs=None if self.inputs is None else smooth(self.inputs),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
 
@@ -187,7 +203,7 @@ def _joined(pieces: Sequence[Recording]) -> Recording:
         parts = [getattr(piece, name) for piece in pieces]
         return None if parts[0] is None else np.concatenate(parts)
 
-    names = [field.name for field in fields(Recording) if field.name not in ("dofs", "without_lag")]
+    names = [field.name for field in fields(Recording) if field.name not in SHARED]
     return replace(pieces[0], **{name: join(name) for name in names})
 
 

@@ -2,7 +2,8 @@
 
     eta_dot = J(eta) nu,    nu_dot = M^-1 (tau + J(eta)' f - F(0, nu_r, attitude, nu_q)) + w
 
-with the force f in NED, the velocity through the water nu_r = nu - nu_c, the velocity through the
+where tau is what acts: the force on the axes or, for a vessel with inputs, the forces of its
+devices under these inputs, tau(nu_r, inputs); with the force f in NED, the velocity through the water nu_r = nu - nu_c, the velocity through the
 air nu_q = nu - nu_w, and the process noise w. A current that is constant in NED rotates in body
 axes when the vessel turns, d nu_c / dt = -S(omega) nu_c: in a uniform current a vessel moves
 relative to the water as in still water (Fossen (2011), section 8.3.1). This term is omitted for a
@@ -23,7 +24,8 @@ from numba.extending import overload, register_jitable
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import where
-from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array, features_kernel
+from seatrial.models.vessel.basis import INDEX, N_VARIABLES, REST_M_S, Array, features_kernel
+from seatrial.models.vessel.devices.device import FORCES, MOST, WAKE, exert
 from seatrial.models.vessel.kinematics import (
     angle_rate_kernel,
     fill_attitude_kernel,
@@ -32,13 +34,25 @@ from seatrial.models.vessel.kinematics import (
     quaternion_rate_kernel,
 )
 from seatrial.models.vessel.plant_table import PlantTable
-from seatrial.models.vessel.pose import Axes, Euler, Kinematics, Planar, Quaternion, normalise
+from seatrial.models.vessel.pose import (
+    Axes,
+    Euler,
+    Kinematics,
+    Planar,
+    Quaternion,
+    Rolling,
+    normalise,
+)
 from seatrial.models.vessel.table import fill_air_kernel
-from seatrial.models.vessel.thruster import LagTable, step_lag_kernel
+from seatrial.models.vessel.thruster import LagTable, step_direct_kernel, step_lag_kernel
 from seatrial.models.weather.weather import Weather
 
 COS_PHI, COS_THETA, COS_PSI = INDEX["cos(phi)"], INDEX["cos(theta)"], INDEX["cos(psi)"]
 SIN_PSI = INDEX["sin(psi)"]
+PHI, THETA = INDEX["phi"], INDEX["theta"]
+U, V, SPEED = INDEX["u"], INDEX["v"], INDEX["U"]
+OVER_SPEED, OVER_SQUARE = INDEX["1/U"], INDEX["1/U^2"]
+MATRICES = (2, 3, 12)  # of a work space; at most 12 inputs
 RATES: dict[type, Callable[..., None]] = {}
 
 
@@ -47,8 +61,8 @@ class Scratch(NamedTuple):
 
     z: Array
     phi: Array
-    frame: Array  # (3, 6), of which (3, 3) is the rotation from body to NED
-    force: Array  # (3, 6), of which (3, n_dof) acts at the start, in the middle and at the end
+    frame: Array  # (3, 12), of which (3, 3) is the rotation from body to NED
+    acting: Array  # (3, 12): forces (n_dof) or inputs at the start, in the middle and at the end
     stream: Array  # (3,) velocity of the water in body axes
     limited: Array  # (1,) number of rates that had to be limited
     rest: Array
@@ -59,17 +73,19 @@ class Scratch(NamedTuple):
     eta: Array
     eta_dot: Array
     eta_sum: Array
+    made: Array  # (6,) forces of the devices
+    wake: Array  # what each device leaves for those behind it
 
 
 @register_jitable
 def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
     """Length of the array that holds the vectors of a work space."""
-    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose
+    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose + FORCES + WAKE * MOST
 
 
 @register_jitable
 def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose: int) -> Scratch:
-    """Work space in two zero arrays of shapes (scratch_size,) and (2, 3, 6).
+    """Work space in two zero arrays of shapes (scratch_size,) and MATRICES.
 
     `n_terms`, `n_dof` and `n_pose` are the numbers of terms, velocities and pose coordinates.
     """
@@ -79,18 +95,20 @@ def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose
     phi = vectors[2 * N_VARIABLES : 2 * N_VARIABLES + n_terms]
     rest = vectors[2 * N_VARIABLES + n_terms :]
     of_nu, of_eta, n = rest[4:], rest[4 + 5 * n_dof :], n_dof
+    of_devices = of_eta[3 * n_pose :]
     return Scratch(
         z, phi, matrices[0], matrices[1], rest[:3], rest[3:4],
         of_nu[:n], of_nu[n : 2 * n], of_nu[2 * n : 3 * n], of_nu[3 * n : 4 * n],
         of_nu[4 * n : 5 * n], of_eta[:n_pose], of_eta[n_pose : 2 * n_pose],
-        of_eta[2 * n_pose : 3 * n_pose],
+        of_eta[2 * n_pose : 3 * n_pose], of_devices[:FORCES],
+        of_devices[FORCES : FORCES + WAKE * MOST],
     )  # fmt: skip
 
 
 def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     """Work space of numbers."""
     vectors = np.zeros(scratch_size(n_terms, n_dof, n_pose))
-    return scratch_in(vectors, np.zeros((2, 3, 6)), n_terms, n_dof, n_pose)
+    return scratch_in(vectors, np.zeros(MATRICES), n_terms, n_dof, n_pose)
 
 
 def rates(
@@ -118,14 +136,22 @@ def _rates(
 
 
 @lean_kernel
-def _net_force(plant: PlantTable, tau: Array, work: Scratch) -> None:
+def _net_force(plant: PlantTable, acting: Array, work: Scratch) -> None:
     """Write rest = tau - F(0, nu_r, attitude, nu_q) for the variables in the work space."""
+    steered = plant.inputs.shape[0] > 0
+    if steered:
+        for j in range(plant.inputs.shape[0]):
+            work.z[plant.inputs[j]] = acting[j]
+            work.z[N_VARIABLES + plant.inputs[j]] = abs(acting[j])
+        for i in range(FORCES):
+            work.made[i] = 0.0
+        exert(plant.devices, plant.parameters, work.z, work.wake, work.made)
     features_kernel(plant.codes, work.z, work.phi)
     for i in range(work.rest.shape[0]):
         total = 0.0
         for entry in range(plant.first[i], plant.first[i + 1]):
             total += plant.entries[entry] * work.phi[plant.term[entry]]
-        work.rest[i] = tau[i] - total
+        work.rest[i] = (work.made[plant.axes[i]] if steered else acting[i]) - total
 
 
 @lean_kernel
@@ -150,6 +176,11 @@ def _fill_velocities(plant: PlantTable, nu: Array, z: Array) -> None:
         z[plant.velocity_index[i]] = nu[i]
     for place in plant.magnitudes:
         z[N_VARIABLES + plant.velocity_index[place]] = abs(nu[place])
+    if plant.speed:
+        speed = np.sqrt(z[U] * z[U] + z[V] * z[V])
+        moving = speed > REST_M_S
+        over = where(moving, 1.0 / where(moving, speed, 1.0), 0.0)
+        z[SPEED], z[OVER_SPEED], z[OVER_SQUARE] = speed, over, over * over
 
 
 @lean_kernel
@@ -158,6 +189,12 @@ def _fill_angle(z: Array, at: int, angle: float) -> None:
     c, s = np.cos(angle), np.sin(angle)
     z[at], z[at + 1] = c, s
     z[N_VARIABLES + at], z[N_VARIABLES + at + 1] = abs(c), abs(s)
+
+
+@lean_kernel
+def _fill_inclination(z: Array, at: int, angle: float) -> None:
+    """Write an angle of roll or pitch and its magnitude into z = [x, |x|]."""
+    z[at], z[N_VARIABLES + at] = angle, abs(angle)
 
 
 @lean_kernel
@@ -170,8 +207,10 @@ def _axes_rates(
         eta_dot[i] = nu[i]
     if axes.roll >= 0:
         _fill_angle(work.z, COS_PHI, eta[axes.roll])
+        _fill_inclination(work.z, PHI, eta[axes.roll])
     if axes.pitch >= 0:
         _fill_angle(work.z, COS_THETA, eta[axes.pitch])
+        _fill_inclination(work.z, THETA, eta[axes.pitch])
     if axes.yaw >= 0:
         _fill_angle(work.z, COS_PSI, eta[axes.yaw])
     through = nu
@@ -246,6 +285,52 @@ RATES[Planar] = _planar_rates
 
 
 @lean_kernel
+def _rolling_rates(
+    rolling: Rolling, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Rates in surge, sway, roll and yaw, without pitch. Fossen (2011), eq. (7.47)."""
+    _fill_angle(work.z, COS_PHI, eta[2])
+    _fill_inclination(work.z, PHI, eta[2])
+    _fill_angle(work.z, COS_PSI, eta[3])
+    c, s, upright = work.z[COS_PSI], work.z[SIN_PSI], work.z[COS_PHI]
+    eta_dot[0] = c * nu[0] - s * nu[1] * upright
+    eta_dot[1] = s * nu[0] + c * nu[1] * upright
+    eta_dot[2], eta_dot[3] = nu[2], nu[3] * upright
+    through = nu
+    if weather.current_ned.shape[0] > 0:
+        through, stream = work.through, work.stream
+        north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
+        stream[0], stream[1] = c * north + s * east, (c * east - s * north) * upright
+        through[0], through[1] = nu[0] - stream[0], nu[1] - stream[1]
+        through[2], through[3] = nu[2], nu[3]
+    _fill_velocities(plant, through, work.z)
+    if plant.aerodynamic:
+        ahead, aside = nu[0], nu[1]
+        if weather.wind_ned.shape[0] > 0:
+            north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
+            ahead -= c * north + s * east
+            aside -= (c * east - s * north) * upright
+        if weather.wind_body.shape[0] > 0:
+            ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
+        fill_air_kernel(work.z, ahead, aside)
+    _net_force(plant, tau, work)
+    if weather.force_ned.shape[0] > 0:
+        north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
+        work.rest[0] += c * north + s * east
+        work.rest[1] += (c * east - s * north) * upright
+        work.rest[2] += weather.force_ned[k, 2]
+        work.rest[3] += weather.force_ned[k, 3]
+    _accelerate(plant, weather, k, work.rest, nu_dot)
+    if plant.turning and weather.current_ned.shape[0] > 0:
+        nu_dot[0] += nu[3] * work.stream[1]
+        nu_dot[1] -= nu[3] * work.stream[0]
+
+
+RATES[Rolling] = _rolling_rates
+
+
+@lean_kernel
 def _spatial_rates(
     plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int, work: Scratch,
     eta_dot: Array, nu_dot: Array,
@@ -306,6 +391,8 @@ def _euler_rates(
     """Rates in six degrees of freedom with the attitude in Euler angles."""
     frame_of_angles_kernel(eta[3:], work.frame)
     fill_attitude_kernel(work.z, work.frame)
+    _fill_inclination(work.z, PHI, eta[3])
+    _fill_inclination(work.z, THETA, eta[4])
     angle_rate_kernel(eta[3:], nu[3], nu[4], nu[5], eta_dot[3:])
     _spatial_rates(plant, eta, nu, tau, weather, k, work, eta_dot, nu_dot)
 
@@ -356,7 +443,8 @@ def step(
     """One step of pose and velocity, in place, under row k of the weather.
 
     Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; the
-    force (3, n_dof) acts at the start, in the middle and at the end. Rates are limited to +-limit
+    force (3, n_dof) acts at the start, in the middle and at the end; for a steered vessel these are
+    the inputs, (3, n_inputs). Rates are limited to +-limit
     [m/s, rad/s; m/s^2, rad/s^2] unless it is infinite; `work.limited` counts the limited rates.
     """
     for stage in range(1 if euler else 4):
@@ -378,16 +466,16 @@ def advance(
     eta: Array, nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
     euler: bool = False,
 ) -> None:  # fmt: skip
-    """Advance pose, velocity and thrust (n_dof, 2) over one control period; thrust is exact.
+    """Advance pose, velocity and thrust (n, 2) over one control period; thrust is exact.
 
-    The command (n_dof,) is constant; `lag` is the discretised thruster for a step of h/2 [s].
+    The command (n,) is constant; `lag` is the discretised lag of the n thrusters, or inputs, for a
+    step of h/2 [s].
     """
-    if lag.direct:
-        step_lag_kernel(lag, thrust, command)
+    step_direct_kernel(lag, thrust, command)
     for _ in range(substeps):
         for instant in range(3):
             if instant > 0:
                 step_lag_kernel(lag, thrust, command)
-            for i in range(nu.shape[0]):
-                work.force[instant, i] = thrust[i, 0]
-        step(kinematics, plant, work.force, eta, nu, weather, k, h, euler, np.inf, work)
+            for i in range(thrust.shape[0]):
+                work.acting[instant, i] = thrust[i, 0]
+        step(kinematics, plant, work.acting, eta, nu, weather, k, h, euler, np.inf, work)

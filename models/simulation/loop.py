@@ -28,14 +28,14 @@ from seatrial.models.simulation.registry import (
     guide_step,
     reference_step,
 )
-from seatrial.models.simulation.voyage import Log, Voyage
+from seatrial.models.simulation.voyage import COMMANDED, Log, Voyage
 from seatrial.models.vessel.allocation import ALLOCATIONS, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, state_of
-from seatrial.models.vessel.thruster import LagTable, lag_table
+from seatrial.models.vessel.thruster import LagTable, input_lag, lag_table
 from seatrial.models.weather.weather import Weather
 
 BLOCK = 2000  # control instants of the compiled loop that are timed as one block
@@ -56,7 +56,9 @@ def _observe(
             return False
     for i in range(n_dof):
         log.eta[k, i] = log.eta[max(k - 1, 0), i]
-        log.nu[k, i], log.tau_actual[k, i] = nu[i], thrust[i, 0]
+        log.nu[k, i] = nu[i]
+    for i in range(thrust.shape[0]):
+        log.tau_actual[k, i] = thrust[i, 0]
     pose_of(kinematics, eta, work.frame, log.eta[k])
     for i in range(n_dof):
         log.eta_measured[k, i] = log.eta[k, i] + weather.pose_noise[k, i]
@@ -163,7 +165,7 @@ def sail(
     substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
     h = period_s / substeps
-    log = Log(*(np.zeros((n, n_dof)) for _ in Log._fields))
+    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof)
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
@@ -171,7 +173,7 @@ def sail(
     log.eta[:1] = start  # angles are unwrapped from here
     sharing = Direct() if plant.allocation is None else plant.allocation.table(plant.vessel.dofs)
     before = (
-        kinematics, lag_table(plant.thruster, 0.5 * h), sharing, weather,
+        kinematics, _lag(plant, 0.5 * h), sharing, weather,
         *guidance, plant.planar, reference_filter, reference,
     )  # fmt: skip
     craft = (*_vessel_state(plant, pose, start_nu, added), h, substeps, plant.integrator == "euler")
@@ -180,7 +182,21 @@ def sail(
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
     t = period_s * np.arange(n, dtype=np.float64)
     without_lag = plant.thruster is None
-    return Voyage(t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]))
+    names = plant.vessel.inputs
+    return Voyage(t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names)
+
+
+def _empty_log(n: int, n_dof: int, n_commands: int) -> Log:
+    """A log of n instants; what is commanded has `n_commands` columns."""
+    columns = {name: n_commands if name in COMMANDED else n_dof for name in Log._fields}
+    return Log(**{name: np.zeros((n, count)) for name, count in columns.items()})
+
+
+def _lag(plant: Plant, step_s: float) -> LagTable:
+    """The lag of the inputs, or of the thrusters, for a step [s]."""
+    if plant.inputs:
+        return input_lag(plant.inputs, step_s)
+    return lag_table(plant.thruster, step_s, len(plant.vessel.dofs))
 
 
 def _vessel_state(
@@ -188,9 +204,11 @@ def _vessel_state(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Added force, initial thrust, pose and velocity, and the limits of the velocity."""
     n_dof = len(plant.vessel.dofs)
+    acting = np.zeros((len(plant.inputs) or n_dof, 2))
+    acting[:, 0] = [each.start for each in plant.inputs] or 0.0
     return (
         np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64),
-        np.zeros((n_dof, 2)), pose,
+        acting, pose,
         np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
         np.array(plant.velocity_limits, dtype=np.float64),
     )  # fmt: skip

@@ -1,6 +1,6 @@
 """A simulated voyage: its log, its recording, and the preview available to a controller."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,11 @@ from seatrial.models.weather.weather import Weather
 
 
 class Log(NamedTuple):
-    """Log of the loop, one row per control instant, shape (N, n_dof) each; SI units."""
+    """Log of the loop, one row per control instant, shape (N, n_dof) each; SI units.
+
+    What is commanded has shape (N, n_inputs) for a vessel with inputs: tau, tau_actual, tau_fb,
+    held and applied.
+    """
 
     eta: Array  # true pose
     nu: Array  # true body velocity
@@ -35,6 +39,9 @@ class Log(NamedTuple):
     setpoint: Array
     held: Array  # 1 where the command was not finite and the previous one was held
     applied: Array  # command after the thrust allocation
+
+
+COMMANDED = ("tau", "tau_actual", "tau_fb", "held", "applied")
 
 
 class Outlook(NamedTuple):
@@ -67,26 +74,31 @@ class Voyage:
     weather: Weather
     without_lag: bool
     step_times: Array = field(default_factory=lambda: np.zeros(0))
+    inputs: tuple[str, ...] = ()  # what is commanded; empty: forces on the axes
 
 
 def recording_of(voyage: Voyage, weather: Weather) -> Recording:
-    """The recording of a voyage: measured motion, command and acting force.
+    """The recording of a voyage: measured motion, command and acting force, or inputs.
 
     The command is taken after the thrust allocation.
     """
     log = voyage.log
-    return Recording(
+    recording = Recording(
         dofs=voyage.dofs,
         t=voyage.t,
         eta=log.eta_measured,
         nu=log.nu_measured,
         nu_dot=log.nu_dot + weather.acceleration_noise,
-        tau=log.applied,
+        tau=np.zeros_like(log.nu) if voyage.inputs else log.applied,
         attitude=attitude_of(voyage.dofs, log.eta_measured),
-        tau_actual=log.tau_actual,
         wind=measured_wind(voyage, weather),
         without_lag=voyage.without_lag,
     )
+    if voyage.inputs:
+        return replace(
+            recording, inputs=log.tau_actual, commands=log.applied, input_names=voyage.inputs
+        )
+    return replace(recording, tau_actual=log.tau_actual)
 
 
 def measured_wind(voyage: Voyage, weather: Weather) -> Array | None:

@@ -1,21 +1,25 @@
 """Named basis functions of the motion, their parser and the compiled kernel.
 
-Every term is a product of up to three factors out of 1, x_i and |x_i|, where x is the vector of
-*variables* below: accelerations, velocities, attitude, and the motion through the air. Terms are
-written as in the literature:
+Every term is a product of up to five factors out of 1, x_i and |x_i|, where x is the vector of
+*variables* below: accelerations, velocities, attitude, the motion through the air, the speed and
+the inputs of a steered vessel. Terms are written as in the literature:
 
     1   u_dot   u   |u|u   u^3   |u|   u^2   vr   |r|v   |u||v|   cos(psi)   sin(theta)   V_qu_q
+    u^2delta   v^3/U   v^4/U^2   |n|n   vphi^2
 
 `u`, `v`, ... are velocities through the water, which equal those over ground if there is no
 current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
-Ljungberg) and `V_q` is their norm, the relative wind speed.
+Ljungberg) and `V_q` is their norm, the relative wind speed. `U` is the speed through the water,
+sqrt(u^2 + v^2); `/U` and `/U^2` divide by it and are zero at rest. `phi` and `theta` are angles
+[rad]. The inputs are what is commanded on board: `delta` a rudder or fin angle, `alpha` an azimuth
+angle [rad], `n` a shaft speed [1/s], `pwm` a signal between -1 and 1.
 
-With z = [x, |x|] and the codes (a, b, c) of a term, phi = z_a z_b z_c. The kernel evaluates the
+With z = [x, |x|] and the codes (a, b, ...) of a term, phi = z_a z_b .... The kernel evaluates the
 codes; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,21 +34,28 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
 ATTITUDE = tuple(f"{f}({angle})" for angle in POSES[3:] for f in ("cos", "sin"))
 AIR = ("V_q", "u_q", "v_q")
-VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR)
+ANGLES = ("phi", "theta")
+SPEED = ("U", "1/U", "1/U^2")
+INPUTS = (
+    "delta", "delta_r", "delta_s", "n", "n_1", "n_2", "n_3", "n_4",
+    "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2",
+)  # fmt: skip
+VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR, *ANGLES, *SPEED, *INPUTS)
 N_VARIABLES = len(VARIABLES)
+REST_M_S = 1e-9  # a lower speed is rest
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
-FACTORS = 3
-_FACTOR = re.compile(
-    r"\|(?P<abs>[a-zV_]+)\||(?P<fun>(?:cos|sin)\([a-z]+\))|(?P<var>[a-z]_dot|[a-zV]_q|[a-z])"
-)
-_POWER = re.compile(r"\^([123])")
+FACTORS = 5
+FEWEST_FACTORS = 3  # columns of the codes, whatever the terms
+_NAMES = "|".join(re.escape(v) for v in sorted(VARIABLES[1:], key=len, reverse=True) if "/" not in v)
+_FACTOR = re.compile(rf"\|(?P<abs>{_NAMES})\||(?P<var>{_NAMES})|1?(?P<over>/U)")
+_POWER = re.compile(r"\^([12345])")
 
 
 @dataclass(frozen=True, order=True)
 class Term:
-    """One basis function: the sorted codes of its three factors (0 is the constant 1)."""
+    """One basis function: the sorted codes of its factors, led by those of the constant 1 (0)."""
 
-    codes: tuple[int, int, int]
+    codes: tuple[int, ...]
 
     @cached_property
     def name(self) -> str:
@@ -66,21 +77,22 @@ def term(text: str) -> Term:
     rest = text.replace(" ", "").replace("*", "")
     while rest and rest != "1":
         match = _FACTOR.match(rest)
-        name = match and (match["abs"] or match["fun"] or match["var"])
-        if match is None or name not in INDEX:
+        if match is None:
             raise ConfigurationError(
                 f"term {text!r}: got {rest!r}, expected factors from {', '.join(VARIABLES)}"
             )
         rest = rest[match.end() :]
         power = _POWER.match(rest)
         rest = rest[power.end() :] if power else rest
+        name = match["abs"] or match["var"] or "1/U"
         code = INDEX[name] + (N_VARIABLES if match["abs"] else 0)
         codes += [code] * (int(power[1]) if power else 1)
-    if len(codes) > FACTORS or not text:
+    factors = _canonical(codes)
+    if len(factors) > FACTORS or not text:
         raise ConfigurationError(
-            f"term {text!r}: got {len(codes)} factors, expected 1 to {FACTORS}"
+            f"term {text!r}: got {len(factors)} factors, expected 1 to {FACTORS}"
         )
-    return Term(_canonical(codes))
+    return Term((0,) * (FACTORS - len(factors)) + factors)
 
 
 def terms(texts: Iterable[str]) -> tuple[Term, ...]:
@@ -92,33 +104,45 @@ def terms(texts: Iterable[str]) -> tuple[Term, ...]:
     return parsed
 
 
-def _canonical(codes: Sequence[int]) -> tuple[int, int, int]:
-    """Sorted codes in which |x||x| is written x x, padded with the constant."""
-    plain = list(codes)
-    for variable in {code - N_VARIABLES for code in codes if code >= N_VARIABLES}:
-        magnitude = variable + N_VARIABLES
-        for _ in range(plain.count(magnitude) // 2):
-            plain.remove(magnitude)
-            plain.remove(magnitude)
-            plain += [variable, variable]
-    first, second, third = sorted(plain + [0] * (FACTORS - len(plain)))
-    return first, second, third
+def _canonical(codes: Sequence[int]) -> tuple[int, ...]:
+    """Sorted codes in which |x||x| is written x x.
+
+    The speed is not negative, so |U| is written U; U and 1/U cancel.
+    """
+    plain = [code - N_VARIABLES if code - N_VARIABLES == INDEX["U"] else code for code in codes]
+    for variable in {code - N_VARIABLES for code in plain if code >= N_VARIABLES}:
+        _replace_pairs(plain, (variable + N_VARIABLES,) * 2, [variable, variable])
+    _replace_pairs(plain, (INDEX["U"], INDEX["1/U"]), [])
+    _replace_pairs(plain, (INDEX["1/U"], INDEX["1/U"]), [INDEX["1/U^2"]])
+    return tuple(sorted(plain))
 
 
-def _spell(codes: tuple[int, int, int]) -> str:
+def _replace_pairs(codes: list[int], pair: tuple[int, int], by: list[int]) -> None:
+    """Replace every pair of factors by others."""
+    first, second = pair
+    count = codes.count(first) // 2 if first == second else min(map(codes.count, pair))
+    for _ in range(count):
+        codes.remove(first)
+        codes.remove(second)
+        codes += by
+
+
+def _spell(codes: Sequence[int]) -> str:
     signed = [VARIABLES[c] for c in codes if 0 < c < N_VARIABLES]
     magnitudes = [VARIABLES[c - N_VARIABLES] for c in codes if c >= N_VARIABLES]
     parts = [f"|{name}|" for name in magnitudes]
-    for name in dict.fromkeys(signed):
+    over = "".join(name[1:] for name in signed if name in SPEED[1:])
+    for name in dict.fromkeys(name for name in signed if name not in SPEED[1:]):
         power = signed.count(name)
         parts.append(name if power == 1 else f"{name}^{power}")
-    return "".join(parts) or "1"
+    return ("".join(parts) or "1") + over
 
 
 def codes(basis: Sequence[Term]) -> Codes:
-    """Integer codes of a list of terms, shape (n_terms, 3)."""
-    rows = [term.codes for term in basis]
-    return np.array(rows, dtype=np.int64).reshape(len(basis), FACTORS)
+    """Integer codes of a list of terms, shape (n_terms, 3), or up to 5 for longer products."""
+    rows = np.array([term.codes for term in basis], dtype=np.int64).reshape(len(basis), FACTORS)
+    longest = max((FACTORS - term.codes.count(0) for term in basis), default=0)
+    return np.ascontiguousarray(rows[:, FACTORS - max(longest, FEWEST_FACTORS) :])
 
 
 def magnify(x: Array) -> Array:
@@ -127,9 +151,12 @@ def magnify(x: Array) -> Array:
 
 
 def features(codes: Codes, z: Array, phi: Array) -> None:
-    """Write phi_k = z[a_k] z[b_k] z[c_k]; codes (n, 3), z (2 N_VARIABLES,), phi (n,)."""
+    """Write phi_k = z[a_k] z[b_k] z[c_k] ...; codes (n, 3 to 5), z (2 N_VARIABLES,), phi (n,)."""
     for k in range(codes.shape[0]):
-        phi[k] = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
+        product = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
+        for factor in range(3, codes.shape[1]):
+            product = product * z[codes[k, factor]]
+        phi[k] = product
 
 
 features_kernel = lean_kernel(features)
@@ -153,13 +180,18 @@ def evaluate(basis: Sequence[Term], x: Array) -> Array:
 
 
 def variables(
-    nu_dot: Array, nu: Array, attitude: Array, dofs: Sequence[str], wind: Array | None = None
+    nu_dot: Array,
+    nu: Array,
+    attitude: Array,
+    dofs: Sequence[str],
+    wind: Array | None = None,
+    inputs: Mapping[str, Array] | None = None,
 ) -> Array:
     """Variables x of sampled motion, shape (N, N_VARIABLES).
 
     nu_dot [m/s^2, rad/s^2] and nu [m/s, rad/s] have shape (N, n_dof) with columns `dofs`;
     attitude is (phi, theta, psi) [rad], shape (N, 3). `wind` is the velocity of the air in body
-    axes [m/s], shape (N, 2); None means still air.
+    axes [m/s], shape (N, 2); None means still air. `inputs` are the inputs by name, shape (N,).
     """
     x = np.zeros((len(nu), N_VARIABLES))
     x[:, 0] = 1.0
@@ -171,6 +203,12 @@ def variables(
     through = x[:, [INDEX["u"], INDEX["v"]]] - (0.0 if wind is None else wind)
     x[:, INDEX["u_q"]], x[:, INDEX["v_q"]] = through.T
     x[:, INDEX["V_q"]] = np.hypot(*through.T)
+    x[:, [INDEX[name] for name in ANGLES]] = attitude[:, :2]
+    speed = np.hypot(x[:, INDEX["u"]], x[:, INDEX["v"]])
+    over = np.divide(1.0, speed, out=np.zeros(len(nu)), where=speed > REST_M_S)
+    x[:, [INDEX[name] for name in SPEED]] = np.stack([speed, over, over * over], axis=1)
+    for name, values in (inputs or {}).items():
+        x[:, INDEX[name]] = values
     return x
 
 

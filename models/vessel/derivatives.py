@@ -1,7 +1,8 @@
 """Coefficient tables from inertia matrices and hydrodynamic derivatives, named as by Fossen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.table import Vessel
+
+
+CoriolisForces = bool | Literal["mmg"]
+MUNK = basis.term("uv")
 
 
 def coriolis(inertia: Array, dofs: Sequence[str]) -> Vessel:
@@ -35,6 +40,14 @@ def coriolis(inertia: Array, dofs: Sequence[str]) -> Vessel:
     return Vessel("coriolis", tuple(dofs), terms, theta)
 
 
+def without_munk_moment(forces: Vessel) -> Vessel:
+    """Coriolis forces without the yaw moment of u v. Yasukawa and Yoshimura (2015), eq. (4)."""
+    theta = np.array(forces.theta)
+    if MUNK in forces.terms and "yaw" in forces.dofs:
+        theta[forces.terms.index(MUNK), forces.dofs.index("yaw")] = 0.0
+    return replace(forces, theta=theta)
+
+
 def _add_product(products: dict[Term, Array], row: int, factor: str, momentum: Array) -> None:
     """Add factor * (momentum' nu) to one row of the sum of products."""
     for velocity, value in zip(VELOCITIES, momentum, strict=True):
@@ -48,7 +61,7 @@ def from_derivatives(
     dofs: Sequence[str],
     inertia: Array,
     derivatives: Mapping[str, float],
-    with_coriolis: bool = True,
+    with_coriolis: CoriolisForces = True,
 ) -> Vessel:
     """Table of a vessel from its inertia matrix and hydrodynamic derivatives.
 
@@ -62,7 +75,8 @@ def from_derivatives(
         inertia: inertia matrix [kg, kg m, kg m^2], shape (n_dof, n_dof); it may include the added
             mass.
         derivatives: derivatives in SI units; they may include the added mass (`X_udot`).
-        with_coriolis: whether the Coriolis forces of the inertia matrix are added.
+        with_coriolis: whether the Coriolis forces of the inertia matrix are added; `mmg` leaves out
+            the Munk moment, which derivatives measured with a drift angle include.
 
     Returns:
         The coefficient table.
@@ -80,7 +94,8 @@ def from_derivatives(
     vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
     vessel = vessel + derivative_table(name, dofs, added)
     if with_coriolis:
-        vessel = vessel + coriolis(vessel.inertia, dofs)
+        forces = coriolis(vessel.inertia, dofs)
+        vessel = vessel + (without_munk_moment(forces) if with_coriolis == "mmg" else forces)
     return vessel + derivative_table(name, dofs, damping)
 
 
@@ -99,14 +114,14 @@ def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, f
 
 
 def parse_derivative(key: str) -> tuple[str, Term]:
-    """`Y_|v|r` -> ("sway", the term |v|r); `X_udot` names an added mass."""
+    """`Y_|v|r` -> ("sway", the term |v|r); `X_udot` names an added mass, `Y_0` a constant."""
     letter, _, rest = key.partition("_")
     if letter not in tuple("XYZKMN") or not rest:
         raise ConfigurationError(
             f"derivatives.{key}: expected a name such as X_u, X_|u|u, Y_vvv or N_|v|r"
         )
     name = rest if rest.endswith("_dot") else rest.replace("dot", "_dot")
-    return DOFS["XYZKMN".index(letter)], basis.term(name)
+    return DOFS["XYZKMN".index(letter)], basis.term("1" if name == "0" else name)
 
 
 # Rigid body: inertia and restoring forces about the origin of the body axes.

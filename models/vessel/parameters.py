@@ -11,10 +11,12 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import RigidBody, from_derivatives
+from seatrial.models.vessel.devices.device import Device
+from seatrial.models.vessel.derivatives import CoriolisForces, RigidBody, from_derivatives
+from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.table import Attitude, Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag
+from seatrial.models.vessel.thruster import Input, SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel, Tuning
 
 LARGEST_CONDITION = 1e15  # of an inertia matrix, that an inverse in 64 bits bears
@@ -30,6 +32,7 @@ class Plant:
     change: tuple[float, Vessel] | None = None  # time [s] from which another vessel replaces it
     integrator: Literal["rk4", "euler"] = "rk4"
     allocation: Allocation | None = None  # of the commanded force to the thrusters
+    inputs: tuple[Input, ...] = ()  # limits and lags of the inputs, as in the table
 
     @property
     def planar(self) -> bool:
@@ -59,7 +62,7 @@ class VesselParameters:
     derivatives: dict[str, float]  # hydrodynamic derivatives, SI
     # [m/s, rad/s]; a simulation that exceeds one has diverged
     velocity_limits: Annotated[tuple[float, ...] | None, FromVessel("velocity_limits")] = None
-    coriolis: bool = True
+    coriolis: CoriolisForces = True  # mmg: without the Munk moment
     plant_scale: float = 1.0
     thruster: SecondOrderLag | None = None
     tuning: Tuning = field(default_factory=Tuning)
@@ -72,6 +75,9 @@ class VesselParameters:
     parameters: str | None = None  # name of the parameter set that completes the derivatives
     parameter_sets: dict[str, dict[str, float]] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)  # what is commanded instead of forces
+    devices: dict[str, Device] = field(default_factory=dict)  # in the order of their flow
+    prime: Prime | None = None  # scales of derivatives without dimension
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -94,6 +100,11 @@ class VesselParameters:
                 raise ConfigurationError(
                     f"{option} must be {len(self.dofs)} positive numbers, got {list(limits)}"
                 )
+        if self.inputs and (self.thruster or self.thrusters or self.force_limits):
+            raise ConfigurationError(
+                "inputs: got thruster, thrusters or force_limits as well, which are for a vessel "
+                "that is commanded by forces"
+            )
         if self.thruster is not None:
             self.thruster.check(self.dofs)
         if self.thrusters is not None:
@@ -123,9 +134,14 @@ class VesselParameters:
         else:
             inertia = np.array(self.inertia, dtype=np.float64)
         derivatives = self.derivatives | self.parameter_sets.get(name or "", {})
+        if self.prime is not None:
+            inertia = self.prime.inertia_matrix(inertia, self.dofs)
+            derivatives = self.prime.dimensional(derivatives)
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
-        return replace(table, attitude=self.attitude)
+        return replace(
+            table, attitude=self.attitude, inputs=tuple(self.inputs), devices=self.devices
+        )
 
     def plant(self, table: Vessel) -> Plant:
         """The plant with a coefficient table and the thrusters and limits of this vessel."""
@@ -135,6 +151,7 @@ class VesselParameters:
             self.velocity_limits or self.scales.velocity_limits,
             integrator=self.integrator,
             allocation=self.thrusters,
+            inputs=tuple(self.inputs.values()),
         )
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Coefficient tables for the equation of motion: the terms without acceleration, and M^-1.
+"""Tables for the equation of motion: the terms without acceleration, M^-1, and the devices.
 
 Only non-zero entries are evaluated, axis by axis. The candidates of a fit share a `Layout`, which
 holds the positions of these entries in their tables.
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
+from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, SPEED, Array, Codes, Term
+from seatrial.models.vessel.devices.device import NO_DEVICES, Installed, Structure
 
 Flags = NDArray[np.bool_]
 
@@ -31,6 +32,11 @@ class PlantTable(NamedTuple):
     magnitudes: Codes  # indices of the velocities whose magnitude is used
     aerodynamic: bool  # whether it has terms in the velocity through the air
     turning: bool  # whether it has Coriolis forces: a current then rotates in body axes
+    speed: bool  # whether terms or devices use the speed U
+    inputs: Codes  # (n_inputs,) variables that are the inputs; empty if forces are commanded
+    axes: Codes  # (n_dof,) degrees of freedom among the six
+    devices: tuple[Structure, ...]  # compiled for their types
+    parameters: Array  # of the devices
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,13 @@ class Layout:
         )
 
 
-def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout:
+def layout(
+    terms: Sequence[Term],
+    dofs: Sequence[str],
+    support: Flags,
+    inputs: Sequence[str] = (),
+    devices: Installed = NO_DEVICES,
+) -> Layout:
     """Layout of tables over `terms`; support (n_terms, n_dof) marks possible non-zeros."""
     columns = [DOFS.index(dof) for dof in dofs]
     names = [term.name for term in terms]
@@ -96,6 +108,12 @@ def layout(terms: Sequence[Term], dofs: Sequence[str], support: Flags) -> Layout
         ),
         aerodynamic=bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in AIR]))),
         turning=has_coriolis(terms, dofs, support),
+        speed=bool(devices.structures)
+        or bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in SPEED]))),
+        inputs=np.array([INDEX[name] for name in inputs], dtype=np.uint64),
+        axes=np.array(columns, dtype=np.uint64),
+        devices=devices.structures,
+        parameters=devices.parameters,
     )
     return Layout(structure, rows, axes, inertia)
 

@@ -1,6 +1,6 @@
 """The pose as a state of the integration, for each kind of kinematics.
 
-`Axes`, `Planar`, `Quaternion` and `Euler` name the kinematics J of eta_dot = J(eta) nu. A kernel
+`Axes`, `Planar`, `Rolling`, `Quaternion` and `Euler` name the kinematics J of eta_dot = J(eta) nu. A kernel
 is compiled for one of these types, without the code of the others.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from numba.extending import overload
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
-from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.notation import DOFS, PLANAR, ROLLING
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
     angles_of_frame_kernel,
@@ -44,6 +44,13 @@ class Planar(NamedTuple):
     heading: int = 2
 
 
+class Rolling(NamedTuple):
+    """Surge, sway, roll and yaw; the state is (x, y) in NED, phi and psi."""
+
+    roll: int = 2
+    yaw: int = 3
+
+
 class Quaternion(NamedTuple):
     """Six degrees of freedom; the state is (x, y, z) in NED and a unit quaternion."""
 
@@ -56,13 +63,15 @@ class Euler(NamedTuple):
     first: int = 3
 
 
-Kinematics = Axes | Planar | Quaternion | Euler
+Kinematics = Axes | Planar | Rolling | Quaternion | Euler
 
 
 def kinematics_of(dofs: tuple[str, ...], attitude: str = "quaternion") -> Kinematics:
     """The kinematics of a vessel; `attitude` (quaternion, euler) is for six degrees of freedom."""
     if dofs == PLANAR:
         return Planar()
+    if dofs == ROLLING:
+        return Rolling()
     if dofs == DOFS:
         return Quaternion() if attitude == "quaternion" else Euler()
     indices = (dofs.index(dof) if dof in dofs else -1 for dof in OF_AXES)
@@ -92,7 +101,8 @@ def _quaternion_pose(kinematics: Quaternion, eta: Array, frame: Array, pose: Arr
 
 
 POSES: dict[type, Callable[..., None]] = {
-    Axes: _copy_pose, Planar: _copy_pose, Euler: _copy_pose, Quaternion: _quaternion_pose,
+    Axes: _copy_pose, Planar: _copy_pose, Rolling: _copy_pose, Euler: _copy_pose,
+    Quaternion: _quaternion_pose,
 }  # fmt: skip
 
 
@@ -127,7 +137,8 @@ def _to_unit(kinematics: Quaternion, eta: Array) -> None:
 
 
 NORMS: dict[type, Callable[..., None]] = {
-    Axes: _no_change, Planar: _no_change, Euler: _no_change, Quaternion: _to_unit,
+    Axes: _no_change, Planar: _no_change, Rolling: _no_change, Euler: _no_change,
+    Quaternion: _to_unit,
 }  # fmt: skip
 
 
@@ -162,6 +173,12 @@ def _in_plane(planar: Planar, first: Array, second: Array, e: Array) -> None:
 
 
 @lean_kernel
+def _with_roll(rolling: Rolling, first: Array, second: Array, e: Array) -> None:
+    e[0], e[1] = second[0] - first[0], second[1] - first[1]
+    e[2], e[3] = turn_between(first[2], second[2]), turn_between(first[3], second[3])
+
+
+@lean_kernel
 def _of_quaternions(kinematics: Quaternion, first: Array, second: Array, e: Array) -> None:
     for i in range(3):
         e[i] = second[i] - first[i]
@@ -182,7 +199,8 @@ def _of_angles(kinematics: Euler, first: Array, second: Array, e: Array) -> None
 
 
 DEVIATIONS: dict[type, Callable[..., None]] = {
-    Axes: _along_axes, Planar: _in_plane, Euler: _of_angles, Quaternion: _of_quaternions,
+    Axes: _along_axes, Planar: _in_plane, Rolling: _with_roll, Euler: _of_angles,
+    Quaternion: _of_quaternions,
 }  # fmt: skip
 
 

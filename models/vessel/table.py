@@ -12,8 +12,8 @@ The nominal model, the true plant, a residual model and the improved model F1 = 
 evaluates the table, forward dynamics solves its inertia columns for nu_dot.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -30,8 +30,18 @@ from seatrial.models.notation import (
     velocities_of,
 )
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array, Codes, Term
-from seatrial.models.vessel.plant_table import PlantTable, has_coriolis, layout
+from seatrial.models.vessel.basis import (
+    AIR,
+    INDEX,
+    INPUTS,
+    N_VARIABLES,
+    SPEED,
+    Array,
+    Codes,
+    Term,
+)
+from seatrial.models.vessel.devices.device import Device, Installed, device_forces, installed
+from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, has_coriolis, layout
 
 Attitude = Literal["quaternion", "euler"]  # euler is singular at 90 degrees of pitch
 
@@ -55,6 +65,8 @@ class Vessel:
     terms: tuple[Term, ...]
     theta: Array  # shape (n_terms, n_dof), force per basis function
     attitude: Attitude = "quaternion"  # how six degrees of freedom are integrated
+    inputs: tuple[str, ...] = ()  # names of the inputs; empty: forces are commanded
+    devices: Mapping[str, Device] = field(default_factory=dict)  # that the inputs drive
 
     def __post_init__(self) -> None:
         unknown = [dof for dof in self.dofs if dof not in DOFS]
@@ -68,6 +80,11 @@ class Vessel:
                 f"theta: got shape {theta.shape}, expected ({len(self.terms)}, {len(self.dofs)})"
             )
         theta.setflags(write=False)
+        missing = [n for d in self.devices.values() for n in d.inputs() if n not in self.inputs]
+        if missing:
+            raise ConfigurationError(
+                f"inputs: got {', '.join(self.inputs) or 'none'}, but a device needs {missing[0]!r}"
+            )
         object.__setattr__(self, "theta", theta)
 
     @property
@@ -102,14 +119,27 @@ class Vessel:
         nu: Array,
         attitude: Array | None = None,
         wind: Array | None = None,
+        inputs: Array | None = None,
     ) -> Array:
         """Variables of sampled motion, shape (N, N_VARIABLES).
 
-        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level and north, and `wind`, the
-        velocity of the air in body axes [m/s], shape (N, 2), to still air.
+        attitude (phi, theta, psi) [rad], shape (N, 3), defaults to level and north, `wind`, the
+        velocity of the air in body axes [m/s], shape (N, 2), to still air, and `inputs`, shape
+        (N, n_inputs), to zero.
         """
         level = np.zeros((len(nu), 3)) if attitude is None else attitude
-        return basis.variables(nu_dot, nu, level, self.dofs, wind)
+        named = {} if inputs is None else dict(zip(self.inputs, inputs.T, strict=True))
+        return basis.variables(nu_dot, nu, level, self.dofs, wind, named)
+
+    @cached_property
+    def installed(self) -> Installed:
+        """The devices for the kernels."""
+        return installed(self.devices)
+
+    @cached_property
+    def forces_commanded(self) -> bool:
+        """Whether the command is a force on each axis; otherwise it is a value of each input."""
+        return not self.inputs
 
     def inverse(
         self,
@@ -117,10 +147,18 @@ class Vessel:
         nu: Array,
         attitude: Array | None = None,
         wind: Array | None = None,
+        inputs: Array | None = None,
     ) -> Array:
-        """Force that the motion requires [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10)."""
-        x = self.variables(nu_dot, nu, attitude, wind)
-        return np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
+        """Force that the motion requires [N, Nm], shape (N, n_dof). Jervan (2020), eq. (2.10).
+
+        With devices it is the force required beside theirs under the inputs (N, n_inputs).
+        """
+        x = self.variables(nu_dot, nu, attitude, wind, inputs)
+        force = np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
+        if not self.devices:
+            return force
+        made = device_forces(self.installed, x)
+        return force - made[:, [DOFS.index(dof) for dof in self.dofs]]
 
     def forward(
         self,
@@ -128,9 +166,13 @@ class Vessel:
         nu: Array,
         attitude: Array | None = None,
         wind: Array | None = None,
+        inputs: Array | None = None,
     ) -> Array:
-        """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu))."""
-        rest = self.inverse(np.zeros_like(nu), nu, attitude, wind)
+        """Acceleration under a force tau [N, Nm], shape (N, n_dof): M^-1 (tau - F(0, nu)).
+
+        `inputs` (N, n_inputs) drive the devices.
+        """
+        rest = self.inverse(np.zeros_like(nu), nu, attitude, wind, inputs)
         return np.asarray(np.linalg.solve(self.inertia, (tau - rest).T).T, dtype=np.float64)
 
     def __add__(self, other: "Vessel") -> "Vessel":
@@ -138,7 +180,13 @@ class Vessel:
         if other.dofs != self.dofs:
             raise ConfigurationError(f"cannot add a model of {other.dofs} to one of {self.dofs}")
         union = self.terms + tuple(term for term in other.terms if term not in self.terms)
-        return replace(self, terms=union, theta=self.on(union).theta + other.on(union).theta)
+        return replace(
+            self,
+            terms=union,
+            theta=self.on(union).theta + other.on(union).theta,
+            inputs=self.inputs + tuple(name for name in other.inputs if name not in self.inputs),
+            devices={**other.devices, **self.devices},
+        )
 
     def __mul__(self, factor: float) -> "Vessel":
         return replace(self, theta=factor * self.theta)
@@ -193,10 +241,14 @@ class Vessel:
             factors = {code % N_VARIABLES for code in term.codes}
             if factors & accelerated and term.name not in ACCELERATIONS and np.any(row != 0.0):
                 raise ConfigurationError(f"{self.name}: term {term} cannot be solved for nu_dot")
-        positions = layout(self.terms, self.dofs, self.theta != 0.0)
+        positions = self.layout(self.theta != 0.0)
         return positions.plant(
             self.theta, np.asarray(np.linalg.inv(self.inertia), dtype=np.float64)
         )
+
+    def layout(self, support: Flags) -> Layout:
+        """Positions of the coefficients that can be non-zero, shape (n_terms, n_dof)."""
+        return layout(self.terms, self.dofs, support, self.inputs, self.installed)
 
     @property
     def turning(self) -> bool:
@@ -209,14 +261,23 @@ class Vessel:
         return any(indices & {code % N_VARIABLES for code in self.terms[i].codes} for i in rows)
 
 
+# Powers of metre and second in the unit of each variable
+EXPONENTS = {
+    **{name: (1, -1) for name in (*VELOCITIES[:3], *AIR, SPEED[0])},
+    **{name: (0, -1) for name in (*VELOCITIES[3:], *(n for n in INPUTS if n[0] == "n"))},
+    **{name: (1, -2) for name in ACCELERATIONS[:3]},
+    **{name: (0, -2) for name in ACCELERATIONS[3:]},
+    SPEED[1]: (-1, 1),
+    SPEED[2]: (-2, 2),
+}
+
+
 def coefficient_unit(term: Term, dof: str) -> str:
     """SI unit of the coefficient of a term in a degree of freedom; radians count as 1."""
     metres, seconds = (1, -2) if FORCE_UNIT[dof] == "N" else (2, -2)
     for code in term.codes:
-        name = basis.VARIABLES[code % N_VARIABLES]
-        if name in (*VELOCITIES, *ACCELERATIONS, *AIR):
-            metres -= 0 if name[0] in VELOCITIES[3:] else 1
-            seconds += 2 if name in ACCELERATIONS else 1
+        by_metres, by_seconds = EXPONENTS.get(basis.VARIABLES[code % N_VARIABLES], (0, 0))
+        metres, seconds = metres - by_metres, seconds - by_seconds
     if (metres, seconds) in ((1, -2), (2, -2)):
         return "N" if metres == 1 else "Nm"
     numerator = ["kg"] + [_power(u, n) for u, n in (("m", metres), ("s", seconds)) if n > 0]

@@ -67,7 +67,7 @@ def numpy_errors(predictor: Predictor, points: Array) -> tuple[Array, Array]:
     for k, (x_k, u_k) in enumerate(course.measured):
         if k > 0:
             np.multiply(d, u, out=wanted)
-            np.subtract(course.force[k - 1, 0, 0], wanted, out=wanted)
+            np.subtract(course.acting[k - 1, 0, 0], wanted, out=wanted)
             np.multiply(wanted, over_m, out=wanted)
             for free, held in ((u, speed), (wanted, rate)):
                 np.minimum(free, limit, out=held)
@@ -114,7 +114,7 @@ def _one_by_one(
 def jit_errors(predictor: Predictor, points: Array) -> tuple[Array, Array]:
     """One candidate after the other in compiled code."""
     course, found = predictor.course, np.empty((len(points), 3))
-    force = np.ascontiguousarray(course.force[:, 0, 0])
+    force = np.ascontiguousarray(course.acting[:, 0, 0])
     _one_by_one(points, force, course.measured, course.step_s, course.limit, found)
     return found[:, :2], found[:, 2]
 

@@ -155,7 +155,7 @@ def as_state(eta, nu):
 
 def predicted_states(model, course):
     """Position, quaternion (scalar last) and velocity of a free run by RK4."""
-    plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+    plan = predicted_layout(model, model.theta != 0.0)
     plant = plan.plant(model.theta, plan.inverse_inertia(model.theta[None])[0][..., 0])
     states = np.empty_like(course.reached)
     predict(plant, course, False, states)
@@ -168,7 +168,7 @@ def test_a_tumbling_vessel_is_predicted_as_by_quaternions_and_scipy(vessel):
     course = course_of(recording, None, None, None, FAR)
     predicted = predicted_states(model, course)
     expected = [as_state(recording.eta[0], recording.nu[0])]
-    for force in course.force[:-1]:
+    for force in course.acting[:-1]:
         expected.append(rk4_by_scipy(model, expected[-1], force, course.step_s))
     expected = np.array(expected)
     pitch = Rotation.from_quat(expected[:, 3:7]).as_euler("ZYX")[:, 1]
@@ -236,7 +236,7 @@ def test_one_step_at_high_pitch_is_that_of_quaternions():
         steps = steps[(pitch[steps] > 30.0) | (steps % 20 == first)]
         for k in steps:
             begun = as_state(recording.eta[k], recording.nu[k])
-            expected = rk4_by_scipy(model, begun, course.force[k], course.step_s)
+            expected = rk4_by_scipy(model, begun, course.acting[k], course.step_s)
             after[k + 1, 3:7] *= np.sign(expected[3:7] @ after[k + 1, 3:7])
             for part in (slice(0, 3), slice(3, 7), slice(7, 13)):  # within 0.1 % of the step
                 gap = np.linalg.norm((after[k + 1] - expected)[part])
@@ -258,7 +258,7 @@ def test_the_compiled_prediction_is_the_readable_one(example, vessel):
     """With the compiler disabled the same functions run in Python."""
     tasks, compiled = [], []
     for model, recording in (example("surge"), example("blown ferry"), tumbling(vessel)):
-        plan = predicted_layout(model.terms, model.dofs, model.theta != 0.0)
+        plan = predicted_layout(model, model.theta != 0.0)
         plant = plan.plant(model.theta, plan.inverse_inertia(model.theta[None])[0][..., 0])
         course = course_of(recording.part(slice(0, 60)), None, None, 25, 10.0)
         for euler in (True, False):
@@ -350,7 +350,7 @@ def test_recorded_velocity_beyond_the_limit_is_refused(make, signal):
 def test_terms_that_no_prediction_knows_are_refused(vessel):
     table = Vessel("odd", ("surge",), terms(["u_dot", "cos(psi)"]), np.array([[1.0], [1.0]]))
     with pytest.raises(ConfigurationError, match=r"cos\(psi\) cannot be predicted in surge"):
-        predicted_layout(table.terms, table.dofs, table.theta != 0.0)
+        predicted_layout(table, table.theta != 0.0)
 
 
 def test_milliampere_has_its_own_coefficients_and_its_coriolis_force_follows(milliampere):

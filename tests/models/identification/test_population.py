@@ -23,7 +23,7 @@ from seatrial.models.vessel.table import Vessel
 
 def predictor(model, recording, integrator, horizon=None, limit=10.0):
     free = free_parameters(model, None, "tied", model.dofs == PLANAR)
-    plan = predicted_layout(free.nominal.terms, model.dofs, free.support)
+    plan = predicted_layout(free.nominal, free.support)
     course = course_of(recording, None, None, horizon, limit, model.attitude)
     return Predictor(free, plan, course, integrator)
 

@@ -61,7 +61,7 @@ class Ours:
 
     def sail(self, commands: Array, step_s: float, parts: int = 1) -> Array:
         """Pose and velocity after each step, of `parts` parts, from rest; commands (N, n_dof)."""
-        lag = lag_table(self.vessel.thruster, 0.5 * step_s / parts)
+        lag = lag_table(self.vessel.thruster, 0.5 * step_s / parts, len(self.dofs))
         eta = state_of(self.kinematics, np.zeros(self.n))
         nu, thrust = np.zeros(self.n), np.zeros((self.n, 2))
         track = np.empty((len(commands), self.n_pose + self.n))

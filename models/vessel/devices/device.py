@@ -1,0 +1,167 @@
+"""The interface of a device, and the forces of all devices of a vessel.
+
+A device gives forces and moments on the hull from the inputs and the motion through the water,
+which are variables of the basis. Its options are physical parameters with names, units and bounds.
+The kernels read them from one array for all devices, so that an identifier can change them; the
+structure of a device, such as the indices of its inputs, is a named tuple for which its step is
+registered in `DEVICES`. The equation of motion is compiled for the devices of the vessel, in the
+order in which they are configured.
+
+A rudder or fin lies in the flow that a propeller leaves. A propeller therefore writes this flow to
+its place in `wake`: the velocity that reaches it and the velocity far behind it [m/s], along the
+hull.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple, TypeAlias
+
+import numpy as np
+from numba.extending import overload
+
+from seatrial.models.compiled import LEAN, kernel, tuple_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import check_ranges
+from seatrial.models.vessel.basis import INDEX, INPUTS, N_VARIABLES, Array
+
+FORCES = 6  # surge, sway, heave, roll, pitch, yaw
+WAKE = 2  # numbers that a device leaves for those behind it
+MOST = 8  # devices of a vessel
+DEVICES: dict[type, Callable[..., None]] = {}
+Structure: TypeAlias = Any  # the named tuple that a device's step is registered for
+
+
+class Bounds(NamedTuple):
+    """Unit of a parameter and the range in which it is plausible."""
+
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Device(ABC):
+    """Options of a device: its parameters, and the names of its inputs.
+
+    `PARAMETERS` are the fields that are parameters, with unit and plausible range, in the order in
+    which the step reads them.
+    """
+
+    PARAMETERS: ClassVar[Mapping[str, Bounds]] = {}
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        unknown = [name for name in self.inputs() if name not in INPUTS]
+        if unknown:
+            raise ConfigurationError(
+                f"devices: got input {unknown[0]!r}, expected one of {', '.join(INPUTS)}"
+            )
+
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs that the device reads."""
+
+    @abstractmethod
+    def structure(self, first: int, place: int, places: Mapping[str, int]) -> Structure:
+        """The named tuple of a step registered in `DEVICES`.
+
+        `first` is the position of its first parameter in the array of all parameters, `place` that
+        of its two numbers in `wake`, and `places` are those of the devices before it, by name.
+        """
+
+    def values(self) -> Array:
+        """Values of the parameters, in SI units, in the order of `PARAMETERS`."""
+        return np.array([getattr(self, name) for name in self.PARAMETERS], dtype=np.float64)
+
+    def with_values(self, values: Sequence[float]) -> "Device":
+        """The device with other values of its parameters."""
+        options = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed = zip(self.PARAMETERS, map(float, values), strict=True)
+        return type(self)(**{**options, **dict(changed)})
+
+
+class Installed(NamedTuple):
+    """The devices of a vessel in the form that the kernels need."""
+
+    structures: tuple[Structure, ...]
+    parameters: Array  # of all devices, one after the other
+    labels: tuple[str, ...]  # of the parameters, such as rudder.gamma_R
+
+
+def installed(devices: Mapping[str, Device]) -> Installed:
+    """Devices by name, in the order of their flow: a propeller before the rudder behind it."""
+    structures, values, labels = [], [np.zeros(0)], []
+    places: dict[str, int] = {}
+    if len(devices) > MOST:
+        raise ConfigurationError(f"devices: got {len(devices)}, expected at most {MOST}")
+    for name, device in devices.items():
+        place = WAKE * len(places)
+        structures.append(device.structure(len(labels), place, places))
+        values.append(device.values())
+        labels += [f"{name}.{parameter}" for parameter in device.PARAMETERS]
+        places[name] = place
+    return Installed(tuple(structures), np.concatenate(values), tuple(labels))
+
+
+NO_DEVICES = installed({})
+
+
+def exert(
+    structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
+) -> None:
+    """Add the forces of devices to `force` (6,) [N, Nm].
+
+    `z` are the variables and their magnitudes, shape (2 N_VARIABLES,), `parameters` those of all
+    devices, and `wake` (WAKE * MOST,) is work space.
+    """
+    for structure in structures:
+        DEVICES[type(structure)](structure, parameters, z, wake, force)
+
+
+@overload(exert, jit_options=LEAN)
+def _exert(
+    structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
+) -> Callable[..., None]:
+    members: Any = structures
+    if len(members) == 0:
+
+        def nothing(
+            structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array,
+            force: Array,
+        ) -> None:  # fmt: skip
+            pass
+
+        return nothing
+    step = DEVICES[tuple_of(members[0])]
+
+    def apply(
+        structures: tuple[Structure, ...], parameters: Array, z: Array, wake: Array, force: Array
+    ) -> None:
+        step(structures[0], parameters, z, wake, force)
+        exert(structures[1:], parameters, z, wake, force)
+
+    return apply
+
+
+@kernel
+def _sample_forces(
+    structures: tuple[Structure, ...], parameters: Array, x: Array, forces: Array
+) -> None:
+    z, wake = np.zeros(2 * N_VARIABLES), np.zeros(WAKE * MOST)
+    for k in range(x.shape[0]):
+        for j in range(N_VARIABLES):
+            z[j], z[N_VARIABLES + j] = x[k, j], abs(x[k, j])
+        exert(structures, parameters, z, wake, forces[k])
+
+
+def device_forces(devices: Installed, x: Array) -> Array:
+    """Forces of devices [N, Nm], shape (N, 6), for variables x, shape (N, N_VARIABLES)."""
+    forces = np.zeros((len(x), FORCES))
+    _sample_forces(devices.structures, devices.parameters, np.ascontiguousarray(x), forces)
+    return forces
+
+
+def input_index(name: str) -> int:
+    """Position of an input among the variables."""
+    return INDEX[name]

@@ -1,0 +1,120 @@
+"""A fixed-pitch propeller behind the hull, by its open-water characteristic.
+
+    X_P = (1 - t_P) rho n^2 D_P^4 K_T(J),   J = u (1 - w_P) / (n D_P),
+    K_T = k_0 + k_1 J + k_2 J^2
+
+Yasukawa and Yoshimura (2015), eqs. (8) to (10). With n^2 K_T(J) = k_0 n^2 + k_1 n s + k_2 s^2,
+s = u (1 - w_P) / D_P, the thrust is continuous at n = 0.
+
+The wake fraction depends on the drift at the propeller, beta_P = beta - x_P' r':
+
+    exponential:  w_P = w_P0 exp(-C_1 beta_P^2)
+    yasukawa:     (1 - w_P) / (1 - w_P0) = 1 + (1 - exp(-C_1 |beta_P|)) (C_2 - 1)
+
+with C_2 for each sign of beta_P, eq. (16). The first is that of Kose et al., C_1 = 4.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.elementary import angle_of, where
+from seatrial.models.ranges import Positive
+from seatrial.models.vessel.basis import INDEX, Array
+from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, input_index
+
+U, V, R, SPEED, OVER_SPEED = (INDEX[name] for name in ("u", "v", "r", "U", "1/U"))
+D_P, K_0, K_1, K_2, W_P0, C_1, C_2_PLUS, C_2_MINUS, T_P, X_P, RHO, LENGTH = range(12)
+
+
+class PropellerStructure(NamedTuple):
+    """Input and parameters of a propeller in the arrays of the kernels."""
+
+    n: int
+    first: int  # parameter
+    place: int  # in `wake`
+    exponential: bool
+
+
+@dataclass(frozen=True)
+class Propeller(Device):
+    """A propeller on the centre line that an input `n` [1/s] drives.
+
+    `x_P` is its position in ship lengths, forward of midship. `C_2` has no effect on the
+    exponential wake. The thrust is valid where K_T is: from bollard pull to the speed without
+    thrust; `findings` of a run count what lies outside.
+    """
+
+    PARAMETERS: ClassVar[Mapping[str, Bounds]] = {
+        "diameter_m": Bounds("m", 0.01, 15.0),
+        "k_0": Bounds("", 0.05, 1.0),
+        "k_1": Bounds("", -1.0, 0.0),
+        "k_2": Bounds("", -1.0, 0.5),
+        "w_P0": Bounds("", 0.0, 0.7),
+        "C_1": Bounds("", 0.0, 10.0),
+        "C_2_plus": Bounds("", 0.0, 3.0),
+        "C_2_minus": Bounds("", 0.0, 3.0),
+        "t_P": Bounds("", 0.0, 0.5),
+        "x_P": Bounds("", -1.0, 0.0),
+        "rho_kg_m3": Bounds("kg/m^3", 900.0, 1100.0),
+        "length_m": Bounds("m", 0.1, 500.0),
+    }
+
+    diameter_m: Positive
+    k_0: float
+    k_1: float
+    k_2: float
+    w_P0: float  # noqa: N815 - the field's symbols
+    t_P: float  # noqa: N815
+    length_m: Positive
+    x_P: float = -0.5  # noqa: N815
+    C_1: float = 4.0
+    C_2_plus: float = 1.0
+    C_2_minus: float = 1.0
+    rho_kg_m3: Positive = 1025.0
+    wake: Literal["exponential", "yasukawa"] = "exponential"
+    n: str = "n"
+
+    def inputs(self) -> tuple[str, ...]:
+        """The shaft speed."""
+        return (self.n,)
+
+    def structure(self, first: int, place: int, places: Mapping[str, int]) -> PropellerStructure:
+        """Input and parameters in the arrays of the kernels."""
+        return PropellerStructure(input_index(self.n), first, place, self.wake == "exponential")
+
+
+@lean_kernel
+def drift(z: Array, position: float, length: float) -> float:
+    """Drift angle [rad] at a position in ship lengths: beta - x' r', r' = r L / U."""
+    beta = -angle_of(z[V], z[U])
+    return beta - position * z[R] * length * z[OVER_SPEED]  # type: ignore[no-any-return]
+
+
+@lean_kernel
+def _step(
+    structure: PropellerStructure, parameters: Array, z: Array, wake: Array, force: Array
+) -> None:
+    """Add the thrust, and write the velocities at and far behind the propeller."""
+    at, n = structure.first, z[structure.n]
+    diameter, w_0, c_1 = parameters[at + D_P], parameters[at + W_P0], parameters[at + C_1]
+    beta = drift(z, parameters[at + X_P], parameters[at + LENGTH])
+    if structure.exponential:
+        flow = 1.0 - w_0 * np.exp(-c_1 * beta * beta)
+    else:
+        c_2 = where(beta >= 0.0, parameters[at + C_2_PLUS], parameters[at + C_2_MINUS])
+        flow = (1.0 - w_0) * (1.0 + (1.0 - np.exp(-c_1 * abs(beta))) * (c_2 - 1.0))
+    inflow = z[U] * flow
+    s = inflow / diameter
+    loading = (parameters[at + K_0] * n + parameters[at + K_1] * s) * n + parameters[at + K_2] * s * s
+    d_2 = diameter * diameter
+    force[0] += (1.0 - parameters[at + T_P]) * parameters[at + RHO] * d_2 * d_2 * loading
+    jet = inflow * inflow + 8.0 / np.pi * d_2 * loading  # u_P^2 (1 + 8 K_T / (pi J^2))
+    wake[structure.place] = inflow
+    wake[structure.place + 1] = np.sqrt(where(jet > 0.0, jet, 0.0))
+
+
+DEVICES[PropellerStructure] = _step
