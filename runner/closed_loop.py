@@ -115,7 +115,7 @@ class MissionSetup:
         voyage = sail(
             self.plant, self.weather, self.guidance, self.reference, loop_controller,
             self.start, period,
-            trial.integration_step_s,
+            trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
             watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
         )  # fmt: skip
         controller, state = self.controller, self.control[1]

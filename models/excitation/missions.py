@@ -90,6 +90,10 @@ class Mission(Evaluation):
         """The initial pose [m, rad], shape (n_dof,); None means the origin."""
         return None
 
+    def start_velocity(self, dofs: tuple[str, ...]) -> Array | None:
+        """The initial velocity [m/s, rad/s], shape (n_dof,); None means rest."""
+        return None
+
     def steady(self) -> Mapping[str, float]:
         """A constant force [N, Nm] by degree of freedom."""
         return {}

@@ -73,7 +73,9 @@ def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameter
         excitation=_excitation(scales, bands),
         control=_control(scales, bands, noise_and_wind.noise, sample_time_s),
     )
-    numbers = {"velocity_limits": speeds, "force_limits": limits, "tuning": derived}
+    numbers = {"velocity_limits": speeds, "tuning": derived}
+    if not vessel.inputs:  # the limits of inputs are their own
+        numbers["force_limits"] = limits
     rounded = {name: _rounded(value) for name, value in numbers.items()}
     return replace(vessel, **{name: _merged(getattr(vessel, name), value)
                               for name, value in rounded.items()})  # fmt: skip

@@ -15,6 +15,7 @@ from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.derivatives import CoriolisForces, RigidBody, from_derivatives
 from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
+from seatrial.models.vessel.steady_speed import steady_speed
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import Input, SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel, Tuning
@@ -78,6 +79,7 @@ class VesselParameters:
     inputs: dict[str, Input] = field(default_factory=dict)  # what is commanded instead of forces
     devices: dict[str, Device] = field(default_factory=dict)  # in the order of their flow
     prime: Prime | None = None  # scales of derivatives without dimension
+    speed_m_s: Positive | None = None  # of an approach; None: the steady one
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -169,6 +171,25 @@ class VesselParameters:
         for dof, limit in zip(self.dofs, lag or (), strict=False):
             limits[dof] = min(limit, limits.get(dof, np.inf))
         return limits
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs; empty for a vessel that is commanded by forces."""
+        return tuple(self.inputs)
+
+    @property
+    def input_start(self) -> tuple[float, ...]:
+        """Values of the inputs before the first command."""
+        return tuple(each.start for each in self.inputs.values())
+
+    @cached_property
+    def approach_speed_m_s(self) -> float:
+        """Speed ahead [m/s] at the start of the inputs: `speed_m_s`, or the steady one."""
+        if self.speed_m_s is not None:
+            return self.speed_m_s
+        limits = self.velocity_limits or self.scales.velocity_limits
+        highest = limits[self.dofs.index("surge")]
+        return steady_speed(self.nominal(), np.array(self.input_start), highest)
 
     @property
     def planar(self) -> bool:

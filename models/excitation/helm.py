@@ -1,0 +1,127 @@
+"""Standard manoeuvres of a steered vessel: turning circle with pull-out, and zig-zag.
+
+The commands are those of the inputs. The vessel approaches on a straight course at the values that
+its inputs have at the start; then its helm, a rudder angle, is put over.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import Mission, check_fraction
+from seatrial.models.excitation.open_loop import Steering, counter_steer
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.recording.recording import Split, half
+from seatrial.models.simulation.registry import CONTROLLERS, Timetable
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.tuning import FromVessel
+
+
+class Helm(NamedTuple):
+    """Commands of a manoeuvre; SI units, radians."""
+
+    base: Array  # (n_inputs,) of the approach
+    helm: int  # the input
+    yaw: int  # the degree of freedom
+    angle: float  # of the helm, without its sign
+    turn: float  # heading at which a zig-zag changes sides
+    pull_out: float  # change of heading after which the helm of a turn is put amidships
+    zigzag: bool
+    first: int  # instant of the first steering
+
+
+@lean_kernel
+def _step(
+    helm: Helm, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array,
+    tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """state = (instant, side of the helm or 0 after the pull-out, heading of the approach)."""
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = helm.base[i]
+    heading = eta[helm.yaw]
+    if state[0] <= helm.first:
+        state[2] = heading
+    if state[0] >= helm.first:
+        if helm.zigzag:
+            tau[helm.helm] = counter_steer(state, heading, helm.angle, helm.turn)
+        else:
+            if abs(heading - state[2]) >= helm.pull_out:
+                state[1] = 0.0
+            tau[helm.helm] = state[1] * helm.angle
+        tau_fb[helm.helm] = tau[helm.helm]
+    state[0] += 1.0
+
+
+CONTROLLERS[Helm] = _step
+
+
+@dataclass(frozen=True)
+class HelmManoeuvre(Mission):
+    """A turning circle or a zig-zag by a rudder; the other inputs keep their start.
+
+    After `approach_s` the input `helm` is put to `helm_deg` (negative: to port first). `zigzag`: it
+    is put to the other side whenever the heading has deviated by `turn_deg` from the approach.
+    `turn`: it is held, until the heading has changed by `pull_out_deg` (null: to the end).
+    """
+
+    manoeuvre: Literal["turn", "zigzag"]
+    helm_deg: float
+    turn_deg: Positive
+    pull_out_deg: Positive | None
+    approach_s: NotNegative
+    duration_s: Positive
+    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
+    input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
+    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
+    reference_filter: Reference
+    train_fraction: float
+    helm: str = "delta"
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.approach_s < self.duration_s:
+            raise ConfigurationError(
+                f"approach_s must be below duration_s = {self.duration_s:g}, "
+                f"got {self.approach_s:g}"
+            )
+        check_fraction(self.train_fraction)
+
+    @property
+    def open_loop(self) -> bool:
+        """A manoeuvre has no controller."""
+        return True
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """No set-points: the initial pose."""
+        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+
+    def start_velocity(self, dofs: tuple[str, ...]) -> Array:
+        """The approach speed ahead [m/s], shape (n_dof,)."""
+        return self.speed_m_s * (np.array(dofs) == "surge")
+
+    def steering(self, dofs: tuple[str, ...], period_s: float) -> Steering:
+        """The commands of the manoeuvre."""
+        pull_out = np.inf if self.pull_out_deg is None else np.radians(self.pull_out_deg)
+        table = Helm(
+            np.array(self.input_start, dtype=np.float64), self.input_names.index(self.helm),
+            dofs.index("yaw"), float(np.radians(abs(self.helm_deg))),
+            float(np.radians(self.turn_deg)), float(pull_out), self.manoeuvre == "zigzag",
+            round(self.approach_s / period_s),
+        )  # fmt: skip
+        return table, np.array([0.0, np.sign(self.helm_deg), 0.0])
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the first part, and the rest."""
+        return half(len(t), self.train_fraction)
+
+    def check(self, dofs: tuple[str, ...]) -> None:
+        """Raise ConfigurationError unless the vessel has the helm, surge and yaw."""
+        if self.helm not in self.input_names or not {"surge", "yaw"} <= set(dofs):
+            raise ConfigurationError(
+                f"helm: needs a vessel in surge and yaw with an input {self.helm}, got inputs "
+                f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
+            )

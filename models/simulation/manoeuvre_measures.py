@@ -1,0 +1,217 @@
+"""Measures of standard manoeuvres, of simulated and recorded motion, and the criteria of the IMO.
+
+A manoeuvre is executed when the helm has passed half of its first step: in a recording that
+instant is found without knowing the order. Alternatives are the `order`, when the helm leaves its
+last value, and `full`, when it is over. Lengths are in ship lengths, from the position and course
+at that instant; angles in degrees. Signals are linear between samples, extremes those of a
+parabola through three samples.
+
+Sources: IMO resolution MSC.137(76) and MSC/Circ.1053; ITTC recommended procedure 7.5-04-02-01.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import RecordingError
+from seatrial.models.vessel.basis import Array
+
+Execution = Literal["half", "order", "full"]
+PASSED = {"order": 0.05, "half": 0.5, "full": 0.95}  # of a step of the helm
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Motion of a manoeuvre, one row a sample; SI units, radians, heading unrolled."""
+
+    t: Array
+    north: Array
+    east: Array
+    psi: Array
+    helm: Array
+    speed: Array  # over ground
+    length_m: float
+
+    def at(self, values: Array, time_s: float) -> float:
+        """A signal at a time [s]."""
+        return float(np.interp(time_s, self.t, values))
+
+
+class Turn(NamedTuple):
+    """Measures of a turning circle; NaN for what was not reached. Lengths in ship lengths."""
+
+    execute_s: float
+    advance: float  # at a change of heading of 90 degrees
+    transfer: float
+    tactical_diameter: float  # at 180 degrees
+    steady_diameter: float  # over the last half turn
+    time_90_s: float
+    time_180_s: float
+    speed_loss: float  # steady speed over that of the approach, subtracted from 1
+    yaw_rate_deg_s: float  # steady
+
+
+class ZigZag(NamedTuple):
+    """Measures of a zig-zag; angles in degrees."""
+
+    execute_s: tuple[float, ...]  # instants at which the helm was put over
+    overshoot_deg: tuple[float, ...]
+    overshoot_s: tuple[float, ...]  # time from execute to the extreme heading
+    initial_turning: float  # track at the second execute, in ship lengths
+    period_s: float  # of a full cycle of the heading; NaN if there is none
+
+
+def executions(track: Track, kind: Execution = "half") -> Array:
+    """Instants [s] of the steps of the helm.
+
+    Raises RecordingError if the helm does not move.
+    """
+    levels = _levels(track.helm)
+    times = []
+    for (_, start), (k, end) in pairwise(levels):
+        progress = (track.helm - start) / (end - start) - PASSED[kind]
+        if kind == "order":
+            before = np.flatnonzero(progress[: k + 1] < 0.0)
+            k = int(before[-1]) + 1 if len(before) else k
+        elif kind == "full":
+            after = np.flatnonzero(progress[k:] >= 0.0)
+            k += int(after[0]) if len(after) else 0
+        times.append(_crossing(track.t, progress, k))
+    if not times:
+        raise RecordingError("manoeuvre: the helm does not move, expected at least one step")
+    return np.array(times)
+
+
+def _levels(helm: Array) -> list[tuple[int, float]]:
+    """The values at which the helm rests in turn: first sample past half of the step, and value.
+
+    The helm is to one side, to the other, or amidships; passing amidships between two sides is no
+    rest.
+    """
+    approach = helm[0]
+    reach = float(np.max(np.abs(helm - approach)))
+    if reach <= 0.0:
+        return []
+    side = np.sign(helm - approach) * (np.abs(helm - approach) >= 0.5 * reach)
+    both = np.min(side) < 0.0 < np.max(side)
+    first = int(np.flatnonzero(side)[0])
+    bounds, current = [0, first], side[first]
+    for k in range(first, len(helm)):
+        level = np.sign(helm[k] - approach) if both else side[k]
+        if level not in (current, 0.0 if both else current):
+            current = level
+            bounds.append(k)
+    edges = [*bounds, len(helm)]
+    return [(a, float(np.median(helm[a:b]))) for a, b in pairwise(edges)]
+
+
+def _crossing(t: Array, values: Array, k: int) -> float:
+    """Time [s] between samples k - 1 and k at which a signal is zero."""
+    if k == 0 or values[k] == values[k - 1]:
+        return float(t[k])
+    share = values[k - 1] / (values[k - 1] - values[k])
+    return float(t[k - 1] + np.clip(share, 0.0, 1.0) * (t[k] - t[k - 1]))
+
+
+def _reached(track: Track, angle: float, since_s: float, course: float) -> float:
+    """Time [s] at which the heading has changed by an angle [rad] of either sign; NaN: never."""
+    change = np.abs(track.psi - course) - angle
+    inside = np.flatnonzero((track.t > since_s) & (change >= 0.0))
+    return _crossing(track.t, change, int(inside[0])) if len(inside) else np.nan
+
+
+def turn(track: Track, kind: Execution = "half") -> Turn:
+    """Measures of a turning circle."""
+    start = float(executions(track, kind)[0])
+    course = track.at(track.psi, start)
+    ahead, aside = _from(track, start, course)
+    quarter, half = (_reached(track, a, start, course) for a in (0.5 * np.pi, np.pi))
+    over = 1.0 / track.length_m
+
+    def measure(values: Array, time_s: float) -> float:
+        return over * track.at(values, time_s) if np.isfinite(time_s) else np.nan
+
+    circle = _last_half_turn(track, start)
+    before = track.at(track.speed, start)
+    rate = np.abs(np.polyfit(track.t[circle], track.psi[circle], 1)[0]) if circle.any() else np.nan
+    steady = float(np.mean(track.speed[circle])) if circle.any() else np.nan
+    return Turn(
+        start, measure(ahead, quarter), abs(measure(aside, quarter)), abs(measure(aside, half)),
+        2.0 * steady / rate * over, quarter - start, half - start, 1.0 - steady / before,
+        float(np.degrees(rate)),
+    )  # fmt: skip
+
+
+def _from(track: Track, start_s: float, course: float) -> tuple[Array, Array]:
+    """Way along and across the course from the position at a time [m]."""
+    north = track.north - track.at(track.north, start_s)
+    east = track.east - track.at(track.east, start_s)
+    c, s = np.cos(course), np.sin(course)
+    return c * north + s * east, c * east - s * north
+
+
+def _last_half_turn(track: Track, start_s: float) -> Array:
+    """Samples of the last half turn, if the vessel has turned by more than a full circle."""
+    change = np.abs(track.psi - track.at(track.psi, start_s))
+    if change[-1] < 2.0 * np.pi:
+        return np.zeros(len(change), dtype=bool)
+    return np.asarray(change > change[-1] - np.pi)
+
+
+def zigzag(track: Track, kind: Execution = "half") -> ZigZag:
+    """Measures of a zig-zag.
+
+    An overshoot is how far the heading goes beyond the one at which the helm is ordered over. The
+    ordered deviations from the course are a whole number of degrees to both sides; the course is
+    midway between the headings at two orders, since a recording rarely begins straight on it.
+    """
+    times, orders = executions(track, kind), executions(track, "order")
+    switched = np.interp(orders[1:], track.t, track.psi)
+    course, ordered = _courses(switched, track.at(track.psi, float(times[0])))
+    overshoots, delays, extremes = [], [], []
+    for begin, end, heading in zip(times[1:], [*times[2:], track.t[-1]], switched, strict=True):
+        k = np.flatnonzero((track.t >= begin) & (track.t <= end))
+        deviation = np.sign(heading - course) * (track.psi[k] - course)
+        peak = int(np.argmax(deviation))
+        if len(k) < 3 or peak == len(k) - 1:
+            break
+        time, value = _vertex(track.t[k], deviation, peak)
+        overshoots.append(float(np.degrees(value)) - ordered)
+        delays.append(time - float(begin))
+        extremes.append(time)
+    period = 2.0 * float(np.mean(np.diff(extremes))) if len(extremes) > 1 else np.nan
+    path = _path(track, float(times[0]), float(times[1])) if len(times) > 1 else np.nan
+    return ZigZag(
+        tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period
+    )
+
+
+def _courses(switched: Array, approach: float) -> tuple[float, int]:
+    """The course [rad], and the ordered deviation from it in whole degrees."""
+    if len(switched) > 1:
+        pairs = np.stack([switched[:-1], switched[1:]])
+        course = float(np.mean(0.5 * np.sum(pairs, axis=0)))
+        deviation = float(np.mean(0.5 * np.abs(pairs[1] - pairs[0])))
+    else:
+        course = approach
+        deviation = float(np.abs(switched[0] - course)) if len(switched) else 0.0
+    return course, int(np.degrees(deviation) + 0.1)
+
+
+def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:
+    """Time and value of the extreme of a parabola through three samples about k."""
+    if not 0 < k < len(values) - 1:
+        return float(t[k]), float(values[k])
+    a, b, c = np.polyfit(t[k - 1 : k + 2] - t[k], values[k - 1 : k + 2], 2)
+    if a >= 0.0:
+        return float(t[k]), float(values[k])
+    shift = -b / (2.0 * a)
+    return float(t[k] + shift), float(c + 0.5 * b * shift)
+
+
+def _path(track: Track, begin_s: float, end_s: float) -> float:
+    """Length of the path between two times [m]."""
+    inside = (track.t >= begin_s) & (track.t <= end_s)
+    return float(np.sum(np.hypot(np.diff(track.north[inside]), np.diff(track.east[inside]))))
