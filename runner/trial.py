@@ -138,10 +138,26 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         if isinstance(mission, Mission):
             _check_length(trial, group, mission)
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
+    _check_commands(trial)
     excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
     evaluation = trial.evaluation
     if evaluation is not None:
         named(trial, "evaluation", lambda: evaluation.check(dofs))
+
+
+def _check_commands(trial: Trial) -> None:
+    """Check that missions and controller command what the vessel takes: inputs, or forces."""
+    inputs = bool(trial.vessel.inputs)
+    takes = f"is commanded by {', '.join(trial.vessel.inputs) or 'forces'}"
+    for group, part in (
+        ("excitation", trial.excitation),
+        ("controller", trial.controller),
+        ("evaluation", trial.evaluation),
+    ):
+        if isinstance(part, Mission | Controller) and part.commands_inputs != inputs:
+            raise ConfigurationError(
+                f"{group}={trial.names[group]}: {trial.vessel.name} {takes}, which it does not give"
+            )
 
 
 def _check_evaluation(trial: Trial) -> None:

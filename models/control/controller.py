@@ -24,6 +24,7 @@ class Controller(ABC):
     """
 
     takes_state_space: ClassVar[bool] = False
+    commands_inputs: ClassVar[bool] = False  # of a vessel; otherwise forces on its axes
 
     @abstractmethod
     def build(self, model: Model, period_s: float) -> tuple[Parameters, State]:

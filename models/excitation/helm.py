@@ -91,6 +91,11 @@ class HelmManoeuvre(Mission):
         check_fraction(self.train_fraction)
 
     @property
+    def commands_inputs(self) -> bool:
+        """A helm is an input."""
+        return True
+
+    @property
     def open_loop(self) -> bool:
         """A manoeuvre has no controller."""
         return True

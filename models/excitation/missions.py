@@ -90,6 +90,11 @@ class Mission(Evaluation):
         """The initial pose [m, rad], shape (n_dof,); None means the origin."""
         return None
 
+    @property
+    def commands_inputs(self) -> bool:
+        """Whether it commands the inputs of a vessel; otherwise forces on its axes."""
+        return False
+
     def start_velocity(self, dofs: tuple[str, ...]) -> Array | None:
         """The initial velocity [m/s, rad/s], shape (n_dof,); None means rest."""
         return None

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -110,9 +112,14 @@ def recording_series(
     columns |= _columns(poses_of(dofs), recording.eta)
     columns |= _columns(velocities_of(dofs), recording.nu)
     columns |= _columns(accelerations_of(dofs), recording.nu_dot)
-    columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
+    if recording.inputs is None:
+        columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
     if recording.tau_actual is not None:
         columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
+    if recording.inputs is not None:
+        columns |= _columns(recording.input_names, recording.inputs)
+    if recording.commands is not None:
+        columns |= _columns(_command_names(recording.input_names), recording.commands)
     if sailed is not None:
         columns |= _weather(sailed.voyage.weather, dofs)
         columns |= _noise(sailed.voyage.weather, dofs)
@@ -127,6 +134,11 @@ def _requested_forces(voyage: Voyage) -> dict[str, Array]:
     if not is_allocated(voyage):
         return {}
     return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
+
+
+def _command_names(inputs: Sequence[str]) -> list[str]:
+    """Return the columns of the commands of inputs."""
+    return [f"{name}_command" for name in inputs]
 
 
 def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identified) -> Series:
@@ -152,8 +164,12 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     columns |= _columns([f"{name}_d" for name in poses_of(dofs)], log.eta_d)
     columns |= _columns(velocities_of(dofs), log.nu)
     columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
-    columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
-    columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
+    if voyage.inputs:
+        columns |= _columns(voyage.inputs, log.tau_actual)
+        columns |= _columns(_command_names(voyage.inputs), log.tau)
+    else:
+        columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
+        columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
     if is_allocated(voyage):
         columns |= _columns([f"tau_applied_{dof}" for dof in dofs], log.applied)
     columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
