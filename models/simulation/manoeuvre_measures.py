@@ -16,10 +16,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
+from seatrial.models.recording.recording import Mask
 from seatrial.models.vessel.basis import Array
 
 Execution = Literal["half", "order", "full"]
-PASSED = {"order": 0.05, "half": 0.5, "full": 0.95}  # of a step of the helm
+LEFT, OVER = 0.05, 0.95  # share of a step at which the helm has left its value, and is over
+RESTING = 0.1  # of its fastest motion, the helm is at rest below
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +70,18 @@ def executions(track: Track, kind: Execution = "half") -> Array:
 
     Raises RecordingError if the helm does not move.
     """
-    levels = _levels(track.helm)
     times = []
-    for (_, start), (k, end) in pairwise(levels):
-        progress = (track.helm - start) / (end - start) - PASSED[kind]
-        if kind == "order":
-            before = np.flatnonzero(progress[: k + 1] < 0.0)
-            k = int(before[-1]) + 1 if len(before) else k
+    for (_, start), (k, end) in pairwise(_levels(track.helm)):
+        progress = (track.helm - start) / (end - start)
+        half = _crossing(track.t, progress - 0.5, k)
+        if kind == "order":  # where the line through both instants begins
+            before = np.flatnonzero(progress[: k + 1] < LEFT)
+            left = _crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
+            half = left - (half - left) * LEFT / (0.5 - LEFT)
         elif kind == "full":
-            after = np.flatnonzero(progress[k:] >= 0.0)
-            k += int(after[0]) if len(after) else 0
-        times.append(_crossing(track.t, progress, k))
+            after = np.flatnonzero(progress[k:] >= OVER)
+            half = _crossing(track.t, progress - OVER, k + int(after[0]) if len(after) else k)
+        times.append(half)
     if not times:
         raise RecordingError("manoeuvre: the helm does not move, expected at least one step")
     return np.array(times)
@@ -103,8 +106,15 @@ def _levels(helm: Array) -> list[tuple[int, float]]:
         if level not in (current, 0.0 if both else current):
             current = level
             bounds.append(k)
-    edges = [*bounds, len(helm)]
-    return [(a, float(np.median(helm[a:b]))) for a, b in pairwise(edges)]
+    rate = np.abs(np.gradient(helm))
+    resting = rate < RESTING * np.max(rate)
+    edges = pairwise([*bounds, len(helm)])
+    return [(a, _rest(helm[a:b], resting[a:b], approach if a == 0 else helm[b - 1])) for a, b in edges]
+
+
+def _rest(helm: Array, resting: Mask, otherwise: float) -> float:
+    """The value at which the helm rests."""
+    return float(np.median(helm[resting])) if resting.any() else float(otherwise)
 
 
 def _crossing(t: Array, values: Array, k: int) -> float:

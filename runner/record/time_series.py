@@ -1,9 +1,7 @@
 """Time series of a trial: the recording, the residual force and the deployments."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray

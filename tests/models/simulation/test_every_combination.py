@@ -27,7 +27,9 @@ VESSELS = {
     "surge_linear": ("surge",), "surge_nonlinear": ("surge",),
     "surge_nonlinear_printed": ("surge",),
     "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
+    "kvlcc2": PLANAR, "mariner": PLANAR,
 }  # fmt: skip
+STEERED = ("kvlcc2", "mariner")  # commanded by inputs
 FLOATING = (
     "wind",
     "wind_current",
@@ -58,6 +60,8 @@ def objects(vessel: str, group: str, name: str) -> Any:
 
 def suits(vessel: str, group: str, name: str) -> bool:
     dofs = VESSELS[vessel]
+    if group == "excitation" and name.startswith("rudder") != (vessel in STEERED):
+        return False
     if group == "disturbance":
         return dofs == PLANAR or name not in FLOATING
     return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)

@@ -1,0 +1,184 @@
+"""Vessels with inputs against other programs: accelerations, time series and measures."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.simulation.dynamics import rates, scratch
+from seatrial.models.simulation.manoeuvre_measures import Track, turn, zigzag
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.devices.device import device_forces
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.pose import kinematics_of
+from seatrial.models.vessel.prime import Prime
+from seatrial.models.weather.weather import Weather
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from tests.trials import composed
+
+STILL = Weather(*(np.zeros((0, 3)) for _ in range(4)))
+OPEN = ("identifier=none", "controller=none", "evaluation=none", "disturbance=calm")
+
+
+def oracle_file(name: str) -> Path:
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    return Path(folder) / "oracles" / name
+
+
+def oracle(name: str) -> dict[str, Array]:
+    """Columns of a table of another program, by name without the unit."""
+    lines = [line for line in oracle_file(name).read_text().splitlines() if line[0] != "#"]
+    names = [column.partition("[")[0] for column in lines[0].split(",")]
+    rows = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    return dict(zip(names, rows.T, strict=True))
+
+
+def vessel(name: str) -> VesselParameters:
+    return composed(f"vessel={name}", *excitation_of(name), *OPEN).vessel
+
+
+def excitation_of(name: str) -> tuple[str, ...]:
+    return ("excitation=rudder_turn",)
+
+
+def sailed(*options: str) -> Voyage:
+    trial = composed(*options, *OPEN)
+    trials.check(trial)
+    streams = closed_loop.Streams(0)
+    return closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail().voyage
+
+
+def track(voyage: Voyage, length_m: float) -> Track:
+    eta, speed = voyage.log.eta, np.hypot(*voyage.log.nu[:, :2].T)
+    return Track(voyage.t, eta[:, 0], eta[:, 1], eta[:, 2], voyage.log.tau_actual[:, 0], speed, length_m)
+
+
+def close(actual: Array, expected: Array, tolerance: float) -> None:
+    """Compare columns, relative to the root mean square of each."""
+    size = np.sqrt(np.mean(np.square(expected), axis=0))
+    assert np.max(np.abs(actual - expected) / size) < tolerance
+
+
+def test_kvlcc2_accelerates_as_in_mmgdynamics() -> None:
+    """The consistent midship form, all 300 states."""
+    rows = oracle("compare_shipmmg_mmgdynamics_L7_nudot.csv")
+    nu = np.stack([rows[name] for name in ("u", "v", "r")], axis=1)
+    inputs = np.stack([rows[name] for name in ("delta", "n")], axis=1)
+    found = vessel("kvlcc2").nominal().forward(np.zeros_like(nu), nu, inputs=inputs)
+    expected = np.stack([rows[f"{a}_mmgd_xG0p25"] for a in ("udot", "vdot", "rdot")], axis=1)
+    close(found, expected, 1e-12)
+
+
+def test_mariner_accelerates_as_in_mss() -> None:
+    """About its own speed and about the random ones of the rows."""
+    rows, ship = oracle("mss_mariner_xdot.csv"), vessel("mariner")
+    expected = np.stack([rows[a] for a in ("udot", "vdot", "rdot")], axis=1)
+    found = np.empty_like(expected)
+    for k, speed in enumerate(rows["U0"]):
+        about = replace(ship, prime=replace(ship.prime or Prime(1.0), speed_m_s=speed))
+        nu = np.array([[rows["u"][k] + speed, rows["v"][k], rows["r"][k]]])
+        inputs = rows["delta"][k, None, None]
+        found[k] = about.nominal().forward(np.zeros((1, 3)), nu, inputs=inputs)[0]
+    close(found, expected, 1e-11)
+
+
+@pytest.mark.parametrize(("helm", "file"), [(-35, "turn_p35"), (35, "turn_m35")])
+def test_mariner_turns_as_in_mss(helm: int, file: str) -> None:
+    """Ten minutes; in MSS the helm has the sign of the turn."""
+    rows = oracle(f"mss_mariner_{file}_t0_rk4.csv")
+    voyage = sailed(
+        "vessel=mariner", "excitation=rudder_turn", f"excitation.helm_deg={helm}",
+        "excitation.duration_s=601", "sample_time_s=0.5", "integration_step_s=0.05",
+    )  # fmt: skip
+    eta, nu = voyage.log.eta[::2], voyage.log.nu[::2]
+    assert len(eta) == len(rows["t"]) == 601
+    for i, name in enumerate(("x", "y", "psi")):
+        np.testing.assert_allclose(eta[:, i], rows[name], atol=1e-6)
+    np.testing.assert_allclose(nu[:, 0] - 7.7175, rows["u"], atol=1e-8)
+
+
+def test_kvlcc2_turns_and_zigzags_as_in_mmgdynamics() -> None:
+    """Measures of the program without the slip D1, with equal parameters."""
+    record = json.loads(oracle_file("mmg_measures_and_comparison.json").read_text())
+    printed = record["measures"]["mmgdynamics_with_shipmmg_L7_params_nself"]
+    start = (
+        "vessel=kvlcc2", f"excitation.speed_m_s={printed['u0']}", "integration_step_s=0.02",
+        "sample_time_s=0.02", f"vessel.inputs.n.start={printed['n_rps']}",
+        f"vessel.inputs.delta.rate_limit={printed['rudder_rate_rad_s']}",
+    )  # fmt: skip
+    for sign, name in ((1, "turn_p35"), (-1, "turn_m35")):
+        voyage = sailed(*start, "excitation=rudder_turn", f"excitation.helm_deg={sign * 35}")
+        measures = turn(track(voyage, 7.0), "order")
+        assert measures.advance == pytest.approx(printed[name]["advance_over_L"], abs=0.01)
+        assert measures.transfer == pytest.approx(printed[name]["transfer_over_L"], abs=0.01)
+        wide = printed[name]["tactical_diameter_over_L"]
+        assert measures.tactical_diameter == pytest.approx(wide, abs=0.01)
+        steady = printed[name]["steady_turning_diameter_over_L_2U_over_r_L"]
+        assert measures.steady_diameter == pytest.approx(steady, abs=0.01)
+    for angle in (10, 20):
+        voyage = sailed(
+            *start, "excitation=rudder_zigzag", f"excitation.helm_deg={angle}",
+            f"excitation.turn_deg={angle}",
+        )  # fmt: skip
+        of_zigzag = printed[f"zigzag_{angle}_{angle}"]
+        expected = [of_zigzag[f"overshoot_{k}_deg"] for k in (1, 2, 3)]
+        overshoots = zigzag(track(voyage, 7.0), "order").overshoot_deg[:3]
+        np.testing.assert_allclose(overshoots, expected, atol=0.1)
+
+
+@pytest.mark.parametrize("name", ["kvlcc2", "mariner"])
+def test_the_loop_has_the_accelerations_of_the_table(name: str) -> None:
+    """What is compiled for the simulation is what the table says."""
+    ship = vessel(name).nominal()
+    rng = np.random.default_rng(0)
+    table = ship.plant_table()
+    work, kinematics = scratch(len(table.codes), 3, 3), kinematics_of(ship.dofs)
+    for _ in range(20):
+        nu = np.array([1.5, 0.3, 0.05]) * rng.normal(size=3)
+        inputs = np.array([0.4, 12.0])[: len(ship.inputs)] * rng.uniform(-1.0, 1.0, len(ship.inputs))
+        eta_dot, nu_dot = np.zeros(3), np.zeros(3)
+        rates(kinematics, table, np.zeros(3), nu, inputs, STILL, 0, work, eta_dot, nu_dot)
+        expected = ship.forward(np.zeros((1, 3)), nu[None], inputs=inputs[None])[0]
+        np.testing.assert_allclose(nu_dot, expected, rtol=1e-12)
+
+
+def test_a_rudder_is_behind_a_device_that_comes_first() -> None:
+    ship = vessel("kvlcc2")
+    reversed_devices = dict(reversed(ship.devices.items()))
+    with pytest.raises(ConfigurationError, match="behind 'propeller', expected a device .* before"):
+        replace(ship, devices=reversed_devices)
+
+
+def test_a_device_without_its_input_is_refused() -> None:
+    ship = vessel("kvlcc2")
+    with pytest.raises(ConfigurationError, match="got delta, but a device needs 'n'"):
+        replace(ship, inputs={"delta": ship.inputs["delta"]})
+
+
+def test_thrust_is_continuous_where_the_shaft_stands_still() -> None:
+    ship = vessel("kvlcc2").nominal()
+    nu, still = np.tile([1.0, 0.0, 0.0], (3, 1)), np.zeros((3, 3))
+    x = ship.variables(still, nu, inputs=np.array([[0.0, n] for n in (-1e-9, 0.0, 1e-9)]))
+    thrust = device_forces(ship.installed, x)[:, 0]
+    assert np.ptp(thrust) < 1e-6 * abs(thrust[1])
+
+
+def test_overshoots_of_a_measured_ship() -> None:
+    """MARIN's zig-zags of KVLCC2, full scale; within 0.2 degrees of what is published."""
+    folder = oracle_file("").parent / "kvlcc2" / "marin"
+    expected = {"10": (9.5, 15.0), "-10": (8.2, 21.9), "20": (15.1,), "-20": (13.7,)}
+    for angle, overshoots in expected.items():
+        rows = np.loadtxt(folder / f"MARIN_FREE_KVLCC2_zz_{angle}_m.dat", skiprows=3)
+        t = np.linspace(0.0, rows[-1, 0] - rows[0, 0], len(rows))  # three digits: it repeats
+        psi, helm = np.radians(rows[:, 4]), np.radians(rows[:, 9])
+        speed = np.hypot(rows[:, 5], rows[:, 6])
+        measures = zigzag(Track(t, rows[:, 1], rows[:, 2], psi, helm, speed, 320.0))
+        np.testing.assert_allclose(measures.overshoot_deg[: len(overshoots)], overshoots, atol=0.2)
