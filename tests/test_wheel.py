@@ -180,3 +180,5 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert command == "seatrial identifier=ls evaluation=none seed=1"
     assert commit is None
     assert versions == PROJECT["project"]["version"]
+    assert "wrote conf/vessel/tug.yaml" in said("seatrial", "init", "vessel", "tug")
+    said("seatrial", "vessel=conf/vessel/tug.yaml", "identifier=none", "evaluation=none")
