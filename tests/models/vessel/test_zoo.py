@@ -57,20 +57,42 @@ def test_the_supply_vessel_has_the_accelerations_of_mss() -> None:
     assert_accelerations(model, tau, nu, columns(table, "udot", "vdot", "rdot"))
 
 
+def propelled(name: str) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """States of a ship of PythonVehicleSimulator, its arrays, and the force B |n| n [N, Nm]."""
+    table = oracle(f"pvs_{name}_nudot.csv")
+    path = Path(os.environ["SEATRIAL_DATA"]) / "oracles" / f"pvs_{name}_params.json"
+    held = json.loads(path.read_text())["attributes_of_the_constructed_object"]
+    ship = {key: np.array(held[key]) for key in ("B", "n_max", *{"M", "D"} & set(held))}
+    speeds = columns(table, *(f"n{i}" for i in range(1, 7)))
+    n = np.clip(speeds, -ship["n_max"], ship["n_max"])
+    return table, ship, np.abs(n) * n @ ship["B"].T
+
+
+def largest_forces(ship: dict[str, Array]) -> list[float]:
+    """All propellers in surge and sway, the four tunnel thrusters in yaw [N, N, Nm]."""
+    forces = np.abs(ship["B"]) * ship["n_max"] ** 2
+    return [float(np.sum(forces[0])), float(np.sum(forces[1])), float(np.sum(forces[2, :4]))]
+
+
 def test_the_supply_vessel_has_the_accelerations_of_python_vehicle_simulator() -> None:
-    """Its six propellers give B |n| n with the speeds at their limits; the hull needs no more."""
-    table = oracle("pvs_supply_nudot.csv")
-    path = Path(os.environ["SEATRIAL_DATA"]) / "oracles" / "pvs_supply_params.json"
-    ship = json.loads(path.read_text())["attributes_of_the_constructed_object"]
-    limits = np.array(ship["n_max"])
-    n = np.clip(columns(table, *(f"n{i}" for i in range(1, 7))), -limits, limits)
-    tau = np.abs(n) * n @ np.array(ship["B"]).T
+    table, ship, tau = propelled("supply")
     vessel = parameters_of("supply_fossen")
     expected = columns(table, "udot", "vdot", "rdot")
     assert_accelerations(vessel.nominal(), tau, columns(table, "u", "v", "r"), expected)
-    bow = np.abs(np.array(ship["B"])) @ limits**2
-    tunnels_alone = bow[2] - 2.0 * 249.6 * limits[4] ** 2
-    np.testing.assert_allclose(vessel.force_limits or (), [*bow[:2], tunnels_alone], rtol=1e-3)
+    np.testing.assert_allclose(vessel.force_limits or (), largest_forces(ship), rtol=1e-3)
+
+
+def test_the_semisubmersible_has_the_accelerations_of_python_vehicle_simulator() -> None:
+    """There it heaves, rolls and pitches too, which acts on the plane by these rows of M and D."""
+    table, ship, tau = propelled("semisub")
+    plane, held = [0, 1, 5], [2, 3, 4]
+    other = columns(table, "w", "p", "q"), columns(table, "wdot", "pdot", "qdot")
+    for matrix, motion in zip((ship["D"], ship["M"]), other, strict=True):
+        tau = tau - motion @ matrix[np.ix_(plane, held)].T
+    vessel = parameters_of("semisub")
+    expected = columns(table, "udot", "vdot", "rdot")
+    assert_accelerations(vessel.nominal(), tau, columns(table, "u", "v", "r"), expected)
+    np.testing.assert_allclose(vessel.force_limits or (), largest_forces(ship), rtol=1e-3)
 
 
 @given(motions, motions)
