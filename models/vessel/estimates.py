@@ -19,7 +19,7 @@ from seatrial.models.vessel.table import Vessel
 BLOCK = 0.6  # block coefficient of a hull whose mass or draught is not known
 SLENDERNESS, FULLNESS = 3.0, 3.0  # length over beam, and beam over draught, likewise
 RESISTANCE = 0.006  # total resistance over the dynamic pressure on the wetted surface
-CROSS_FLOW = 0.8  # drag coefficient of a section in cross flow; Faltinsen (1990), chapter 6
+CROSS_FLOW = 0.8  # drag coefficient of a section in cross flow, as in Faltinsen (1990)
 # Time in which linear drag alone takes 63 % of the speed, in units of sqrt(L / g)
 SLOWING, TURNING = 50.0, 10.0
 LENGTHS = 0.1, 1000.0  # [m]
@@ -84,10 +84,10 @@ def rigid_body(hull: Hull) -> dict[str, float]:
 def derivatives(hull: Hull) -> dict[str, float]:
     """Added mass and drag in surge, sway and yaw, in SI units.
 
-    X_udot by Soding (1982), in Fossen (2021), section 6.2; sway and yaw by sections of a_22 =
-    pi rho T^2 / 2, Newman (1977), section 4.13. Quadratic drag in surge on the wetted surface of
-    Denny and Mumford, in sway and yaw by the cross flow, Faltinsen (1990), chapter 6. Linear drag
-    from time constants, as in Fossen (2021), section 6.4.
+    X_udot by Soding (1982), as in Fossen (2021); sway and yaw by half ellipses as sections,
+    a_22 = pi rho T^2 / 2, as in Newman (1977). Quadratic drag in surge on the wetted surface of
+    Denny and Mumford, in sway and yaw by the cross flow, as in Faltinsen (1990). Linear drag from
+    time constants, as in Fossen (2021).
     """
     L, T = hull.length_m, hull.draught_m
     volume = hull.mass_kg / WATER

@@ -1,5 +1,9 @@
 """Estimates from dimensions: against published vessels, similarity, and what cannot be."""
 
+import json
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -31,8 +35,27 @@ def test_they_are_near_published_vessels(name: str) -> None:
     assert np.all((ratio > 1.0 / drag) & (ratio < drag)), ratio
 
 
+def test_added_mass_is_near_that_of_mss() -> None:
+    """X_udot of its Otter is by the same formula; those of its supply ship are integrals."""
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    otter, osv = (
+        json.loads((Path(folder) / "oracles" / f"mss_{name}_coeffs.json").read_text())
+        for name in ("otter", "osv")
+    )
+    values = otter["values_constant_over_state"]
+    catamaran = hull(values["L"], values["B"], values["T"], values["m"])
+    assert derivatives(catamaran)["X_udot"] == pytest.approx(values["Xudot"], rel=1e-12)
+    ship = osv["values_constant_over_state"]["vessel"]
+    found = derivatives(hull(ship["L"], ship["B"], ship["T"], ship["m"]))
+    expected = -np.diag(ship["MA"])[[0, 1, 5]]
+    ratio = np.array([found[name] for name in ("X_udot", "Y_vdot", "N_rdot")]) / expected
+    assert np.all((ratio > 0.8) & (ratio < 1.8)), ratio
+
+
 def test_a_model_at_another_scale_is_similar_by_froudes_law() -> None:
-    """A coefficient of a motion of length a and time b scales with L^(3 + a - b / 2) or so."""
+    """Masses scale with L^3, times with sqrt(L), and so do the dimensions of a coefficient."""
     powers = {
         "X_udot": 3.0, "Y_vdot": 3.0, "N_rdot": 5.0, "X_u": 2.5, "X_|u|u": 2.0, "Y_v": 2.5,
         "Y_|v|v": 2.0, "N_r": 4.5, "N_|r|r": 5.0,
