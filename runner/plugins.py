@@ -1,0 +1,79 @@
+"""Plug-ins: installed packages with an entry point `seatrial.plugins`, and modules that are named.
+
+    [project.entry-points."seatrial.plugins"]      (in the pyproject.toml of a package)
+    fleet = "fleet"
+
+    SEATRIAL_PLUGINS=speeds,speed_figure           (modules of the working folder, or installed)
+
+The folder `conf` of a plug-in's package is searched for options. Importing a plug-in registers the
+metrics that it declares; its modules with a `FIGURE` are kinds of figures.
+"""
+
+import logging
+import os
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+
+ENTRY_POINTS = "seatrial.plugins"
+VARIABLE = "SEATRIAL_PLUGINS"
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A plug-in: its name, its module, and the files of this module or package."""
+
+    name: str
+    module: str
+    files: tuple[Path, ...]
+    conf: Path | None  # a package's folder of configurations
+
+
+def plugins() -> tuple[Plugin, ...]:
+    """Return the plug-ins that are installed or named; one that does not exist is logged."""
+    return _plugins(os.environ.get(VARIABLE, ""))
+
+
+@cache
+def _plugins(named: str) -> tuple[Plugin, ...]:
+    installed = [(point.name, point.module) for point in entry_points(group=ENTRY_POINTS)]
+    modules = [(word.strip(), word.strip()) for word in named.split(",") if word.strip()]
+    candidates = (_plugin(name, module) for name, module in (*sorted(installed), *modules))
+    return tuple(plugin for plugin in candidates if plugin is not None)
+
+
+def _plugin(name: str, module: str) -> Plugin | None:
+    """Find a plug-in; of a package nothing is imported."""
+    try:
+        spec = find_spec(module)
+    except Exception as error:  # a module inside a package that cannot be imported
+        _log_failure(name, error)
+        return None
+    if spec is None or spec.origin is None:
+        log.warning("plug-in %s: there is no module %s", name, module)
+        return None
+    file = Path(spec.origin)
+    if not spec.submodule_search_locations:
+        return Plugin(name, module, (file,), None)
+    conf = file.with_name("conf")
+    return Plugin(
+        name, module, tuple(sorted(file.parent.glob("*.py"))), conf if conf.is_dir() else None
+    )
+
+
+def load() -> None:
+    """Import every plug-in, which registers its metrics; one that fails is logged."""
+    for plugin in plugins():
+        try:
+            import_module(plugin.module)
+        except Exception as error:
+            _log_failure(plugin.name, error)
+
+
+def _log_failure(name: str, error: Exception) -> None:
+    reason = " ".join(str(error).split())
+    log.warning("plug-in %s cannot be imported: %s: %s", name, type(error).__name__, reason)
