@@ -6,13 +6,14 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
+from seatrial.runner.plugins import targets
 from seatrial.runner.shared import once
 from seatrial.runner.vocabulary import NOT_COMPARED
 
@@ -54,7 +55,7 @@ def _compared(key: str, node: object) -> _Compared:
         node = _by_content(node, "path")
     if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
         node = {**node, "wind": _by_content(node["wind"], "file")}
-    parts = {name: part_digest(name) for name in _targets(node) if not name.startswith(OWN)}
+    parts = {name: part_digest(name) for name in targets(node) if not name.startswith(OWN)}
     return _Compared(canonical(node), parts)
 
 
@@ -89,17 +90,6 @@ def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) ->
 def computing_files(folder: Path = RUNNER) -> set[Path]:
     """Return the files of the runner that compute results: `trial.py` and its imports."""
     return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
-
-
-def _targets(node: object) -> Iterator[str]:
-    """Yield the classes that a configuration names."""
-    if isinstance(node, Mapping):
-        if isinstance(node.get("_target_"), str):
-            yield node["_target_"]
-        node = list(node.values())
-    if isinstance(node, list | tuple):
-        for child in node:
-            yield from _targets(child)
 
 
 def part_digest(target: str) -> str:

@@ -11,12 +11,17 @@ metrics that it declares; its modules with a `FIGURE` are kinds of figures.
 
 import logging
 import os
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from traceback import walk_tb
+
+from seatrial.models.errors import PartError, SeatrialError
 
 ENTRY_POINTS = "seatrial.plugins"
 VARIABLE = "SEATRIAL_PLUGINS"
@@ -74,6 +79,58 @@ def load() -> None:
             _log_failure(plugin.name, error)
 
 
-def _log_failure(name: str, error: Exception) -> None:
+def _log_failure(name: str, error: BaseException) -> None:
+    log.warning("plug-in %s cannot be imported", failure(name, error))
+
+
+def failure(name: str, error: BaseException) -> str:
+    """Return a failure of a plug-in in one line."""
     reason = " ".join(str(error).split())
-    log.warning("plug-in %s cannot be imported: %s: %s", name, type(error).__name__, reason)
+    return f"{name}: {type(error).__name__}{': ' if reason else ''}{reason}"
+
+
+# The parts of a configuration that come from elsewhere.
+
+
+def is_own(name: str) -> bool:
+    """Whether a class or module belongs to this package."""
+    return f"{name}.".startswith(f"{__name__.partition('.')[0]}.")
+
+
+def targets(node: object) -> Iterator[str]:
+    """Yield the classes that a configuration names."""
+    if isinstance(node, Mapping):
+        if isinstance(node.get("_target_"), str):
+            yield node["_target_"]
+        node = list(node.values())
+    if isinstance(node, list | tuple):
+        for child in node:
+            yield from targets(child)
+
+
+@contextmanager
+def attributed(config: object) -> Iterator[None]:
+    """Turn an exception out of a part from elsewhere into a PartError that names the part.
+
+    Any other exception is a bug of ours, and passes as it is.
+    """
+    try:
+        yield
+    except SeatrialError:
+        raise
+    except Exception as error:
+        part = _culprit(error, {name for name in targets(config) if not is_own(name)})
+        if part is None:
+            raise
+        raise PartError(failure(part, error)) from error
+
+
+def _culprit(error: Exception, parts: Collection[str]) -> str | None:
+    """Return the part that an exception passed through; the innermost one of several."""
+    frames = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
+    for module in reversed(frames):
+        for part in sorted(parts):
+            if module.partition(".")[0] == part.partition(".")[0]:
+                return part
+    # The step of a part is compiled inside our loop.
+    return min(parts, default=None) if type(error).__module__.startswith("numba.") else None
