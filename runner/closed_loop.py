@@ -24,6 +24,7 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.config import Trial
+from seatrial.runner.uncompiled import slowdown
 from seatrial.runner.vocabulary import STREAMS, Stream
 
 
@@ -56,6 +57,7 @@ class SimulatedMission:
     failures: int = 0  # number of commands that could not be computed; the last one was held
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
+    slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
 
 
 class Streams:
@@ -126,6 +128,7 @@ class MissionSetup:
             failures=0 if controller is None else controller.failures(state),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
+            slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
         )  # fmt: skip
 
 

@@ -235,6 +235,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *identified.findings,
             *reasons,
             *excitation_report(problem, excited.recording),
+            *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,
         ],
         series=[
@@ -425,6 +426,7 @@ def deploy(
             diagnostics += sailed.adapter.findings()
         warnings = deployment_metrics.losses(sailed, name)
         diagnostics += deployment_metrics.warning_rows(warnings)
+        diagnostics += deployment_metrics.loop_findings(sailed, name)
         for warning in warnings:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
