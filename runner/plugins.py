@@ -35,7 +35,8 @@ class Plugin:
     name: str
     module: str
     files: tuple[Path, ...]
-    conf: Path | None  # a package's folder of configurations
+    is_package: bool
+    conf: Path | None = None  # a package's folder of configurations
 
 
 def plugins() -> tuple[Plugin, ...]:
@@ -63,11 +64,9 @@ def _plugin(name: str, module: str) -> Plugin | None:
         return None
     file = Path(spec.origin)
     if not spec.submodule_search_locations:
-        return Plugin(name, module, (file,), None)
-    conf = file.with_name("conf")
-    return Plugin(
-        name, module, tuple(sorted(file.parent.glob("*.py"))), conf if conf.is_dir() else None
-    )
+        return Plugin(name, module, (file,), False)
+    files, conf = tuple(sorted(file.parent.glob("*.py"))), file.with_name("conf")
+    return Plugin(name, module, files, True, conf if conf.is_dir() else None)
 
 
 def load() -> None:
