@@ -1,5 +1,7 @@
 """The command line: `python -m runner`, installed as `seatrial`.
 
+`seatrial init` writes files to start from (`init`); everything else is Hydra's command line.
+
 Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
@@ -29,6 +31,7 @@ from hydra.core.plugins import Plugins
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
@@ -62,6 +65,8 @@ def _main(stop: StopSignals) -> int:
     session = Session()
     overrides: Sequence[str] = ()
     try:
+        if sys.argv[1:2] == ["init"]:
+            return init.run(sys.argv[2:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)

@@ -18,6 +18,7 @@ from seatrial.runner.shared import once
 from seatrial.runner.vocabulary import NOT_COMPARED
 
 RUNNER = Path(__file__).parent
+COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a configuration alone
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
@@ -53,10 +54,24 @@ class _Compared:
 def _compared(key: str, node: object) -> _Compared:
     if key == "excitation":
         node = _by_content(node, "path")
+    if key == "identifier":
+        node = _program_by_content(node)
     if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
         node = {**node, "wind": _by_content(node["wind"], "file")}
     parts = {name: part_digest(name) for name in targets(node) if not name.startswith(OWN)}
     return _Compared(canonical(node), parts)
+
+
+def _program_by_content(node: object) -> object:
+    """Replace the files of a program that identifies the model by the digests of their content."""
+    if not isinstance(node, Mapping):
+        return node
+    changed = {}
+    for key in ("command", "files"):
+        words = node.get(key)
+        if isinstance(words, list | tuple):
+            changed[key] = [_by_content({"word": word}, "word") for word in words]
+    return {**node, **changed}
 
 
 def _by_content(node: object, key: str) -> object:
@@ -88,8 +103,13 @@ def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) ->
 
 
 def computing_files(folder: Path = RUNNER) -> set[Path]:
-    """Return the files of the runner that compute results: `trial.py` and its imports."""
-    return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
+    """Return the files of the runner that compute results: `COMPUTING` and their imports."""
+    package = __name__.rpartition(".")[0]
+    return {
+        path
+        for name in COMPUTING
+        for path in imported_files(folder / name, folder, package, STORAGE)
+    }
 
 
 def part_digest(target: str) -> str:
