@@ -5,7 +5,9 @@ import shlex
 import shutil
 import signal
 import subprocess
-from contextlib import suppress
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +22,8 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.exchange_files import Format, identified, read_answer, write_problem
 
 PRIVATE = ("SEATRIAL_DATABASE",)  # variables that the program has no need to know
+# A pipe that is closed without a word is that of a process that was killed.
+WATCH = "import os, sys; sys.stdin.read() or os.killpg(int(sys.argv[1]), 9)"
 TAIL = 2000  # bytes of its messages that are read
 SHOWN = 200  # characters of its last message
 
@@ -78,7 +82,8 @@ class CommandIdentifier(Identifier):
             except OSError as error:
                 raise PartError(f"cannot be started: {error.strerror}") from error
             try:
-                code = process.wait(self.limit_s)
+                with _ended_with_this_process(process.pid):
+                    code = process.wait(self.limit_s)
             except subprocess.TimeoutExpired:
                 raise PartError(
                     f"took longer than identifier.limit_s = {self.limit_s:g} s"
@@ -88,6 +93,19 @@ class CommandIdentifier(Identifier):
         if code:
             ended = f"exit code {code}" if code > 0 else f"ended by signal {-code}"
             raise PartError(f"{ended}: {_last_line(messages)}")
+
+
+@contextmanager
+def _ended_with_this_process(group: int) -> Iterator[None]:
+    """Let another process end a group of processes if this one is killed, as a worker may be."""
+    watch = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", WATCH, str(group)],
+        stdin=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    try:
+        yield
+    finally:
+        watch.communicate(b"ended")
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
