@@ -22,6 +22,7 @@ COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a co
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
+INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -115,12 +116,14 @@ def computing_files(folder: Path = RUNNER) -> set[Path]:
 def part_digest(target: str) -> str:
     """Return the SHA-256 of the file that defines `module.Class`, and of its imports.
 
-    Only imports from the package of the file count; a module without a package counts alone.
+    Imports from the package of the file count; those of a module without a package count if they
+    are in its folder, unless that is one of installed packages.
     """
     module_name, _, class_name = target.rpartition(".")
     module = import_module(getattr(import_module(module_name), class_name).__module__)
     file, package = Path(str(module.__file__)), module.__package__
-    files = imported_files(file, file.parent, package) if package else {file}
+    alone = not package and file.parent.name in INSTALLED
+    files = {file} if alone else imported_files(file, file.parent, package or "")
     return files_digest(file.parent, files)
 
 

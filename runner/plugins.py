@@ -79,7 +79,7 @@ def load() -> None:
 
 
 def _log_failure(name: str, error: BaseException) -> None:
-    log.warning("plug-in %s cannot be imported", failure(name, error))
+    log.warning("cannot import plug-in %s", failure(name, error))
 
 
 def failure(name: str, error: BaseException) -> str:

@@ -132,6 +132,31 @@ def test_a_metric_and_a_figure_appear_in_tables_and_plots(tmp_path: Path) -> Non
     assert [Path(path).name for path in paths] == ["speeds.png", "speeds.svg"]
 
 
+def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    (folder / "broken.py").write_text("import no_such_module\nFIGURE = Figure(name)\n")
+    text = (folder / "speeds.py").read_text()
+    (folder / "same.py").write_text(text.replace("speed_max", "e_pos_mae"))
+    (folder / "pie.py").write_text(
+        (folder / "speed_figure.py").read_text().replace("speeds", "bars")
+    )
+    named = {"SEATRIAL_PLUGINS": "broken,nowhere,same,speeds,pie"}
+    done = call(folder, "seatrial.runner.compare", "metrics", **named)
+    assert done.returncode == 0
+    assert "speed_max" in done.stdout
+    assert done.stderr.splitlines() == [
+        "plug-in nowhere: there is no module nowhere",
+        "cannot import plug-in broken: ModuleNotFoundError: No module named 'no_such_module'",
+        "cannot import plug-in same: ValueError: metric e_pos_mae: got a second definition,"
+        " expected one",
+    ]
+    done = call(folder, "seatrial.runner.compare", "plot", "--help", **named)
+    assert done.returncode == 0
+    _, broken, pie = done.stderr.splitlines()
+    assert broken.startswith(f"{folder / 'broken.py'} is no figure: malformed node or string")
+    assert pie == "figure bars of pie is not used: seatrial.runner.compare.plots.bars has it"
+
+
 def test_an_installed_package_needs_no_variable(tmp_path: Path) -> None:
     """An entry point adds the options, the metrics and the figures of a package."""
     source, folder = written(tmp_path / "source"), tmp_path / "empty"
@@ -189,8 +214,8 @@ def compare(folder: Path, identifier: str) -> None:
 def test_workers_find_the_parts_of_the_working_folder(tmp_path: Path) -> None:
     folder = written(tmp_path)
     sweep = ("-m", "identifier=fit,none", "seed=0,1", "hydra/launcher=joblib")
-    out = run(folder, "seatrial.runner", *SURGE, *sweep, "hydra.launcher.n_jobs=2")
+    out = run(folder, "seatrial.runner", *sweep, *SURGE, "hydra.launcher.n_jobs=2")
     assert "4 runs: 4 finished" in out
     parts = ("-m", "controller=pd_python,pid_ff", "hydra/launcher=joblib")
-    out = run(folder, "seatrial.runner", *SHORT, *parts, "hydra.launcher.n_jobs=2")
+    out = run(folder, "seatrial.runner", *parts, *SHORT, "hydra.launcher.n_jobs=2")
     assert "2 runs: 2 finished" in out
