@@ -15,7 +15,7 @@ from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.loop import Watch, sail
-from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State
+from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
 from seatrial.models.vessel.basis import Array
@@ -147,6 +147,9 @@ def prepare(
     weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed, true)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     _check_step(mission, "guidance", guidance, GUIDANCE)
+    if isinstance(guidance[0], Timetable):
+        shape = len(t), len(vessel.dofs)
+        checked_array(mission, "guidance", guidance[0].setpoints, shape)
     added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
     if added is not None:
         added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
@@ -156,8 +159,9 @@ def prepare(
     control, controller = mission.steering(vessel.dofs, period), None
     if control is None:
         controller = controller_of(trial, deployed)
-        parameters, state = built = controller.build(model, period)
+        built = controller.build(model, period)
         _check_step(controller, "build", built, CONTROLLERS)
+        parameters, state = built
         control = controller.foresee(parameters, ahead), state
         design = design_of(controller, model, period, design)
     return MissionSetup(

@@ -37,22 +37,52 @@ HELM = """
 from dataclasses import dataclass
 from typing import NamedTuple
 import numpy as np
+from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller
+from seatrial.models.control.python_controller import PythonController
 from seatrial.models.simulation.registry import CONTROLLERS
 
 class Table(NamedTuple):
     gains: np.ndarray
 
+class Unknown(NamedTuple):
+    gains: np.ndarray
+
 def step(table, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb):
     {step}
 
-CONTROLLERS[Table] = step
+CONTROLLERS[Table] = {wrap}(step)
 
 @dataclass(frozen=True)
 class Helm(Controller):
     def build(self, model, period_s):
-        {body}
+        return {built}
+
+@dataclass(frozen=True)
+class Tiller(PythonController):
+    def command(self, design, state, now):
+        {step}
 """
+COURSE = """
+from dataclasses import dataclass
+import numpy as np
+from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.simulation.registry import Timetable
+
+@dataclass(frozen=True)
+class Course(Mission):
+    reference_filter: Reference
+    duration_s: float = 20.0
+
+    def guidance(self, t, start):
+        return {guidance}
+
+    def force(self, t, dofs, rng):
+        return {force}
+"""
+BUILT = "Table(np.zeros(3)), np.zeros(1)"
+STILL = "Timetable(np.zeros((len(t), 3))), np.zeros(1)"
 SPEED = """
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -125,6 +155,37 @@ FAILING = {
         "{module}.Speed.of_model: metric axis_of_tests: got dof 'roll', expected one of surge",
     ),
 }
+SAILED = ("excitation=waypoints", "excitation.interval_s=5", "evaluation=none")
+AT_SEA = {
+    "steers": (
+        HELM.format(step="raise OSError('stuck')", wrap="", built=BUILT),
+        "{module}.Helm: OSError: stuck",
+    ),
+    "tiller": (
+        HELM.format(step="return np.nan * now.eta", wrap="", built=BUILT),
+        "{module}.Tiller.command: got nan at (0,), expected finite numbers",
+    ),
+    "compile": (  # text and a number
+        HELM.format(step="tau[0] = 'ahead' + 1", wrap="lean_kernel", built=BUILT),
+        "{module}.Helm: TypingError: ",
+    ),
+    "unknown": (
+        HELM.format(step="pass", wrap="", built="Unknown(np.zeros(3)), np.zeros(1)"),
+        "{module}.Helm.build: got a Unknown, for which no step is registered",
+    ),
+    "unbuilt": (
+        HELM.format(step="pass", wrap="", built="3"),
+        "{module}.Helm.build: got int, expected parameters and a state",
+    ),
+    "force": (
+        COURSE.format(guidance=STILL, force="np.full((len(t), 3), np.inf)"),
+        "{module}.Course.force: got inf at (0, 0), expected finite numbers",
+    ),
+    "setpoints": (
+        COURSE.format(guidance=STILL.replace("3)", "2)"), force="None"),
+        "{module}.Course.guidance: got shape (200, 2), expected (200, 3)",
+    ),
+}
 REFUSED = {
     "broken": (
         "import nothing_of_this_name\n",
@@ -191,6 +252,30 @@ def test_a_failing_part_fails_its_trial_in_one_line(
     assert answer.code == 1, answer
     assert answer.err.splitlines()[-1].startswith("seatrial: run 1 failed: ")
     assert line.format(module=module) in answer.err.splitlines()[-1]
+    assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("kind", AT_SEA)
+def test_a_part_that_fails_at_sea_fails_its_trial_in_one_line(
+    kind: str, seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, line = AT_SEA[kind]
+    module = written(seatrial.folder, kind, text, monkeypatch)
+    if "class Course" in text:
+        step = "{_target_: seatrial.models.excitation.setpoints.Step}"
+        path = seatrial.folder / "conf" / "excitation" / "course.yaml"
+        path.parent.mkdir(parents=True)
+        path.write_text(f"_target_: {module}.Course\nreference_filter: {step}\n")
+        trial: tuple[str, ...] = ("excitation=course", "evaluation=none")
+    else:
+        path = seatrial.folder / "conf" / "controller" / "helm.yaml"
+        path.parent.mkdir(parents=True)
+        path.write_text(f"_target_: {module}.{'Tiller' if kind == 'tiller' else 'Helm'}\n")
+        trial = ("controller=helm", *SAILED)
+    answer = seatrial(*trial, "identifier=none")
+    assert answer.code == 1, answer
+    assert line.format(module=module) in answer.err.splitlines()[-1]
+    assert answer.err.splitlines()[-1].startswith("seatrial: run 1 failed: ")
     assert "Traceback" not in answer.err
 
 
