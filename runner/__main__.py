@@ -35,9 +35,10 @@ from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
+from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.overrides import left_to_jobs
+from seatrial.runner.search_path import CONF, UserFolders, hidden
 from seatrial.runner.stop_signals import StopSignals
 from seatrial.runner.sweep import SeatrialSweeper, Session
 from seatrial.runner.yaml_files import FileConfigSource
@@ -70,8 +71,11 @@ def _main(stop: StopSignals) -> int:
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
         overrides = _checked_arguments()
+        for warning in hidden():
+            _say(warning)
         with _raising():
             Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
+            Plugins.instance().register(UserFolders)
             SourcesRegistry.instance().types["file"] = FileConfigSource
             FileConfigSource.overrides = overrides
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
@@ -106,9 +110,13 @@ def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
 
 
 def _complain(line: str, code: int) -> int:
+    _say(line)
+    return code
+
+
+def _say(line: str) -> None:
     shown = error_line(without_passwords(line), sys.argv[1:])
     print(f"seatrial: {shown}", file=sys.stderr)
-    return code
 
 
 def _take_variants() -> list[list[str]]:
@@ -140,10 +148,15 @@ def _take_variants() -> list[list[str]]:
 
 
 def _checked_arguments() -> list[str]:
-    """Return the overrides of the command line; raises ConfigurationError for invalid flags."""
+    """Return the overrides of the command line, and note its folder of configurations.
+
+    Raises ConfigurationError for invalid flags.
+    """
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]
-    overrides: list[str] = parser.parse_args().overrides
+    arguments = parser.parse_args()
+    UserFolders.config_dir = arguments.config_dir
+    overrides: list[str] = arguments.overrides
     return overrides
 
 

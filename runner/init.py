@@ -13,6 +13,7 @@ from string import Template
 from typing import TYPE_CHECKING, NoReturn
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner import plugin_draft
 from seatrial.runner.invocation import trial_program
 
 if TYPE_CHECKING:  # what is slow to import
@@ -149,10 +150,30 @@ def _draft_vessel(arguments: argparse.Namespace) -> Draft:
     return Draft({path: text}, f"{trial_program()} vessel={path.as_posix()}")
 
 
+# A plug-in
+
+
+def _declare_plugin(options: argparse.ArgumentParser) -> None:
+    """A plug-in has no options."""
+
+
+def _draft_plugin(arguments: argparse.Namespace) -> Draft:
+    """An identifier, its options in conf/identifier, and its test."""
+    name = arguments.name
+    values = plugin_draft.values(name)
+    files = {path: _filled(template, values) for path, template in plugin_draft.files(name).items()}
+    return Draft(files, f"{trial_program()} identifier={name}, python -m pytest test_{name}.py")
+
+
 SUBJECTS = {
     "vessel": Subject(
         "A vessel as a YAML file, every number with its symbol, unit and where to find it.",
         _declare_vessel,
         _draft_vessel,
+    ),
+    "plugin": Subject(
+        "An identifier, its options and a test: a plug-in to change.",
+        _declare_plugin,
+        _draft_plugin,
     ),
 }

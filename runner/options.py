@@ -34,6 +34,7 @@ from typing_extensions import TypedDict
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import in_words
+from seatrial.runner.plugins import failure, is_own
 from seatrial.runner.shared import once
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
@@ -91,6 +92,12 @@ def _part(cls: type, node: object) -> object:
         raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
         raise OptionError((), f": {error}") from error
+    except Exception as error:
+        if is_own(node_class.__module__):
+            raise
+        raise OptionError(
+            (), f": {node_class.__module__}.{failure(node_class.__name__, error)}"
+        ) from error
 
 
 def target(name: object) -> type:
@@ -101,9 +108,17 @@ def target(name: object) -> type:
     try:
         result = getattr(import_module(module_name), class_name, None)
     except ModuleNotFoundError as error:
-        if error.name is None or not module_name.startswith(error.name):
-            raise  # the module exists, but one of its imports does not: a bug
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            if is_own(module_name):
+                raise  # the module exists, but one of its imports does not: a bug
+            raise OptionError(
+                ("_target_",), f": cannot import {failure(str(name), error)}"
+            ) from error
         result = None
+    except (Exception, SystemExit) as error:
+        if is_own(module_name):
+            raise
+        raise OptionError(("_target_",), f": cannot import {failure(str(name), error)}") from error
     if not (isinstance(result, type) and is_dataclass(result)):
         raise OptionError(("_target_",), f": got {name!r}, which is not a dataclass to build")
     return result
