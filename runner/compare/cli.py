@@ -275,6 +275,15 @@ class PlotOptions:
             "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
         ),
     ] = None
+    width: Annotated[
+        str | None,
+        typer.Option(
+            "--width",
+            metavar="column|page|MM",
+            help="A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
+            autocompletion=_completing(lambda: ["column", "page"]),
+        ),
+    ] = None
     where: Where = None
     sweep: Sweep = None
     tag: Tag = None
