@@ -38,6 +38,7 @@ from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder, program_version
 from seatrial.runner.overrides import left_to_jobs
+from seatrial.runner.search import SearchSweeper
 from seatrial.runner.stop_signals import StopSignals
 from seatrial.runner.sweep import SeatrialSweeper, Session
 from seatrial.runner.yaml_files import FileConfigSource
@@ -50,7 +51,8 @@ else:
     completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
 
-SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
+# As the files of conf/hydra/sweeper name them.
+SWEEPER, SEARCH = "hydra_plugins.seatrial.Sweeper", "hydra_plugins.seatrial.Search"
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
 QUERY = CompletionPlugin._query
@@ -87,7 +89,8 @@ def _main(stop: StopSignals) -> int:
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
         overrides = _checked_arguments()
         with _raising():
-            Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
+            sweepers = {SWEEPER: SeatrialSweeper, SEARCH: SearchSweeper}
+            Plugins.instance().class_name_to_class.update(sweepers)
             SourcesRegistry.instance().types["file"] = FileConfigSource
             FileConfigSource.overrides = overrides
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
