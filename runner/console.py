@@ -20,7 +20,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner import database
 from seatrial.runner.database.mask import styled
 from seatrial.runner.database.terminal import error_line, visible
-from seatrial.runner.invocation import results_program
+from seatrial.runner.invocation import results_program, trial_program
 from seatrial.runner.vocabulary import ENDINGS
 
 if TYPE_CHECKING:
@@ -122,6 +122,11 @@ def compare(command: str, url: str, *arguments: str) -> str:
     if url != DEFAULT_DATABASE:
         words += ["--database", _shown(url)]
     return f"{results_program()} {shlex.join(words)}"
+
+
+def trial_command(arguments: Sequence[str]) -> str:
+    """Return a command line of the program that runs trials."""
+    return f"{trial_program()} {shlex.join(arguments)}"
 
 
 def _shown(url: str) -> str:

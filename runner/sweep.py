@@ -43,6 +43,7 @@ from seatrial.runner.job import (
     shown,
 )
 from seatrial.runner.launching import LaunchResult, check, end_with, launch
+from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
 
@@ -75,21 +76,22 @@ def jobs_of(
     keys = {override.key_or_group for override in given}
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
-        own = _texts(variant) if isinstance(variant, Mapping) else list(variant)
-        texts = [
+        own = texts(variant) if isinstance(variant, Mapping) else list(variant)
+        kept = [
             text
-            for text in [*_texts(params), *own]
+            for text in [*texts(params), *own]
             if text.partition("=")[0].lstrip("+") not in keys
         ]
-        overrides = parser.parse_overrides([*texts, *arguments])
+        overrides = parser.parse_overrides([*kept, *arguments])
         # Of several overrides of one option the last counts, at the position of the first.
         last = {override.get_key_element(): override for override in overrides}.values()
         budget.check_sweep([_count(override) for override in last], limits, len(jobs))
-        jobs += map(list, product(*map(_values, last)))
+        jobs += map(list, product(*map(values_of, last)))
     return jobs
 
 
-def _texts(options: Options) -> list[str]:
+def texts(options: Options) -> list[str]:
+    """Return the overrides of options by name."""
     return [f"{key}={_text(value)}" for key, value in options.items()]
 
 
@@ -104,10 +106,15 @@ def _count(override: Override) -> tuple[str, float]:
     return override.key_or_group, float(count)
 
 
-def _values(override: Override) -> list[str]:
+def values_of(override: Override) -> list[str]:
     """Return one override for each value of a sweep override."""
     key = override.get_key_element()
     if not override.is_sweep_override():
+        if next(nested_sweeps(override.value(), key), None) is not None:
+            raise ConfigurationError(
+                f"{override.input_line}: a grid has no values inside of lists, "
+                "expected several lists, or a search (hydra/sweeper=optuna)"
+            )
         return [f"{key}={override.get_value_element_as_str()}"]
     if not override.is_discrete_sweep():
         raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
@@ -222,10 +229,14 @@ class SeatrialSweeper(Sweeper):
         self._config = config
         self.session = cast(Session, task_function)
 
-    def sweep(self, arguments: list[str]) -> None:
-        """Run all combinations of the arguments' values."""
+    def start(self) -> None:
+        """Check Hydra's part of the configuration."""
         self.session.started = True
         _check_hydra(self._config.hydra)
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Run all combinations of the arguments' values."""
+        self.start()
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         own, variants = self._config, self.session.variants or self.variants
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
@@ -236,7 +247,7 @@ class SeatrialSweeper(Sweeper):
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
             print("\n".join(console.dry_run(listed(plans))))
         else:
-            self._run(_accepted(plans), arguments, _factors(jobs))
+            self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         check(self._choice, arguments)
@@ -245,9 +256,9 @@ class SeatrialSweeper(Sweeper):
             database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
-            sweep_id = _begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
+            sweep_id = begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
-            outcomes, remaining = _finished_before(plans, logbook, sweep_id)
+            outcomes, remaining = finished_before(plans, logbook, sweep_id)
             with console.shown(url, sweep_id, job.compile_times):
                 try:
                     launched = self._launch(remaining, job)
@@ -277,7 +288,7 @@ class SeatrialSweeper(Sweeper):
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
 
 
-def _begin_sweep(
+def begin_sweep(
     logbook: "database.Logbook",
     labels: SweepLabels,
     provenance: Provenance,
@@ -300,7 +311,7 @@ def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
     if not trial.sweep:
         return perform(trial, order, provenance)
     with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
-        sweep_id = _begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
+        sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
     return outcome
@@ -323,7 +334,7 @@ def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[Plan | Refus
     return [plans[index] for index in range(len(jobs))]
 
 
-def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
+def accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     """Return the plans without duplicates; raises ConfigurationError if one cannot be run."""
     plans = list(plans)
     refused = [plan for plan in plans if isinstance(plan, Refusal)]
@@ -339,8 +350,8 @@ def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     return list({plan.fingerprint: plan for plan in ready}.values())
 
 
-def _finished_before(
-    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int
+def finished_before(
+    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int, quiet: bool = False
 ) -> tuple[list[Outcome], list[Plan]]:
     """Return the outcomes of trials that had finished before, and the plans to be launched."""
     runs = known(plan for plan in plans if not plan.rerun)
@@ -350,7 +361,8 @@ def _finished_before(
     for plan in plans:
         run_id = finished.get(plan.fingerprint)
         if run_id in present:
-            log.info(SKIPPED, plan, run_id)
+            if not quiet:
+                log.info(SKIPPED, plan, run_id)
             outcomes.append(Outcome("skipped", run_id))
         else:
             remaining.append(plan)

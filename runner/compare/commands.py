@@ -98,7 +98,7 @@ class PlotCommand(TyperCommand):
 @app.command(cls=PlotCommand)
 @taking(PlotOptions)
 def plot(options: PlotOptions) -> None:
-    """Draw figures as PNG and SVG and print their paths.
+    """Draw figures as PNG and SVG, or with --width as PDF, and print their paths.
 
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
     for each level (--facet seed).
@@ -118,9 +118,10 @@ def plot(options: PlotOptions) -> None:
         tag=options.tag,
         pool=split(options.pool),
     )
+    width = None if options.width is None else compare.plots.paper.width_of(options.width)
     with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
-        for path in compare.plots.draw(options.kind, results, request, folder):
+        for path in compare.plots.draw(options.kind, results, request, folder, width):
             typer.echo(path)
 
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import paper
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
 
@@ -33,13 +34,14 @@ MODEL_COLOURS = {
 REFERENCE = "#000000"
 WIND = "#56B4E9"
 MUTED = "#595959"
+TITLE_SIZE = 11
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 SHADE = "#E8E8E8"
 RC: Mapping["RcKeyType", object] = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
-    "axes.titlesize": 11,
+    "axes.titlesize": TITLE_SIZE,
     "axes.titleweight": "bold",
     "axes.labelsize": 10,
     "legend.fontsize": 9,
@@ -77,14 +79,15 @@ def marker_of(i: int) -> str:
 
 
 @contextmanager
-def drawn() -> Iterator[None]:
+def drawn(width_mm: float | None = None) -> Iterator[None]:
     """Context for drawing and saving: the settings above on matplotlib's defaults.
 
-    Raises LogbookError for a stored name that reads as a formula and is none.
+    With `width_mm` figures are for print, of this width. Raises LogbookError for a
+    stored name that reads as a formula and is none.
     """
-    with mpl.rc_context():
+    with mpl.rc_context(), paper.of_width(width_mm):
         mpl.rcdefaults()
-        for name, value in RC.items():
+        for name, value in {**RC, **({} if width_mm is None else paper.RC)}.items():
             mpl.rcParams[name] = value
         try:
             yield
@@ -97,7 +100,7 @@ def drawn() -> Iterator[None]:
 
 def figure(width: float, height: float) -> Figure:
     """Return an empty figure of width x height [inch] with constrained layout."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=paper.size_of(width, height), layout="constrained")
 
 
 def panels(
@@ -107,6 +110,10 @@ def panels(
 
     With `share_x` all axes have the same range of x.
     """
+    abreast = paper.columns_of(columns)
+    if abreast < columns:
+        chart = figure(abreast * width, rows * height * -(-columns // abreast))
+        return chart, paper.stacked(chart, rows, columns, share_x)
     chart = figure(columns * width, rows * height)
     axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
     return chart, [panel for row in axes for panel in row]
@@ -128,9 +135,10 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    title = "\n".join(wrap(title, int(chart.get_figwidth() * TITLE_LETTERS_PER_INCH)))
+    letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / paper.text_size(TITLE_SIZE)
+    title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
     if not handles:
-        chart.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+        chart.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
         return
     longest = max(len(label) for label in handles) + 6
     chart.legend(  # as the legend's title, because constrained layout lets a separate title overlap
@@ -139,7 +147,7 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         loc="outside upper left",
         ncols=max(1, min(len(handles), int(chart.get_figwidth() * LETTERS_PER_INCH / longest))),
         title=title,
-        title_fontproperties={"weight": "bold", "size": 11},
+        title_fontproperties={"weight": "bold", "size": TITLE_SIZE},
         alignment="left",
         borderpad=0.0,
     )
@@ -153,14 +161,17 @@ def footnote(chart: Figure, notes: Sequence[str]) -> None:
         chart.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
 
 
-def save(drawing: Drawing, folder: Path) -> list[Path]:
-    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte.
+def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
+    """Write NAME.png and NAME.svg, or for print NAME.pdf; equal figures give equal SVG and PDF.
 
     Returns the paths of the files. Raises OSError if one cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+    screen = {"png": {"Software": None}, "svg": {"Date": None}}
+    if print_:
+        paper.fit(drawing.figure)
+    for suffix, metadata in ({"pdf": {"CreationDate": None}} if print_ else screen).items():
         path = folder / f"{drawing.name}.{suffix}"
         drawing.figure.savefig(path, metadata=metadata)
         paths.append(path)
