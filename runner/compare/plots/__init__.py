@@ -2,11 +2,30 @@
 
 from pathlib import Path
 
-from seatrial.models.errors import LogbookError
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
 from seatrial.runner.compare.results import Results
+
+
+def figures_of(
+    kind: str, results: Results, request: PlotRequest, axes: Axes | None = None
+) -> list[Figure]:
+    """Draw the figures of a kind and return them; one with one panel may be drawn into `axes`.
+
+    Raises ConfigurationError for an unknown kind, if no run has the data of the figure, or if the
+    axes cannot hold it.
+    """
+    drawings = drawings_of(kind)
+    with drawn(axes):
+        figures = [drawing.figure for drawing in drawings(results, request)]
+    if axes is not None and len(figures) > 1:
+        raise ConfigurationError(f"plot {kind}: got axes for one of {len(figures)} figures")
+    return figures
 
 
 def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> list[Path]:
