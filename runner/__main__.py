@@ -4,13 +4,13 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Four private parts of Hydra 1.3.8 are used, here and in `yaml_files` alone. The first is its
-command-line parser, which by itself prints a usage message and ends the process instead of
-reporting one line. The second is its table of plugins: the public `Plugins.register` names a plugin
-after its module, which must be in the name space `hydra_plugins`, but seatrial installs no other
-name than its own. The third is its source of configuration files, with the table that names it:
-files are checked before OmegaConf expands their aliases. The fourth is what `--cfg` prints: it
-shows the numbers that options take from the vessel.
+Four private parts of Hydra 1.3.8 are used, here, in `in_process` and in `yaml_files` alone. The
+first is its command-line parser, which by itself prints a usage message and ends the process
+instead of reporting one line. The second is its table of plugins: the public `Plugins.register`
+names a plugin after its module, which must be in the name space `hydra_plugins`, but seatrial
+installs no other name than its own. The third is its source of configuration files, with the table
+that names it: files are checked before OmegaConf expands their aliases. The fourth is what `--cfg`
+prints: it shows the numbers that options take from the vessel.
 """
 
 import os
@@ -23,9 +23,7 @@ from typing import NoReturn
 
 import hydra
 from hydra._internal.hydra import Hydra
-from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
-from hydra.core.plugins import Plugins
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
@@ -33,13 +31,12 @@ from seatrial.runner.composition import with_numbers
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
+from seatrial.runner.in_process import register
 from seatrial.runner.invocation import import_from_working_folder
 from seatrial.runner.overrides import left_to_jobs
 from seatrial.runner.stop_signals import StopSignals
-from seatrial.runner.sweep import SeatrialSweeper, Session
-from seatrial.runner.yaml_files import FileConfigSource
+from seatrial.runner.sweep import Session
 
-SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
 FULL_ERROR = "HYDRA_FULL_ERROR"
@@ -66,9 +63,7 @@ def _main(stop: StopSignals) -> int:
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
         overrides = _checked_arguments()
         with _raising():
-            Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
-            SourcesRegistry.instance().types["file"] = FileConfigSource
-            FileConfigSource.overrides = overrides
+            register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except (Exception, KeyboardInterrupt) as error:

@@ -101,7 +101,7 @@ def plot(options: PlotOptions) -> None:
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
     for each level (--facet seed).
     """
-    request = compare.plots.request.request_of(options)
+    request = compare.plots.request_of(options)
     with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
         for path in compare.plots.draw(options.kind, results, request, folder):

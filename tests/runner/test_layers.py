@@ -52,7 +52,7 @@ ONLY = {
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    *("hydra_errors", "yaml_files", "vessel_files"),
+    *("hydra_errors", "yaml_files", "vessel_files", "in_process"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 

@@ -6,10 +6,31 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.figures import drawings_of
+from seatrial.runner.compare import cli
+from seatrial.runner.compare.figures import drawings_of, figure_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
 from seatrial.runner.compare.results import Results
+
+
+def request_of(options: cli.PlotOptions) -> PlotRequest:
+    """Return the request of the options; raises ConfigurationError for an unknown figure."""
+    rows = options.rows or figure_of(options.kind).rows or None
+    rows, columns = cli.axes_of(rows, options.columns)
+    return PlotRequest(
+        run=options.run,
+        metric=options.metric,
+        rows=rows,
+        columns=columns,
+        dofs=cli.split(options.dof),
+        model=options.model,
+        facet=options.facet,
+        log=options.log,
+        where=options.where,
+        sweep=options.sweep,
+        tag=options.tag,
+        pool=cli.split(options.pool),
+    )
 
 
 def figures_of(

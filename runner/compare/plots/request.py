@@ -8,8 +8,6 @@ from hashlib import sha256
 from typing import TypeVar
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare import cli
-from seatrial.runner.compare.figures import figure_of
 from seatrial.runner.compare.likeness import Likeness, differing, require_few
 from seatrial.runner.compare.results import (
     FINISHED,
@@ -48,26 +46,6 @@ class PlotRequest:
     def shown(self, has: Callable[[str], bool]) -> list[str]:
         """Return the requested degrees of freedom for which `has` is true, in reading order."""
         return [dof for dof in DOF_ORDER if (not self.dofs or dof in self.dofs) and has(dof)]
-
-
-def request_of(options: cli.PlotOptions) -> PlotRequest:
-    """Return the request of the options; raises ConfigurationError for an unknown figure."""
-    rows = options.rows or figure_of(options.kind).rows or None
-    rows, columns = cli.axes_of(rows, options.columns)
-    return PlotRequest(
-        run=options.run,
-        metric=options.metric,
-        rows=rows,
-        columns=columns,
-        dofs=cli.split(options.dof),
-        model=options.model,
-        facet=options.facet,
-        log=options.log,
-        where=options.where,
-        sweep=options.sweep,
-        tag=options.tag,
-        pool=cli.split(options.pool),
-    )
 
 
 @dataclass(frozen=True)
