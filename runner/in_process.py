@@ -57,7 +57,7 @@ class Call(Session):
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
-        return replace(collect(), command=shlex.join([trial_program(), *self._words]))
+        return replace(collect(), command=f"{trial_program()} {shlex.join(self._words)}")
 
 
 def run_trial(overrides: Sequence[str]) -> Call:
@@ -142,13 +142,16 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
 @contextmanager
 def _singletons_kept() -> Iterator[None]:
     """Put back what Hydra and the search for modules keep for the whole process."""
-    config, base = HydraConfig.instance().cfg, VersionBase.instance().getbase()
+    hydra, config = GlobalHydra.instance().hydra, HydraConfig.instance().cfg
+    base = VersionBase.instance().getbase()
     plugins, sources = Plugins.instance().class_name_to_class, SourcesRegistry.instance().types
     name, path = JobRuntime.instance().conf.get("name"), list(sys.path)
     known, types = dict(plugins), dict(sources)
+    GlobalHydra.instance().clear()
     try:
         yield
     finally:
+        GlobalHydra.instance().hydra = hydra
         HydraConfig.instance().cfg = config
         VersionBase.instance().version_base = base
         plugins.clear()

@@ -77,7 +77,10 @@ def place_of(path: str | Path | None) -> list[str]:
         return []
     text = str(path)
     if "://" not in text:
+        folder: Path | None = Path(text).parent
         text = database.engine.file_url(Path(text))
-    file = database.engine.parse(text).path
-    folder = [] if file is None else [f"results_dir={_quoted(str(file.parent))}"]
-    return [*folder, f"database.url={_quoted(text)}"]
+    else:
+        file = database.engine.parse(text).path
+        folder = None if file is None else file.parent
+    series = [] if folder is None else [f"results_dir={_quoted(str(folder))}"]
+    return [*series, f"database.url={_quoted(text)}"]

@@ -7,8 +7,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from seatrial.models.errors import SeatrialError
+from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.compare.cli import DEFAULT_DATABASE
+from seatrial.runner.database import display_url
 from seatrial.runner.interface.arguments import overrides_of, place_of
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
 from seatrial.runner.interface.vessel_models import Model
@@ -72,6 +73,7 @@ def run(
         The trial cannot be run; the message is the line that the command prints.
     """
     groups = (vessel, disturbance, excitation, identifier, controller, evaluation)
+    _check_logbook(vessel, database)
     words = _words(overrides, groups, database, options)
     call = in_process.run_trial(words)
     assert call.outcome is not None
@@ -125,6 +127,8 @@ def sweep(
     SeatrialError
         A trial cannot be run (then none was started), or the workers were lost.
     """
+    for trial in (options, *(trial for trial in trials if not isinstance(trial, str))):
+        _check_logbook(trial.get("vessel"), database)
     fixed = {"sweep.name": name, **options} if name is not None else options
     texts = [trial for trial in trials if isinstance(trial, str)]
     variants = [overrides_of(trial) for trial in trials if not isinstance(trial, str)]
@@ -178,6 +182,17 @@ def _words(
     """Return the overrides of a call; the groups are in the order of GROUPS."""
     chosen = {name: part for name, part in zip(GROUPS, groups, strict=True) if part is not None}
     return [*overrides_of({**chosen, **options}), *place_of(database), *overrides]
+
+
+def _check_logbook(vessel: object, database: str | Path | None) -> None:
+    """Refuse a model of a run of another logbook: `vessel=run:17` is one of this logbook."""
+    if isinstance(vessel, Model) and vessel.address is not None:
+        own = Logbook(DEFAULT_DATABASE if database is None else database).address
+        if vessel.address != own or vessel.choice is None:
+            raise ConfigurationError(
+                f"vessel: got {vessel.name} of {display_url(vessel.address)}, expected one of the "
+                "same logbook; vessel.save('yaml') writes it to a file"
+            )
 
 
 def _in_notebook() -> bool:

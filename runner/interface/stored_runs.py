@@ -58,15 +58,15 @@ class Logbook:
         if "://" not in address:
             address = database.engine.file_url(Path(address))
         file = database.engine.parse(address).path
-        # From now on the working folder may change.
-        self._address = address if file is None else database.engine.file_url(file.absolute())
+        # Absolute, because the working folder may change.
+        self.address = address if file is None else database.engine.file_url(file.absolute())
         self._results_dir = None if results_dir is None else results_dir.absolute()
         self._default_sweep: str | None = None
 
     @contextmanager
     def opened(self) -> Iterator["Results"]:
         """Open the logbook for the queries of tables and figures."""
-        with compare.results.open_results(self._address, self._results_dir) as results:
+        with compare.results.open_results(self.address, self._results_dir) as results:
             yield results
 
     def runs(
@@ -181,7 +181,7 @@ class Logbook:
         """
         with self.opened() as results:
             stored = export.stored_model.read_model(results.reader, run, model)
-        return Model.of_run(stored, self._address)
+        return Model.of_run(stored, self.address)
 
     def series(self, run: int, kind: str = "recording") -> "pd.DataFrame":
         """Return a time series of a run.
@@ -241,7 +241,7 @@ class Logbook:
         return chosen
 
     def __repr__(self) -> str:
-        return f"Logbook({database.display_url(self._address)!r})"
+        return f"Logbook({database.display_url(self.address)!r})"
 
     def _repr_html_(self) -> str:
         return self._run_list(None, 50, {}).text("html")
