@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from pathlib import Path
 from threading import current_thread, main_thread
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from seatrial.runner.composition import order_of
 from seatrial.runner.database.mask import learn, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
+from seatrial.runner.interface.arguments import text_of
 from seatrial.runner.invocation import import_from_working_folder, trial_program
 from seatrial.runner.job import Order
 from seatrial.runner.overrides import left_to_jobs
@@ -71,7 +73,8 @@ def run_trial(overrides: Sequence[str]) -> Call:
         sweeps = any(text.startswith(("experiment=", "hydra.mode=")) for text in overrides)
         if sweeps and hydra.get_mode("trial", list(overrides)) is RunMode.MULTIRUN:
             raise ConfigurationError(f"{' '.join(overrides)}: got a sweep, expected one trial")
-        hydra.run("trial", call, list(overrides), with_log_configuration=False)
+        words = [*overrides, *_user_folder()]
+        hydra.run("trial", call, words, with_log_configuration=False)
         if isinstance(call.error, Exception):
             raise call.error
         if call.outcome is None:
@@ -86,7 +89,8 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     """
     words, call.variants = left_to_jobs(overrides, call.variants)
     with _hydra(overrides, call) as hydra:
-        hydra.multirun("trial", call, [*words, *QUIET], with_log_configuration=False)
+        words = [*words, *QUIET, *_user_folder()]
+        hydra.multirun("trial", call, words, with_log_configuration=False)
         if isinstance(call.error, str):
             raise SeatrialError(call.error)
         if call.sweep_id is None:
@@ -96,13 +100,22 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
 def composed(overrides: Sequence[str]) -> Order:
     """Return the resolved configuration of a trial; raises SeatrialError, in one line."""
     with _hydra(overrides, Call(overrides)) as hydra:
-        config = hydra.compose_config("trial", list(overrides), run_mode=RunMode.RUN)
+        words = [*overrides, *_user_folder()]
+        config = hydra.compose_config("trial", words, run_mode=RunMode.RUN)
         HydraConfig.instance().set_config(config)
         task = config.copy()
         task._set_flag("readonly", False)
         task._set_flag("struct", False)
         del task["hydra"]
         return order_of(task, config.hydra)
+
+
+def _user_folder() -> list[str]:
+    """Return the override that adds the folder `conf` of the working folder, if there is one."""
+    folder = Path("conf")
+    if not folder.is_dir() or folder.resolve() == CONF:
+        return []
+    return [f"hydra.searchpath=[{text_of(f'file://{folder.resolve()}')}]"]
 
 
 def register(overrides: Sequence[str]) -> None:

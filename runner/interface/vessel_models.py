@@ -7,34 +7,38 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.free_run import course_of, free_run
-from seatrial.models.identification.simulated_motion import Adrift, Playback
-from seatrial.models.identification.validation import prediction, rate_limit
 from seatrial.models.notation import poses_of, velocities_of
-from seatrial.models.recording import recording as recordings
-from seatrial.models.simulation.loop import sail
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.table import Vessel as Coefficients
-from seatrial.models.weather.weather import Weather
 from seatrial.runner import export
 from seatrial.runner.compare.grid import Scalar, grid_of
-from seatrial.runner.config import build_as
 from seatrial.runner.interface.arguments import text_of
 from seatrial.runner.interface.displayed_table import Table
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what is slow to import
     import pandas as pd
 
-    from seatrial.runner import in_process
+    from seatrial.models.identification import free_run, simulated_motion, validation
+    from seatrial.models.recording.recording import Recording
+    from seatrial.models.simulation import loop
+    from seatrial.models.vessel import parameters as vessels
+    from seatrial.models.vessel.basis import Array
+    from seatrial.models.vessel.table import Vessel as Coefficients
+    from seatrial.models.weather import weather
+    from seatrial.runner import config, in_process
     from seatrial.runner.export.stored_model import StoredModel
+
+    Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is like a mapping
 else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
-
-Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is used like a mapping
+    free_run, simulated_motion, validation, loop, vessels, weather, config, in_process = (
+        lazy_loader.load(f"seatrial.{name}", suppress_warning=True)
+        for name in (
+            *(f"models.identification.{n}" for n in ("free_run", "simulated_motion", "validation")),
+            *("models.simulation.loop", "models.vessel.parameters", "models.weather.weather"),
+            *("runner.config", "runner.in_process"),
+        )
+    )
 
 
 class Model:
@@ -47,8 +51,8 @@ class Model:
 
     def __init__(
         self,
-        table: Coefficients,
-        parameters: VesselParameters,
+        table: "Coefficients",
+        parameters: "vessels.VesselParameters",
         choice: str | None = None,
         stored: "StoredModel | None" = None,
         address: str | None = None,
@@ -90,7 +94,7 @@ class Model:
 
     def simulate(
         self,
-        force: Forces,
+        force: "Forces",
         period_s: float = 0.1,
         *,
         step_s: float = 0.025,
@@ -129,15 +133,15 @@ class Model:
             np.zeros(n_dof) if values is None else _vector(values, self.dofs)
             for values in (pose, velocity)
         )
-        adrift = Adrift()
-        voyage = sail(
-            self.parameters.plant(self.table), Weather(still, still, still, still),
-            (adrift, np.zeros(1)), adrift, (Playback(commands), np.zeros(1)),
+        adrift = simulated_motion.Adrift()
+        voyage = loop.sail(
+            self.parameters.plant(self.table), weather.Weather(still, still, still, still),
+            (adrift, np.zeros(1)), adrift, (simulated_motion.Playback(commands), np.zeros(1)),
             start, period_s, min(step_s, period_s), start_nu,
         )  # fmt: skip
         return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, commands)
 
-    def predict(self, recording: recordings.Recording, restart_s: float = 30.0) -> "pd.DataFrame":
+    def predict(self, recording: "Recording", restart_s: float = 30.0) -> "pd.DataFrame":
         """Predict a recorded motion from the recorded force.
 
         Parameters
@@ -160,10 +164,12 @@ class Model:
         """
         lag = self.parameters.thruster
         known = recording.with_thruster(lag)
-        prediction(self.table, known, lag)  # raises for a model that cannot be simulated
+        validation.prediction(self.table, known, lag)  # raises for a model that cannot be simulated
         every = max(round(restart_s / known.period_s), 2)
-        course = course_of(known, lag, None, every, rate_limit(known), self.table.attitude)
-        motion = free_run(self.table, course, "rk4")
+        course = free_run.course_of(
+            known, lag, None, every, validation.rate_limit(known), self.table.attitude
+        )
+        motion = free_run.free_run(self.table, course, "rk4")
         n = len(self.dofs)
         return _frame(known.t, self.dofs, motion[:, :n], motion[:, n:])
 
@@ -244,18 +250,18 @@ class Vessel(Model):
     def load(cls, choice: str) -> Self:
         """Return what the command line takes after `vessel=`: a name, a path or `run:17`."""
         node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
-        parameters = build_as(VesselParameters, node, "vessel")
+        parameters = config.build_as(vessels.VesselParameters, node, "vessel")
         return cls(parameters.nominal(), parameters, choice)
 
 
-def _vector(values: Sequence[float], dofs: tuple[str, ...]) -> Array:
+def _vector(values: Sequence[float], dofs: tuple[str, ...]) -> "Array":
     vector = np.array(values, dtype=np.float64)
     if vector.shape != (len(dofs),):
         raise ConfigurationError(f"got shape {vector.shape}, expected a number for each of {dofs}")
     return vector
 
 
-def _commands(force: Forces, dofs: tuple[str, ...]) -> Array:
+def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":
     """Return commanded forces as an array (N, n_dof)."""
     if not isinstance(force, Sequence | np.ndarray):
         known = {name.removeprefix("tau_"): force[name] for name in map(str, force)}
@@ -273,7 +279,7 @@ def _commands(force: Forces, dofs: tuple[str, ...]) -> Array:
 
 
 def _frame(
-    t: Array, dofs: tuple[str, ...], eta: Array, nu: Array, tau: Array | None = None
+    t: "Array", dofs: tuple[str, ...], eta: "Array", nu: "Array", tau: "Array | None" = None
 ) -> "pd.DataFrame":
     columns = dict(zip(poses_of(dofs), eta.T, strict=True))
     columns |= dict(zip(velocities_of(dofs), nu.T, strict=True))

@@ -6,7 +6,7 @@ notes then belong to these axes, and the rest of their figure is not changed.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
 from io import BytesIO
@@ -68,6 +68,7 @@ RC: Mapping["RcKeyType", object] = {
 
 
 _GIVEN: ContextVar[Axes | None] = ContextVar("axes", default=None)  # of the caller
+_DRAWING: ContextVar[bool] = ContextVar("drawing", default=False)  # inside of `drawn`
 
 
 class Chart(Figure):
@@ -75,7 +76,7 @@ class Chart(Figure):
 
     def savefig(self, *arguments: Any, **options: Any) -> None:
         """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
-        with drawn(_GIVEN.get()):
+        with nullcontext() if _DRAWING.get() else drawn():
             super().savefig(*arguments, **options)
 
     def _repr_png_(self) -> bytes:
@@ -104,12 +105,13 @@ def drawn(axes: Axes | None = None) -> Iterator[None]:
     `axes` are those of the caller, for a figure with one panel. Raises LogbookError for a stored
     name that reads as a formula and is none.
     """
-    given = _GIVEN.set(axes)
+    given, drawing = _GIVEN.set(axes), _DRAWING.set(True)
     try:
         with _styled():
             yield
     finally:
         _GIVEN.reset(given)
+        _DRAWING.reset(drawing)
 
 
 @contextmanager
