@@ -134,8 +134,8 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
     stop = StopSignals().listening(["SIGINT"]) if signals else nullcontext()
     with _singletons_kept(), stop:
         import_from_working_folder()
+        register(overrides)  # before Hydra looks for its sources
         with initialize_config_dir(str(CONF), job_name="seatrial", version_base="1.3"):
-            register(overrides)
             hydra = GlobalHydra.instance().hydra
             assert hydra is not None
             try:

@@ -11,6 +11,31 @@ import pytest
 
 from tests.runner.programs import ROOT, ended, program, wait
 
+TUG = """\
+_target_: seatrial.models.vessel.parameters.VesselParameters
+name: tug
+dofs: [surge]
+inertia: [[3000.0]]
+derivatives: {X_u: -40.0}
+force_limits: [1200.0]
+sources: {inertia: a test, derivatives: a test, force_limits: a test}
+"""
+SCALING = """\
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.identification.problem import Identified, Identifier, Problem
+
+
+@dataclass(frozen=True)
+class Scaling(Identifier):
+    factor: float
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        nominal = problem.nominal
+        return Identified(self.factor * nominal, (self.factor - 1.0) * nominal)
+"""
 SCRIPT = """\
 import pandas as pd
 import seatrial as st
@@ -44,6 +69,30 @@ finished True
 4
 ['none', 'ls']
 identifier: no option 'lss', did you mean ls? expected one of auto,"""
+
+
+OWN_PARTS = """\
+import seatrial as st
+
+if __name__ == "__main__":
+    print(st.Vessel.from_yaml("tug.yaml").inertia.loc["surge", "surge"])
+    sweep = st.sweep(
+        [{"identifier.factor": factor} for factor in (0.5, 2.0)], vessel="tug.yaml",
+        excitation="prbs", identifier="scaling", controller="none", launcher="joblib",
+    )
+    for number in sorted(sweep.runs(status="finished").index):
+        print(sweep.model(number).inertia.loc["surge", "surge"])
+"""
+
+
+def test_a_vessel_and_an_identifier_of_the_working_folder(tmp_path: Path) -> None:
+    conf = tmp_path / "conf" / "identifier"
+    conf.mkdir(parents=True)
+    (conf / "scaling.yaml").write_text("_target_: scaling.Scaling\nfactor: 1.0\n")
+    for name, text in {"tug.yaml": TUG, "scaling.py": SCALING, "script.py": OWN_PARTS}.items():
+        (tmp_path / name).write_text(text)
+    code, out, err = ended(program("script.py", folder=tmp_path))
+    assert (code, sorted(map(float, out.split()))) == (0, [1500.0, 3000.0, 6000.0]), err
 
 
 def test_a_script_runs_in_an_empty_folder(tmp_path: Path) -> None:
