@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 
@@ -44,7 +45,15 @@ class Table:
         -------
         str
             The table and its notes.
+
+        Raises
+        ------
+        ConfigurationError
+            There is no such format.
         """
+        known = [each.value for each in Format]
+        if form not in known:
+            raise ConfigurationError(f"text: got {form!r}, expected one of {', '.join(known)}")
         return render(self._grid, Format(form))
 
     def __str__(self) -> str:

@@ -6,11 +6,12 @@ notebook. Tables and figures are those of `seatrial-results`.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.runner import compare, database, export
 from seatrial.runner.compare.cli import DEFAULT_DATABASE, MOST, PlotOptions, TableOptions
 from seatrial.runner.compare.grid import Grid, grid_of
@@ -236,8 +237,10 @@ class Logbook:
         for name, value in chosen.items():
             if name in lists:
                 chosen[name] = list(listed(value))
-            elif name in ("rows", "columns", "sweep") and value is not None:
-                chosen[name] = value if isinstance(value, str) else ",".join(listed(value))
+            elif name in ("rows", "columns") and value is not None:
+                chosen[name] = ",".join(listed(value))
+            elif name == "sweep" and value is not None:
+                chosen[name] = str(value)
         return chosen
 
     def __repr__(self) -> str:
@@ -283,19 +286,19 @@ class Run:
     def metrics(self) -> "pd.DataFrame":
         """All metrics: columns stage, model, dof, name, value and unit."""
         with self.logbook.opened() as results:
-            return pd.DataFrame(map(asdict, results.reader.metrics(self.number)))
+            return _rows(database.Metric, results.reader.metrics(self.number))
 
     @property
     def coefficients(self) -> "pd.DataFrame":
         """All coefficients: columns model, dof, term, value, unit, std_error and true_value."""
         with self.logbook.opened() as results:
-            return pd.DataFrame(map(asdict, results.reader.coefficients(self.number)))
+            return _rows(database.Coefficient, results.reader.coefficients(self.number))
 
     @property
     def findings(self) -> "pd.DataFrame":
         """What the parts of the trial said of themselves, warnings included."""
         with self.logbook.opened() as results:
-            return pd.DataFrame(map(asdict, results.reader.diagnostics(self.number)))
+            return _rows(Finding, results.reader.diagnostics(self.number))
 
     @property
     def model(self) -> Model:
@@ -405,6 +408,11 @@ class Run:
 
 
 MODELS = ("nominal", "identified")
+
+
+def _rows(record: type[Any], rows: Sequence[Any]) -> "pd.DataFrame":
+    """Return records as a frame, which has its columns also without a row."""
+    return pd.DataFrame(list(map(asdict, rows)), columns=[field.name for field in fields(record)])
 
 
 def _long(numbers: Iterable["Observation"]) -> "pd.DataFrame":

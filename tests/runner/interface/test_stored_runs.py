@@ -73,6 +73,8 @@ def test_the_table_is_that_of_the_shell(
     for form in ("json", "md", "html", "latex"):
         assert results_program([*words.split(), "--format", form]) == 0
         assert capsys.readouterr().out.rstrip("\n") == table.text(form)
+    with pytest.raises(st.ConfigurationError, match="text: got 'pdf', expected one of rich, md"):
+        table.text("pdf")
     records = json.loads(table.text("json"))
     assert len(records) == 4
     assert list(table.frame.columns) == list(records[0])
@@ -120,6 +122,8 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
     ]  # fmt: skip
     assert set(sweep.metrics()["run_id"]) == set(frame.index)
     everything = st.open("results/results.db")
+    chosen = everything.table(metric="force_mse", dof="surge", sweep=sweep.number)
+    assert str(chosen) == str(sweep.table(metric="force_mse", dof="surge"))
     assert set(everything.runs().index) == {1, *frame.index}
     assert set(everything.metrics("force_mse")["run_id"]) == {1, *frame.index}
     assert list(everything.runs(where="seed=3").index) == [1]
