@@ -6,7 +6,8 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Five private parts of Hydra 1.3.8 are used, here and in `yaml_files` alone. The first is its
+Five private parts of Hydra 1.3.8 are used, here, in `in_process`
+and in `yaml_files` alone. The first is its
 command-line parser, which by itself prints a usage message and ends the process instead of
 reporting one line. The second is its table of plugins: the public `Plugins.register` names a plugin
 after its module, which must be in the name space `hydra_plugins`, but seatrial installs no other
@@ -27,9 +28,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import hydra
 from hydra._internal.hydra import Hydra
-from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
-from hydra.core.plugins import Plugins
 from hydra.plugins.completion_plugin import CompletionPlugin
 from omegaconf import DictConfig
 
@@ -39,13 +38,12 @@ from seatrial.runner.composition import with_numbers
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
+from seatrial.runner.in_process import register
 from seatrial.runner.invocation import import_from_working_folder, program_version
 from seatrial.runner.overrides import left_to_jobs
-from seatrial.runner.search import SearchSweeper
 from seatrial.runner.search_path import CONF, UserFolders, hidden
 from seatrial.runner.stop_signals import StopSignals
-from seatrial.runner.sweep import SeatrialSweeper, Session
-from seatrial.runner.yaml_files import FileConfigSource
+from seatrial.runner.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
     from seatrial.runner import completion, doctor
@@ -55,8 +53,6 @@ else:
     completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
 
-# As the files of conf/hydra/sweeper name them.
-SWEEPER, SEARCH = "hydra_plugins.seatrial.Sweeper", "hydra_plugins.seatrial.Search"
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
 QUERY = CompletionPlugin._query
@@ -96,11 +92,7 @@ def _main(stop: StopSignals) -> int:
         for warning in hidden():
             _say(warning)
         with _raising():
-            sweepers = {SWEEPER: SeatrialSweeper, SEARCH: SearchSweeper}
-            Plugins.instance().class_name_to_class.update(sweepers)
-            Plugins.instance().register(UserFolders)
-            SourcesRegistry.instance().types["file"] = FileConfigSource
-            FileConfigSource.overrides = overrides
+            register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
             CompletionPlugin._query = _completions  # type: ignore[method-assign, assignment]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()

@@ -149,12 +149,13 @@ class SearchSweeper(SeatrialSweeper):
 
     def _show_dry_run(self, study: "optuna.Study") -> None:
         plans = self._ask(study).plans
-        print("the first candidate:")
-        print("\n".join(console.dry_run(listed(plans))))
-        for name, distribution in self._distributions.items():
-            print(f"{name}: {search_space.described(distribution)}")
         most = self._search.trials * len(self._space.seeds)
-        print(f"{self._search.trials} candidates, at most {most} trials")
+        self.session.say(["the first candidate:", *console.dry_run(listed(plans))])
+        self.session.say(
+            f"{name}: {search_space.described(distribution)}"
+            for name, distribution in self._distributions.items()
+        )
+        self.session.say([f"{self._search.trials} candidates, at most {most} trials"])
 
     def _run_search(self, study: "optuna.Study", arguments: list[str]) -> None:
         check(self._choice, arguments)
@@ -168,9 +169,11 @@ class SearchSweeper(SeatrialSweeper):
         ):
             most = self._search.trials * len(self._space.seeds)
             sweep_id = begin_sweep(logbook, plan.labels, provenance, stored, most)
+            self.session.sweep_id = sweep_id
+            self.session.logbook = plan.database_url, plan.results_dir
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
             done: list[Attempt] = []
-            with console.shown(plan.database_url, sweep_id, job.compile_times):
+            with console.shown(plan.database_url, sweep_id, job.compile_times, self.session.view):
                 try:
                     launched = self._loop(study, [first], done, logbook, job)
                 except KeyboardInterrupt:
@@ -179,7 +182,7 @@ class SearchSweeper(SeatrialSweeper):
             logbook.end_sweep(sweep_id, sum(len(one.results[0]) for one in done))
         best = self._best(done)
         lines = [*self._summary(done, sweep_id, plan.database_url), *self._shown(best, done)]
-        print("\n".join(lines))
+        self.session.say(lines)
         self.session.exit_code = 0 if best else 1
         self.session.error = launched.error
         if launched.bugs:

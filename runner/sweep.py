@@ -153,6 +153,18 @@ class Session:
         self.exit_code = 0
         self.error: Exception | str | None = None
         self.started = False  # before that, an exception is about the command line
+        self.outcome: Outcome | None = None  # of a single trial
+        self.sweep_id: int | None = None
+        self.logbook: tuple[str, Path] | None = None  # address, and the folder of its series
+        self.view: console.MakeView = console.terminal_view  # of the progress of a sweep
+
+    def say(self, lines: Iterable[str]) -> None:
+        """Print the outcome."""
+        print("\n".join(lines))
+
+    def provenance(self) -> Provenance:
+        """Return where the results come from."""
+        return collect()
 
     def __call__(self, config: DictConfig) -> None:
         """Run the one trial of a command without -m."""
@@ -165,16 +177,17 @@ class Session:
 
     def _run(self, order: Order) -> None:
         if order.config.get("dry_run") is True:
-            print("\n".join(console.dry_run(listed([Planner(collect().sources).plan(order)]))))
+            self.say(console.dry_run(listed([Planner(collect().sources).plan(order)])))
             return
         trial = prepare(order)
-        outcome = _perform(trial, order, collect())
+        self.logbook = trial.database_url, trial.results_dir
+        self.outcome = outcome = _perform(trial, order, self.provenance())
         line = console.outcome_line(outcome, trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
         else:
-            print(line)
+            self.say([line])
 
 
 @dataclass(frozen=True)
@@ -245,21 +258,22 @@ class SeatrialSweeper(Sweeper):
         jobs = composer.applicable(jobs)
         plans = _planned(composer, jobs)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
-            print("\n".join(console.dry_run(listed(plans))))
+            self.session.say(console.dry_run(listed(plans)))
         else:
             self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         check(self._choice, arguments)
-        url, provenance = plans[0].database_url, collect()
+        url, provenance = plans[0].database_url, self.session.provenance()
         with (
             database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
             sweep_id = begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
+            self.session.sweep_id, self.session.logbook = sweep_id, (url, plans[0].results_dir)
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
             outcomes, remaining = finished_before(plans, logbook, sweep_id)
-            with console.shown(url, sweep_id, job.compile_times):
+            with console.shown(url, sweep_id, job.compile_times, self.session.view):
                 try:
                     launched = self._launch(remaining, job)
                 except KeyboardInterrupt:
@@ -268,7 +282,7 @@ class SeatrialSweeper(Sweeper):
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched.outcomes
-        print("\n".join(console.sweep_summary(status, outcomes, url, factors)))
+        self.session.say(console.sweep_summary(status, outcomes, url, factors))
         self.session.exit_code = console.sweep_exit_code(status, outcomes)
         self.session.error = launched.error
         if launched.bugs:

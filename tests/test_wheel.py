@@ -125,7 +125,7 @@ def test_the_wheel_holds_every_file_under_one_name(wheel: Path) -> None:
         for path in (ROOT / name).rglob("*")
         if path.is_file() and path.parent.name != "__pycache__"
     }
-    assert sorted(files) == sorted(tree | {"seatrial/__init__.py"})
+    assert sorted(files) == sorted(tree | {"seatrial/__init__.py", "seatrial/py.typed"})
 
 
 @pytest.mark.slow

@@ -60,7 +60,8 @@ ONLY = {
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    *("hydra_errors", "yaml_files", "vessel_files", "search", "search_path", "search_space"),
+    *("hydra_errors", "in_process", "yaml_files", "vessel_files"),
+    *("search", "search_path", "search_space"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 

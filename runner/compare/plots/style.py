@@ -1,21 +1,25 @@
 """Common style of the figures: palette, fonts, labels with units, and reproducible files.
 
 Figures are made without pyplot: no window, no global state, and no effect of backend settings.
+A figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
+notes then belong to these axes, and the rest of their figure is not changed.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seatrial.models.errors import LogbookError
+from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import paper
 from seatrial.runner.record.catalogue import definition_of
@@ -65,6 +69,24 @@ RC: Mapping["RcKeyType", object] = {
 }
 
 
+_GIVEN: ContextVar[Axes | None] = ContextVar("axes", default=None)  # of the caller
+_DRAWING: ContextVar[bool] = ContextVar("drawing", default=False)  # inside of `drawn`
+
+
+class Chart(Figure):
+    """A figure that a notebook shows without pyplot, and that is saved as the commands save it."""
+
+    def savefig(self, *arguments: Any, **options: Any) -> None:
+        """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
+        with nullcontext() if _DRAWING.get() else drawn():
+            super().savefig(*arguments, **options)
+
+    def _repr_png_(self) -> bytes:
+        image = BytesIO()
+        self.savefig(image, format="png", dpi=100, metadata={"Software": None})
+        return image.getvalue()
+
+
 @dataclass(frozen=True)
 class Drawing:
     """A figure and the name of its files."""
@@ -79,13 +101,24 @@ def marker_of(i: int) -> str:
 
 
 @contextmanager
-def drawn(width_mm: float | None = None) -> Iterator[None]:
+def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[None]:
     """Context for drawing and saving: the settings above on matplotlib's defaults.
 
-    With `width_mm` figures are for print, of this width. Raises LogbookError for a
-    stored name that reads as a formula and is none.
+    `axes` are those of the caller, for a figure with one panel. With `width_mm` figures are for
+    print, of this width. Raises LogbookError for a stored name that reads as a formula and is none.
     """
-    with mpl.rc_context(), paper.of_width(width_mm):
+    given, drawing = _GIVEN.set(axes), _DRAWING.set(True)
+    try:
+        with _styled(width_mm), paper.of_width(width_mm):
+            yield
+    finally:
+        _GIVEN.reset(given)
+        _DRAWING.reset(drawing)
+
+
+@contextmanager
+def _styled(width_mm: float | None) -> Iterator[None]:
+    with mpl.rc_context():
         mpl.rcdefaults()
         for name, value in {**RC, **({} if width_mm is None else paper.RC)}.items():
             mpl.rcParams[name] = value
@@ -99,8 +132,13 @@ def drawn(width_mm: float | None = None) -> Iterator[None]:
 
 
 def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of width x height [inch] with constrained layout."""
-    return Figure(figsize=paper.size_of(width, height), layout="constrained")
+    """Return an empty figure of width x height [inch] with constrained layout.
+
+    Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
+    """
+    if _GIVEN.get() is not None:
+        raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
+    return Chart(figsize=paper.size_of(width, height), layout="constrained")
 
 
 def panels(
@@ -108,8 +146,12 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x.
+    With `share_x` all axes have the same range of x. One panel is drawn into the
+    axes of the caller, if there are any.
     """
+    given = _GIVEN.get()
+    if given is not None and rows * columns == 1:
+        return cast(Figure, given.figure), [given]
     abreast = paper.columns_of(columns)
     if abreast < columns:
         chart = figure(abreast * width, rows * height * -(-columns // abreast))
@@ -131,6 +173,12 @@ def metric_label(name: str, dof: str, unit: str | None) -> str:
 
 def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     """Add the title and one legend, with each label once, above the figure."""
+    given = _GIVEN.get()
+    if given is not None:
+        given.set_title(title, loc="left")
+        if given.get_legend_handles_labels()[0]:
+            given.legend()
+        return
     handles: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
@@ -155,6 +203,13 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
 
 def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
+    given = _GIVEN.get()
+    if given is not None:
+        given.annotate(
+            "\n".join(notes), (0.0, 0.0), xycoords="axes fraction", xytext=(0.0, -36.0),
+            textcoords="offset points", va="top", fontsize=8, color=MUTED,
+        )  # fmt: skip
+        return
     width = int(chart.get_figwidth() * LETTERS_PER_INCH * 1.05)
     lines = [line for note in notes for line in wrap(note, width)]
     if lines:
