@@ -14,6 +14,8 @@ from zipfile import ZipFile
 import pytest
 from packaging.requirements import Requirement
 
+from tests.test_python_guide import script
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
@@ -180,3 +182,11 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert command == "seatrial identifier=ls evaluation=none seed=1"
     assert commit is None
     assert versions == PROJECT["project"]["version"]
+
+
+@pytest.mark.slow
+def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
+    (tmp_path / "guide.py").write_text(script())
+    answer = run(binaries / "python", "guide.py", folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")
