@@ -80,9 +80,41 @@ def test_nothing_that_is_not_measured_is_estimated(lap, identifier) -> None:
     assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
 
 
-def test_a_disturbance_needs_a_planar_vessel(identifier, vessel) -> None:
+def excited(*options: str) -> tuple[Problem, Vessel]:
+    """A trial's recording, in two parts, and its truth."""
+    trial = composed(*options, "plant.scale=0.8", "controller=none", "excitation=multisine")
+    found = trials.excite(trial, closed_loop.Streams(0))
+    parts = (found.recording.part(mask) for mask in (found.training, found.testing))
+    assert found.truth is not None
+    return Problem(*parts, trial.vessel.nominal(), trial.vessel.thruster), found.truth
+
+
+def test_a_force_from_ahead_is_recovered_in_surge(identifier) -> None:
+    problem, truth = excited("vessel=surge_nonlinear", "disturbance=constant")
+    option = identifier("robust")
+    assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
+    found = option.identify(problem, np.random.default_rng(0))
+    assert chosen(found) == "[ned_force]"
+    assert truth.coefficient("surge", "1") == -5.0
+    assert_recovered(found.model, truth, 1e-3)
+
+
+def test_a_force_constant_in_ned_is_recovered_in_six_degrees_of_freedom(identifier) -> None:
+    """The attitude turns it into the body: ten coefficients that two parameters hold."""
+    problem, truth = excited("vessel=beluga_diagonal", "disturbance=constant")
+    option = identifier("robust", disturbance="ned_force", refinement="none", lowpass_hz=None)
+    found = option.identify(problem, np.random.default_rng(0)).model
+    forces = [t for t in truth.terms if "(psi)" in t.name]
+    assert np.count_nonzero(truth.on(forces).theta) == 10
+    np.testing.assert_allclose(found.on(forces).theta, truth.on(forces).theta, rtol=0.01, atol=1e-9)
+    inertia, expected = (np.diag(table.inertia) for table in (found, truth))
+    np.testing.assert_allclose(inertia, expected, rtol=0.02)
+
+
+def test_windage_needs_a_planar_vessel(identifier, vessel) -> None:
     beluga = vessel("beluga_linear")
-    for name in ("ned_force", "windage", "both"):
+    identifier("robust", disturbance="ned_force").check(beluga, None, False)
+    for name in ("windage", "both"):
         with pytest.raises(ConfigurationError, match=f"disturbance={name} needs a vessel in surge"):
             identifier("robust", disturbance=name).check(beluga, None, False)
     identifier("robust").check(beluga, None, False)
