@@ -20,7 +20,7 @@ from seatrial.models.identification.free_parameters import (
     nonzero_labels,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
-from seatrial.models.identification.refinement import refine, segments
+from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, thruster_of
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
@@ -93,8 +93,7 @@ class Robust(ResidualOptions):
         findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
         errors = None
         if self.refinement == "free_run":
-            predictor = segments(training, free, lag, self.force, self.segment_s)
-            refined = refine(predictor, change, self.prior * model.size, model.constraints)
+            refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             errors = free.std_error(refined.covariance)
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)

@@ -11,9 +11,12 @@ from seatrial.models.identification.physical_constraints import (
     PhysicalConstraints,
     sampled_velocities,
 )
-from seatrial.models.identification.refinement import refine, segments
+from seatrial.models.identification.refinement import refine, refined_by_segments, segments
+from seatrial.models.identification.structured import structure
+from tests.trials import excited
 
 SEGMENT_S = 30.0
+DIAGONAL = ("surge.u_dot", "sway.v_dot", "heave.w_dot", "roll.p_dot", "pitch.q_dot", "yaw.r_dot")
 WIDE = 100.0  # standard deviation of the prior, over the believed size: hardly any prior
 
 
@@ -94,6 +97,31 @@ def test_least_squares_is_better_in_free_runs_after_refinement(lap, identifier, 
     blocks = Blocks(problem)
     runs = [blocks.runs(model, problem.validation).error for model in (plain, refined)]
     assert runs[1] < 0.8 * runs[0]
+
+
+def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
+    """Beluga, 30 s from rest with a noisy attitude: from here whole segments end in a minimum."""
+    problem, truth = excited(
+        "vessel=beluga_diagonal", "disturbance=[constant,noise]", "excitation=multisine",
+        "controller=none", "plant.scale=0.8",
+    )  # fmt: skip
+    option = identifier("robust", disturbance="ned_force")
+    free, training = option.free(problem.nominal), problem.training
+    samples = option.samples(training, free.nominal, None, terms=free.nominal.terms)
+    model = structure(free, samples, training.nu, option.inertia_factor)
+    change, _ = model.regress(1.0)
+    predictor = segments(training, free, None, None, SEGMENT_S)
+    direct = refine(predictor, change, model.size, model.constraints)
+    grown = refined_by_segments(option, training, None, model, change, 1.0)
+    inertia = [label in DIAGONAL for label in free.labels]
+    assert sum(inertia) == 6
+    true = free.change(truth.on(free.nominal.terms).theta - free.nominal.theta)
+    errors = [
+        np.max(np.abs((refined.change - true)[inertia] / (free.values + true)[inertia]))
+        for refined in (direct, grown)
+    ]
+    assert errors[0] > 0.02
+    assert errors[1] < 0.003
 
 
 @pytest.mark.slow

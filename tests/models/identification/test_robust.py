@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
-from tests.trials import composed
+from tests.trials import excited
+
+SWEPT = ("excitation=multisine", "controller=none", "plant.scale=0.8")
 
 
 def chosen(found: Identified) -> str:
@@ -38,16 +38,11 @@ def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
         np.testing.assert_allclose(force, truth, rtol=1e-4, atol=1e-6)
 
 
-def test_a_wind_is_chosen_and_recovered() -> None:
+def test_a_wind_is_chosen_and_recovered(identifier) -> None:
     """Wind areas to a thousandth; damping to what a lap shows beside a wind of its own noise."""
-    trial = composed("disturbance=wind", "identifier=robust")
-    excited = trials.excite(trial, closed_loop.Streams(0))
-    parts = (excited.recording.part(mask) for mask in (excited.training, excited.testing))
-    problem = Problem(*parts, trial.vessel.nominal(), trial.vessel.thruster)
-    found = trial.identifier.identify(problem, np.random.default_rng(0))
+    problem, truth = excited("disturbance=wind")
+    found = identifier("robust").identify(problem, np.random.default_rng(0))
     assert chosen(found) == "[windage]"
-    truth = excited.truth
-    assert truth is not None
     for dof, term in (("surge", "V_qu_q"), ("sway", "V_qv_q"), ("yaw", "u_qv_q")):
         expected = truth.coefficient(dof, term)
         assert expected != 0.0
@@ -80,17 +75,8 @@ def test_nothing_that_is_not_measured_is_estimated(lap, identifier) -> None:
     assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
 
 
-def excited(*options: str) -> tuple[Problem, Vessel]:
-    """A trial's recording, in two parts, and its truth."""
-    trial = composed(*options, "plant.scale=0.8", "controller=none", "excitation=multisine")
-    found = trials.excite(trial, closed_loop.Streams(0))
-    parts = (found.recording.part(mask) for mask in (found.training, found.testing))
-    assert found.truth is not None
-    return Problem(*parts, trial.vessel.nominal(), trial.vessel.thruster), found.truth
-
-
 def test_a_force_from_ahead_is_recovered_in_surge(identifier) -> None:
-    problem, truth = excited("vessel=surge_nonlinear", "disturbance=constant")
+    problem, truth = excited("vessel=surge_nonlinear", "disturbance=constant", *SWEPT)
     option = identifier("robust")
     assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
     found = option.identify(problem, np.random.default_rng(0))
@@ -101,7 +87,7 @@ def test_a_force_from_ahead_is_recovered_in_surge(identifier) -> None:
 
 def test_a_force_constant_in_ned_is_recovered_in_six_degrees_of_freedom(identifier) -> None:
     """The attitude turns it into the body: ten coefficients that two parameters hold."""
-    problem, truth = excited("vessel=beluga_diagonal", "disturbance=constant")
+    problem, truth = excited("vessel=beluga_diagonal", "disturbance=constant", *SWEPT)
     option = identifier("robust", disturbance="ned_force", refinement="none", lowpass_hz=None)
     found = option.identify(problem, np.random.default_rng(0)).model
     forces = [t for t in truth.terms if "(psi)" in t.name]
