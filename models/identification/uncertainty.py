@@ -68,7 +68,7 @@ def long_run_share(rest: Array, width: float) -> Array:
     lags = min(len(rest), int(width) + 1)
     own = autocovariances(centred, lags)
     total = np.sum(bartlett_weights(np.full(own.shape[1], width), lags) * own, axis=0)
-    return np.divide(total, own[0], out=np.ones_like(total), where=own[0] > 0.0)
+    return np.asarray(np.divide(total, own[0], out=np.ones_like(total), where=own[0] > 0.0))
 
 
 def clustered_variance(influence: Array, begin: NDArray[np.int64]) -> Array:

@@ -9,6 +9,7 @@ from seatrial.models.identification.blocked_free_run import Blocks
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.physical_constraints import (
     PhysicalConstraints,
+    largest_velocities,
     sampled_velocities,
 )
 from seatrial.models.identification.refinement import refine, refined_by_segments, segments
@@ -61,8 +62,9 @@ def test_constraints_hold_after_every_step(calm) -> None:
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)
-    velocities = sampled_velocities(problem.training.nu, problem.nominal.inertia)
-    constraints = PhysicalConstraints(free, velocities, 1.5, size)
+    nu, inertia = problem.training.nu, problem.nominal.inertia
+    velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
+    constraints = PhysicalConstraints(free, velocities, 1.5, size, largest)
     predictor = segments(problem.training, free, problem.thruster, None, SEGMENT_S)
     refined = refine(predictor, np.zeros(len(free)), size, constraints)
     assert "inertia" in refined.active
