@@ -38,7 +38,9 @@ from seatrial.models.identification.uncertainty import (
     stationary_variance,
 )
 from seatrial.models.identification.validation import rate_limit
+from seatrial.models.notation import DOFS
 from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.smoothing import HIGHEST, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -50,7 +52,7 @@ TRIES = 6  # of a step, each with ten times the damping
 DAMPING = 1e-3  # the first
 ENOUGH = 1e-4  # relative decrease below which the steps end
 SLOW = 0.1  # of a segment, at which the residual's slow part is looked for
-SLOW_SHARE = 1.3  # variance at low frequency, over that of white noise, from which there is one
+SLOW_SHARE = 1.1  # variance at low frequency, over that of white noise, from which there is one
 ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
 
 
@@ -130,9 +132,26 @@ def segments(
     segment_s: float,
 ) -> Predictor:
     """The predictor of a recording in segments of `segment_s` [s]."""
+    recording = with_smooth_angles(recording)
     table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
     course = course_of(recording, lag, force, every, rate_limit(recording), table.attitude)
     return Predictor(free, predicted_layout(table.terms, table.dofs, free.support), course, "rk4")
+
+
+def with_smooth_angles(recording: Recording) -> Recording:
+    """The recording with a low-pass filter of its angles, at the frequency where noise begins.
+
+    A segment keeps the attitude at which it begins: noise in it turns restoring and constant forces
+    for as long as the segment lasts.
+    """
+    angles = [k for k, dof in enumerate(recording.dofs) if dof in DOFS[3:]]
+    turned = np.unwrap(recording.eta[:, angles], axis=0)
+    floor = noise_floor(turned, recording.piece_starts, recording.period_s)
+    if floor.cutoff_hz is None or floor.cutoff_hz >= HIGHEST * 0.5 / recording.period_s:
+        return recording
+    eta = recording.eta.copy()
+    eta[:, angles] = recording.lowpassed(turned, floor.cutoff_hz)
+    return replace(recording, eta=eta)
 
 
 def refined_by_segments(

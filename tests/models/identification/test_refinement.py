@@ -12,7 +12,12 @@ from seatrial.models.identification.physical_constraints import (
     largest_velocities,
     sampled_velocities,
 )
-from seatrial.models.identification.refinement import refine, refined_by_segments, segments
+from seatrial.models.identification.refinement import (
+    refine,
+    refined_by_segments,
+    segments,
+    with_smooth_angles,
+)
 from seatrial.models.identification.structured import structure
 from tests.trials import excited
 
@@ -124,6 +129,20 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     ]
     assert errors[0] > 0.02
     assert errors[1] < 0.003
+
+
+def test_noise_of_the_angles_is_filtered_piece_by_piece(calm) -> None:
+    """The heading passes pi; its noise of 0.01 rad is more than halved, the rest stays."""
+    training, rng = calm.problem.training, np.random.default_rng(0)
+    eta = training.eta.copy()
+    eta[:, 2] = (training.eta[:, 2] + 0.01 * rng.standard_normal(len(eta)) + np.pi) % (2.0 * np.pi)
+    noisy = replace(training, eta=eta - np.array([0.0, 0.0, np.pi]))
+    smooth = with_smooth_angles(noisy)
+    np.testing.assert_array_equal(smooth.eta[:, :2], training.eta[:, :2])
+    error = np.angle(np.exp(1j * (smooth.eta[:, 2] - training.eta[:, 2])))
+    assert np.std(error) < 0.005
+    still = with_smooth_angles(training)
+    np.testing.assert_allclose(still.eta, training.eta, atol=1e-4)
 
 
 @pytest.mark.slow
