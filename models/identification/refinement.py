@@ -145,6 +145,8 @@ def with_smooth_angles(recording: Recording) -> Recording:
     for as long as the segment lasts.
     """
     angles = [k for k, dof in enumerate(recording.dofs) if dof in DOFS[3:]]
+    if not angles:
+        return recording
     turned = np.unwrap(recording.eta[:, angles], axis=0)
     floor = noise_floor(turned, recording.piece_starts, recording.period_s)
     if floor.cutoff_hz is None or floor.cutoff_hz >= HIGHEST * 0.5 / recording.period_s:
