@@ -94,6 +94,11 @@ class Blocks:
         moved = np.std(training.nu, axis=0) > np.maximum(MOTION * noise, STILL)
         return np.flatnonzero(moved).tolist()
 
+    @property
+    def every_axis(self) -> list[int]:
+        """All degrees of freedom."""
+        return list(range(len(self.problem.nominal.dofs)))
+
     def worse(self, left_out: LeftOut, reference: LeftOut) -> str | None:
         """What is worse than a reference by more than one standard error; None: nothing."""
         lost = [

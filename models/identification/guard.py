@@ -18,34 +18,44 @@ from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
+LOST = "worse_than_nominal"  # the finding of an axis
+
 
 def guarded(
     blocks: Blocks, estimate: Callable[[Problem], Vessel], result: Identified
 ) -> Identified:
     """The result with the nominal equation of each axis that is predicted worse with its own.
 
-    `estimate` returns the model of a part of the recording. An axis of which the nominal model
-    cannot be simulated is not judged.
+    `estimate` returns the model of a part of the recording.
     """
+    problem, models = blocks.problem, []
+    for split in blocked_k_fold(len(problem.training), blocks.folds):
+        part = problem.training.part(split.train)
+        try:
+            models.append(estimate(replace(problem, training=part, validation=part)))
+        except UNUSABLE:
+            return with_nominal_axes(result, problem.nominal, blocks.every_axis, LOST)
+    return guarded_by(models, blocks, result)
+
+
+def guarded_by(models: Sequence[Vessel], blocks: Blocks, result: Identified) -> Identified:
+    """The same for models that were identified without each of the blocks.
+
+    An axis that did not move, or of which the nominal model cannot be simulated, is not judged.
+    """
+    nominal = blocks.problem.nominal
     if not blocks.axes:
         return result
-    problem, splits = blocks.problem, blocked_k_fold(len(blocks.problem.training), blocks.folds)
-    parts = [problem.training.part(split.train) for split in splits]
-    nominal, every = problem.nominal, list(range(len(problem.nominal.dofs)))
     try:
-        reference = blocks.errors([nominal] * len(splits))
+        reference = blocks.errors([nominal] * blocks.folds)
     except UNUSABLE:
         return result
-    try:
-        models = [estimate(replace(problem, training=part, validation=part)) for part in parts]
-    except UNUSABLE:
-        return with_nominal_axes(result, nominal, every, "worse_than_nominal")
     lost: list[int] = []
     while new := [k for k in _lost(blocks, models, nominal, lost, reference) if k not in lost]:
         lost += new
-    changed = with_nominal_axes(result, nominal, lost, "worse_than_nominal")
-    if lost and unphysical(changed.model, nominal, problem.training.nu) is not None:
-        return with_nominal_axes(result, nominal, every, "worse_than_nominal")
+    changed = with_nominal_axes(result, nominal, lost, LOST)
+    if lost and unphysical(changed.model, nominal, blocks.problem.training.nu) is not None:
+        return with_nominal_axes(result, nominal, blocks.every_axis, LOST)
     return changed
 
 
@@ -57,7 +67,7 @@ def _lost(
     try:
         return blocks.lost(blocks.errors(mixed), reference)
     except UNUSABLE:
-        return list(range(len(nominal.dofs)))
+        return blocks.every_axis
 
 
 def mixed_table(model: Vessel, nominal: Vessel, axes: Sequence[int]) -> Vessel:
