@@ -111,7 +111,7 @@ def test_windage_needs_a_planar_vessel(identifier, vessel) -> None:
     [
         ({"pryor": [1.0]}, "tune: got 'pryor', expected options of the identifier: "),
         ({"tune": [{}]}, "tune: got 'tune', expected options"),
-        ({"prior": [1.0, -1.0]}, "prior must be"),
+        ({"prior": [1.0, -1.0]}, r"tune.prior\[1\] must be positive, got -1"),
     ],
 )
 def test_wrong_names_and_values_in_tune_are_refused_in_one_line(identifier, tune, message) -> None:
