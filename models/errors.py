@@ -5,6 +5,7 @@
     |- RecordingError         a measured file cannot be read as a recording
     |- IdentificationError    the data do not determine the requested model
     |- Diverged               a simulation exceeded the limits of the vessel
+    |- PartError              a part from elsewhere fails, or returns what cannot be used
     `- LogbookError           the results database cannot be used
 
 A message is one line: what, where, what was received, what was expected.
@@ -41,6 +42,10 @@ class Diverged(SeatrialError):  # noqa: N818 - named like the status of the run
 
     def __reduce__(self) -> tuple[type["Diverged"], tuple[str, float, str]]:
         return type(self), (str(self), self.time_s, self.quantity)
+
+
+class PartError(SeatrialError):
+    """A part from elsewhere fails, or returns what cannot be used."""
 
 
 class LogbookError(SeatrialError):

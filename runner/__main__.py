@@ -1,49 +1,70 @@
 """The command line: `python -m runner`, installed as `seatrial`.
 
+`seatrial init` writes files to start from (`init`); everything else is Hydra's command line.
+
 Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be carried out (a wrong
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Four private parts of Hydra 1.3.8 are used, here and in `yaml_files` alone. The first is its
+Five private parts of Hydra 1.3.8 are used, here, in `in_process`
+and in `yaml_files` alone. The first is its
 command-line parser, which by itself prints a usage message and ends the process instead of
 reporting one line. The second is its table of plugins: the public `Plugins.register` names a plugin
 after its module, which must be in the name space `hydra_plugins`, but seatrial installs no other
 name than its own. The third is its source of configuration files, with the table that names it:
 files are checked before OmegaConf expands their aliases. The fourth is what `--cfg` prints: it
-shows the numbers that options take from the vessel.
+shows the numbers that options take from the vessel. The fifth is what completes a line in a shell:
+it is shown a sweep as one of its trials.
 """
 
 import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from functools import partial
+from typing import TYPE_CHECKING, NoReturn
 
 import hydra
 from hydra._internal.hydra import Hydra
-from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
-from hydra.core.plugins import Plugins
+from hydra.plugins.completion_plugin import CompletionPlugin
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.hydra_errors import CONF, EXPECTED, one_line
-from seatrial.runner.invocation import import_from_working_folder
+from seatrial.runner.hydra_errors import EXPECTED, one_line
+from seatrial.runner.in_process import register
+from seatrial.runner.invocation import import_from_working_folder, program_version
 from seatrial.runner.overrides import left_to_jobs
+from seatrial.runner.search_path import CONF, UserFolders, hidden
 from seatrial.runner.stop_signals import StopSignals
-from seatrial.runner.sweep import SeatrialSweeper, Session
-from seatrial.runner.yaml_files import FileConfigSource
+from seatrial.runner.sweep import Session
 
-SWEEPER = "hydra_plugins.seatrial.Sweeper"  # as conf/hydra/sweeper/seatrial.yaml names it
+if TYPE_CHECKING:  # what is slow to import, or seldom used
+    from seatrial.runner import completion, doctor
+else:
+    import lazy_loader
+
+    completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
+    doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
+
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
+QUERY = CompletionPlugin._query
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
+# What the first word may ask for beside trials and sweeps; called with the other words.
+COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
+    "--version": lambda words: _show_version(),
+    "--install-completion": lambda words: completion.install(words),
+    "doctor": lambda words: doctor.main(words),
+    "init": lambda words: init.run(words),
+}
 
 
 def main() -> int:
@@ -61,15 +82,19 @@ def _main(stop: StopSignals) -> int:
     session = Session()
     overrides: Sequence[str] = ()
     try:
+        if sys.argv[1:] and (command := COMMANDS.get(sys.argv[1])):
+            session.started = True
+            return command(sys.argv[2:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
         overrides = _checked_arguments()
+        for warning in hidden():
+            _say(warning)
         with _raising():
-            Plugins.instance().class_name_to_class[SWEEPER] = SeatrialSweeper
-            SourcesRegistry.instance().types["file"] = FileConfigSource
-            FileConfigSource.overrides = overrides
+            register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
+            CompletionPlugin._query = _completions  # type: ignore[method-assign, assignment]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
@@ -91,6 +116,15 @@ def _main(stop: StopSignals) -> int:
     return session.exit_code
 
 
+def _show_version() -> int:
+    print(f"seatrial {program_version()}")
+    return 0
+
+
+def _completions(plugin: CompletionPlugin, config_name: str | None, line: str) -> list[str]:
+    return completion.completions(line, partial(QUERY, plugin, config_name))
+
+
 def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
     """Return what `--cfg` prints, with the numbers that options take from the vessel.
 
@@ -101,9 +135,13 @@ def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
 
 
 def _complain(line: str, code: int) -> int:
+    _say(line)
+    return code
+
+
+def _say(line: str) -> None:
     shown = error_line(without_passwords(line), sys.argv[1:])
     print(f"seatrial: {shown}", file=sys.stderr)
-    return code
 
 
 def _take_variants() -> list[list[str]]:
@@ -135,10 +173,15 @@ def _take_variants() -> list[list[str]]:
 
 
 def _checked_arguments() -> list[str]:
-    """Return the overrides of the command line; raises ConfigurationError for invalid flags."""
+    """Return the overrides of the command line, and note its folder of configurations.
+
+    Raises ConfigurationError for invalid flags.
+    """
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]
-    overrides: list[str] = parser.parse_args().overrides
+    arguments = parser.parse_args()
+    UserFolders.config_dir = arguments.config_dir
+    overrides: list[str] = arguments.overrides
     return overrides
 
 

@@ -1,6 +1,6 @@
 """Closed-loop simulation of a mission: plant, weather, controller and adaptation."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
+from seatrial.models.errors import PartError
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.findings import Finding
 from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.loop import Watch, sail
-from seatrial.models.simulation.registry import Parameters, State
+from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
 from seatrial.models.vessel.basis import Array
@@ -22,6 +24,7 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.config import Trial
+from seatrial.runner.uncompiled import slowdown
 from seatrial.runner.vocabulary import STREAMS, Stream
 
 
@@ -54,6 +57,7 @@ class SimulatedMission:
     failures: int = 0  # number of commands that could not be computed; the last one was held
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
+    slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
 
 
 class Streams:
@@ -124,6 +128,7 @@ class MissionSetup:
             failures=0 if controller is None else controller.failures(state),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
+            slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
         )  # fmt: skip
 
 
@@ -141,20 +146,40 @@ def prepare(
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
     weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed, true)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
+    _check_step(mission, "guidance", guidance, GUIDANCE)
+    if isinstance(guidance[0], Timetable):
+        shape = len(t), len(vessel.dofs)
+        checked_array(mission, "guidance", guidance[0].setpoints, shape)
     added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
+    if added is not None:
+        added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     design = Design(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
     control, controller = mission.steering(vessel.dofs, period), None
     if control is None:
         controller = controller_of(trial, deployed)
-        parameters, state = controller.build(model, period)
+        built = controller.build(model, period)
+        _check_step(controller, "build", built, CONTROLLERS)
+        parameters, state = built
         control = controller.foresee(parameters, ahead), state
         design = design_of(controller, model, period, design)
     return MissionSetup(
         trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
         start, added, ahead, design,
     )  # fmt: skip
+
+
+def _check_step(
+    part: Controller | Mission, method: str, built: object, registered: Container[type]
+) -> None:
+    """Check that a part returned the parameters of a registered step; raises PartError."""
+    where = f"{name_of(part)}.{method}"
+    if not (isinstance(built, tuple) and len(built) == 2):
+        raise PartError(f"{where}: got {type(built).__name__}, expected parameters and a state")
+    kind = type(built[0])
+    if kind not in registered:
+        raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
 
 
 def controller_of(trial: Trial, deployed: bool) -> Controller:

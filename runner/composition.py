@@ -34,7 +34,7 @@ def order_of(
     """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
     if overrides is None:
         overrides = _given(hydra)
-    config = VesselOptions().filled(_resolve(task))
+    config = VesselOptions().filled(_resolve(_task_of(task)))
     return Order(config=config, names=_names(hydra, overrides), overrides=overrides)
 
 
@@ -305,7 +305,11 @@ def _group_of(key: str) -> str:
 
 
 def _task_of(config: DictConfig) -> DictConfig:
-    """Copy a configuration without Hydra's part; unknown options are refused as before."""
-    task: DictConfig = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    """Copy a configuration without Hydra's part and that of a search, which are not of the trial.
+
+    Unknown options are refused as before.
+    """
+    own = [str(key) for key in config if key not in ("hydra", "search")]
+    task: DictConfig = OmegaConf.masked_copy(config, own)
     OmegaConf.set_struct(task, OmegaConf.is_struct(config))
     return task

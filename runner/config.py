@@ -1,9 +1,9 @@
 """From the resolved configuration of one trial to checked, frozen objects.
 
-A node of the configuration names its class with `_target_`: a frozen dataclass inside `models` or
-`runner`. Its keys are the dataclass's fields, its values are checked against their annotations by
-pydantic (seatrial.runner.options) and against their ranges in the class's own `__post_init__`.
-Every error names the key, what was got and what was expected.
+A node of the configuration names its class with `_target_`: a frozen dataclass of the role of its
+group, in any module (seatrial.runner.roles). Its keys are the dataclass's fields, its values are
+checked against their annotations by pydantic (seatrial.runner.options) and against their ranges in
+the class's own `__post_init__`. Every error names the key, what was got and what was expected.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from types import UnionType
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from seatrial.models.errors import ConfigurationError
@@ -28,12 +29,13 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.recording.readers import Reader
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
-    from seatrial.runner import options
+    from seatrial.runner import options, roles
     from seatrial.runner.record.own_metrics import OwnMetric
 else:
     import lazy_loader
 
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
+    roles = lazy_loader.load("seatrial.runner.roles", suppress_warning=True)
 
 LARGEST_INTEGER = 2**63 - 1  # that databases hold
 T = TypeVar("T")
@@ -181,6 +183,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         target = {"_target_": "seatrial.models.identification.adaptive.Update"}
         nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
+    _check_roles(nodes)
     settings = build_as(Settings, nodes, "")
     return Trial(
         **{name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")},
@@ -199,6 +202,28 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         names=names,
         config=config,
     )
+
+
+def _check_roles(nodes: Node) -> None:
+    """Refuse classes of another role, before anything of them is made."""
+    for group, role in roles.ROLES.items():
+        _check_role(nodes.get(group), role, group)
+    metrics = nodes.get("metrics")
+    for i, node in enumerate(metrics if isinstance(metrics, list | tuple) else ()):
+        _check_role(node, roles.METRIC, f"metrics[{i}]")
+
+
+def _check_role(node: object, role: "type | UnionType", key: str) -> None:
+    if not isinstance(node, Mapping) or "_target_" not in node:
+        return
+    try:
+        cls = once(node, "class", partial(options.target, node["_target_"]))
+    except options.OptionError as error:
+        raise ConfigurationError(error.at(key)) from error
+    if not issubclass(cls, role):
+        raise ConfigurationError(
+            f"{key}._target_: got {cls.__name__}, expected a class for this group"
+        )
 
 
 def check_finite(value: object, key: str = "") -> None:

@@ -9,8 +9,8 @@ import shlex
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Protocol
@@ -20,7 +20,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner import database
 from seatrial.runner.database.mask import styled
 from seatrial.runner.database.terminal import error_line, visible
-from seatrial.runner.invocation import results_program
+from seatrial.runner.invocation import results_program, trial_program
 from seatrial.runner.vocabulary import ENDINGS
 
 if TYPE_CHECKING:
@@ -124,6 +124,11 @@ def compare(command: str, url: str, *arguments: str) -> str:
     return f"{results_program()} {shlex.join(words)}"
 
 
+def trial_command(arguments: Sequence[str]) -> str:
+    """Return a command line of the program that runs trials."""
+    return f"{trial_program()} {shlex.join(arguments)}"
+
+
 def _shown(url: str) -> str:
     return database.display_url(url)
 
@@ -166,13 +171,33 @@ class View(Protocol):
 
 
 @contextmanager
-def shown(url: str, sweep_id: int, compile_times: CompileTimes) -> Iterator[None]:
-    """Show the progress of a sweep while the block runs.
+def terminal_view() -> Iterator[View]:
+    """Open a live line on a terminal, plain lines in the log elsewhere."""
+    if not sys.stderr.isatty():
+        yield PlainLines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
+    console = Console(file=styled(sys.stderr))
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield LiveLine(progress)
+
+
+MakeView = Callable[[], AbstractContextManager[View]]
+
+
+@contextmanager
+def shown(
+    url: str, sweep_id: int, compile_times: CompileTimes, make_view: MakeView = terminal_view
+) -> Iterator[None]:
+    """Show the progress of a sweep in the view that `make_view` opens while the block runs.
 
     The time that its processes spend compiling is not counted into the estimate of the time left.
     """
     stop, pace = Event(), Pace(compile_times)
-    with _view() as view:
+    with make_view() as view:
         thread = Thread(target=_watch, args=(url, sweep_id, view, pace, stop), daemon=True)
         thread.start()
         try:
@@ -254,20 +279,6 @@ class Pace:
         self._lost_s += (compiled_s - self._compiled_s) / max(running, 1)
         self._compiled_s = compiled_s
         return time.monotonic() - self._lost_s
-
-
-@contextmanager
-def _view() -> Iterator[View]:
-    if not sys.stderr.isatty():
-        yield PlainLines()
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
-
-    columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
-    console = Console(file=styled(sys.stderr))
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield LiveLine(progress)
 
 
 class LiveLine:

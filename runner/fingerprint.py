@@ -6,20 +6,23 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
+from seatrial.runner.plugins import targets
 from seatrial.runner.shared import once
 from seatrial.runner.vocabulary import NOT_COMPARED
 
 RUNNER = Path(__file__).parent
+COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a configuration alone
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
+INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -52,10 +55,24 @@ class _Compared:
 def _compared(key: str, node: object) -> _Compared:
     if key == "excitation":
         node = _by_content(node, "path")
+    if key == "identifier":
+        node = _program_by_content(node)
     if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
         node = {**node, "wind": _by_content(node["wind"], "file")}
-    parts = {name: part_digest(name) for name in _targets(node) if not name.startswith(OWN)}
+    parts = {name: part_digest(name) for name in targets(node) if not name.startswith(OWN)}
     return _Compared(canonical(node), parts)
+
+
+def _program_by_content(node: object) -> object:
+    """Replace the files of a program that identifies the model by the digests of their content."""
+    if not isinstance(node, Mapping):
+        return node
+    changed = {}
+    for key in ("command", "files"):
+        words = node.get(key)
+        if isinstance(words, list | tuple):
+            changed[key] = [_by_content({"word": word}, "word") for word in words]
+    return {**node, **changed}
 
 
 def _by_content(node: object, key: str) -> object:
@@ -87,30 +104,26 @@ def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) ->
 
 
 def computing_files(folder: Path = RUNNER) -> set[Path]:
-    """Return the files of the runner that compute results: `trial.py` and its imports."""
-    return imported_files(folder / "trial.py", folder, __name__.rpartition(".")[0], STORAGE)
-
-
-def _targets(node: object) -> Iterator[str]:
-    """Yield the classes that a configuration names."""
-    if isinstance(node, Mapping):
-        if isinstance(node.get("_target_"), str):
-            yield node["_target_"]
-        node = list(node.values())
-    if isinstance(node, list | tuple):
-        for child in node:
-            yield from _targets(child)
+    """Return the files of the runner that compute results: `COMPUTING` and their imports."""
+    package = __name__.rpartition(".")[0]
+    return {
+        path
+        for name in COMPUTING
+        for path in imported_files(folder / name, folder, package, STORAGE)
+    }
 
 
 def part_digest(target: str) -> str:
     """Return the SHA-256 of the file that defines `module.Class`, and of its imports.
 
-    Only imports from the package of the file count; a module without a package counts alone.
+    Imports from the package of the file count; those of a module without a package count if they
+    are in its folder, unless that is one of installed packages.
     """
     module_name, _, class_name = target.rpartition(".")
     module = import_module(getattr(import_module(module_name), class_name).__module__)
     file, package = Path(str(module.__file__)), module.__package__
-    files = imported_files(file, file.parent, package) if package else {file}
+    alone = not package and file.parent.name in INSTALLED
+    files = {file} if alone else imported_files(file, file.parent, package or "")
     return files_digest(file.parent, files)
 
 

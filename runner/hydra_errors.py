@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 from difflib import get_close_matches
-from pathlib import Path
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -13,8 +12,8 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.invocation import trial_program
+from seatrial.runner.search_path import CONF, is_group, options
 
-CONF = Path(__file__).resolve().parent.parent / "conf"
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
@@ -73,12 +72,12 @@ def _missing_config(error: MissingConfigException) -> str:
         return _joined(str(error))
     if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
         return f"hydra/launcher={match['option']} is not installed: pip install 'seatrial[{extra}]'"
-    options = sorted(error.options or ()) or _options(match["group"])
-    close = get_close_matches(match["option"], options, n=1)
+    known = sorted(error.options or ()) or options(match["group"])
+    close = get_close_matches(match["option"], known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return (
         f"{match['group']}: no option {match['option']!r}, "
-        f"{hint}expected {'one of ' + ', '.join(options) if options else 'none: there are none'}"
+        f"{hint}expected {'one of ' + ', '.join(known) if known else 'none: there are none'}"
     )
 
 
@@ -86,14 +85,10 @@ def _not_a_choice(overrides: Sequence[str]) -> str | None:
     """Return a message if the value of a group is not a name, e.g. null."""
     for override in overrides:
         group, _, value = override.partition("=")
-        options = _options(group)
-        if options and _NO_NAME.fullmatch(value):
-            return f"{group}: got {value}, expected one of {', '.join(options)}"
+        known = options(group)
+        if known and _NO_NAME.fullmatch(value):
+            return f"{group}: got {value}, expected one of {', '.join(known)}"
     return None
-
-
-def _options(group: str) -> list[str]:
-    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
@@ -110,7 +105,7 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
 
 def _known_keys(overrides: Sequence[str]) -> list[str]:
     """Return all keys of the configuration, with the valid choices of groups in `overrides`."""
-    choices = [item for item in overrides if (CONF / item.partition("=")[0]).is_dir()]
+    choices = [item for item in overrides if is_group(item.partition("=")[0])]
     for attempt in (choices, []):
         GlobalHydra.instance().clear()
         try:

@@ -5,16 +5,27 @@ Every command that is printed for the user begins with one of these names.
 
 import shlex
 import sys
+import tomllib
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent  # the checkout, or the installed package
+PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
 
 
 def in_checkout(root: Path = ROOT) -> bool:
     """Return whether the sources are in a checkout, and not installed."""
     return (root / "pyproject.toml").is_file()
+
+
+def program_version() -> str:
+    """Return the version of this seatrial: the checkout's own, or that of the installed package."""
+    if in_checkout():
+        project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+        return f"{project['version']} (checkout)"
+    return metadata.version("seatrial")
 
 
 def by_script(typed: Sequence[str]) -> bool:

@@ -12,6 +12,7 @@ from seatrial.runner.config import SweepLabels, Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
+from seatrial.runner.plugins import attributed
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
 
@@ -72,7 +73,8 @@ def shown(overrides: Sequence[str]) -> str:
 def prepare(order: Order) -> Trial:
     """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
     trial = build_trial(order.config, order.names)
-    trials.check(trial)
+    with attributed(trial.config):
+        trials.check(trial)
     return trial
 
 
@@ -93,7 +95,7 @@ def perform(
 def _run(trial: Trial, logbook: "database.Logbook", run_id: int) -> Outcome:
     try:
         # One thread per trial: workers share the cores, and sums are equal on every machine.
-        with threadpoolctl.threadpool_limits(1):
+        with threadpoolctl.threadpool_limits(1), attributed(trial.config):
             results = trials.run(trial)
     except Diverged as error:
         partial = error.results if isinstance(error, trials.TrialDiverged) else None

@@ -1,12 +1,12 @@
 """Overrides of jobs: parsed once for each text, and applied to a configuration as Hydra does."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType, ValueType
+from hydra.core.override_parser.types import Override, OverrideType, Sweep, ValueType
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
@@ -63,6 +63,7 @@ def left_to_jobs(
 
     Hydra applies a plain override to the default of its group first, which may not have the option:
     `identifier=none,ls identifier.basis=physical`. As a part of every variant it is for the jobs.
+    So is a list with sweeps, which no configuration can hold.
     """
     parser = OverridesParser.create()
 
@@ -79,13 +80,26 @@ def left_to_jobs(
     def is_left(override: Override) -> bool:
         group, dot, _ = override.key_or_group.partition(".")
         plain = not (override.is_sweep_override() or override.is_delete())
-        return plain and bool(dot) and group in swept & set(GROUPS)
+        several = plain and next(nested_sweeps(override.value(), ""), None) is not None
+        return several or (plain and bool(dot) and group in swept & set(GROUPS))
 
     left = [word for word, override in overrides.items() if is_left(override)]
     if not left:
         return list(words), [list(variant) for variant in variants]
     kept = [word for word in words if word not in left]
     return kept, [[*left, *variant] for variant in variants or [()]]
+
+
+def nested_sweeps(value: Any, name: str) -> Iterator[tuple[str, Sweep]]:
+    """Yield the sweeps of an override's value, also in its lists, by `name`, `name[0]`, ..."""
+    if isinstance(value, Sweep):
+        yield name, value
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from nested_sweeps(inner, f"{name}[{i}]")
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from nested_sweeps(inner, f"{name}.{key}")
 
 
 class Refused(Exception):  # noqa: N818

@@ -12,6 +12,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.job import Order, Plan
+from seatrial.runner.plugins import attributed
 from seatrial.runner.shared import SharedNodes
 
 
@@ -67,7 +68,8 @@ class Checks:
 
         reads, error = _Reads(trial), None
         try:
-            trials.check(cast(Trial, reads))
+            with attributed(trial.config):
+                trials.check(cast(Trial, reads))
         except SeatrialError as problem:
             error = problem
         if len(self._outcomes) >= self.KEPT:

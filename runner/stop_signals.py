@@ -10,12 +10,13 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 from types import FrameType
 from typing import Any
 
+ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_S = 0.05
 PATIENCE_S = 5.0  # with an import or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
@@ -40,9 +41,9 @@ class StopSignals:
         self._lock = Lock()  # not taken by a handler: it may interrupt its holder
 
     @contextmanager
-    def listening(self) -> Iterator[None]:
+    def listening(self, names: Sequence[str] = ALL) -> Iterator[None]:
         """Handle the signals in the block; an ignored signal (nohup) stays ignored."""
-        names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        names = [name for name in names if hasattr(signal, name)]
         before: dict[int, Any] = {
             number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)
         }

@@ -43,6 +43,7 @@ from seatrial.runner.job import (
     shown,
 )
 from seatrial.runner.launching import LaunchResult, check, end_with, launch
+from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
 
@@ -75,21 +76,22 @@ def jobs_of(
     keys = {override.key_or_group for override in given}
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
-        own = _texts(variant) if isinstance(variant, Mapping) else list(variant)
-        texts = [
+        own = texts(variant) if isinstance(variant, Mapping) else list(variant)
+        kept = [
             text
-            for text in [*_texts(params), *own]
+            for text in [*texts(params), *own]
             if text.partition("=")[0].lstrip("+") not in keys
         ]
-        overrides = parser.parse_overrides([*texts, *arguments])
+        overrides = parser.parse_overrides([*kept, *arguments])
         # Of several overrides of one option the last counts, at the position of the first.
         last = {override.get_key_element(): override for override in overrides}.values()
         budget.check_sweep([_count(override) for override in last], limits, len(jobs))
-        jobs += map(list, product(*map(_values, last)))
+        jobs += map(list, product(*map(values_of, last)))
     return jobs
 
 
-def _texts(options: Options) -> list[str]:
+def texts(options: Options) -> list[str]:
+    """Return the overrides of options by name."""
     return [f"{key}={_text(value)}" for key, value in options.items()]
 
 
@@ -104,10 +106,15 @@ def _count(override: Override) -> tuple[str, float]:
     return override.key_or_group, float(count)
 
 
-def _values(override: Override) -> list[str]:
+def values_of(override: Override) -> list[str]:
     """Return one override for each value of a sweep override."""
     key = override.get_key_element()
     if not override.is_sweep_override():
+        if next(nested_sweeps(override.value(), key), None) is not None:
+            raise ConfigurationError(
+                f"{override.input_line}: a grid has no values inside of lists, "
+                "expected several lists, or a search (hydra/sweeper=optuna)"
+            )
         return [f"{key}={override.get_value_element_as_str()}"]
     if not override.is_discrete_sweep():
         raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
@@ -146,6 +153,18 @@ class Session:
         self.exit_code = 0
         self.error: Exception | str | None = None
         self.started = False  # before that, an exception is about the command line
+        self.outcome: Outcome | None = None  # of a single trial
+        self.sweep_id: int | None = None
+        self.logbook: tuple[str, Path] | None = None  # address, and the folder of its series
+        self.view: console.MakeView = console.terminal_view  # of the progress of a sweep
+
+    def say(self, lines: Iterable[str]) -> None:
+        """Print the outcome."""
+        print("\n".join(lines))
+
+    def provenance(self) -> Provenance:
+        """Return where the results come from."""
+        return collect()
 
     def __call__(self, config: DictConfig) -> None:
         """Run the one trial of a command without -m."""
@@ -158,16 +177,17 @@ class Session:
 
     def _run(self, order: Order) -> None:
         if order.config.get("dry_run") is True:
-            print("\n".join(console.dry_run(listed([Planner(collect().sources).plan(order)]))))
+            self.say(console.dry_run(listed([Planner(collect().sources).plan(order)])))
             return
         trial = prepare(order)
-        outcome = _perform(trial, order, collect())
+        self.logbook = trial.database_url, trial.results_dir
+        self.outcome = outcome = _perform(trial, order, self.provenance())
         line = console.outcome_line(outcome, trial.database_url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
         else:
-            print(line)
+            self.say([line])
 
 
 @dataclass(frozen=True)
@@ -222,10 +242,14 @@ class SeatrialSweeper(Sweeper):
         self._config = config
         self.session = cast(Session, task_function)
 
-    def sweep(self, arguments: list[str]) -> None:
-        """Run all combinations of the arguments' values."""
+    def start(self) -> None:
+        """Check Hydra's part of the configuration."""
         self.session.started = True
         _check_hydra(self._config.hydra)
+
+    def sweep(self, arguments: list[str]) -> None:
+        """Run all combinations of the arguments' values."""
+        self.start()
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         own, variants = self._config, self.session.variants or self.variants
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
@@ -234,21 +258,22 @@ class SeatrialSweeper(Sweeper):
         jobs = composer.applicable(jobs)
         plans = _planned(composer, jobs)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
-            print("\n".join(console.dry_run(listed(plans))))
+            self.session.say(console.dry_run(listed(plans)))
         else:
-            self._run(_accepted(plans), arguments, _factors(jobs))
+            self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
         check(self._choice, arguments)
-        url, provenance = plans[0].database_url, collect()
+        url, provenance = plans[0].database_url, self.session.provenance()
         with (
             database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
-            sweep_id = _begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
+            sweep_id = begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
+            self.session.sweep_id, self.session.logbook = sweep_id, (url, plans[0].results_dir)
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
-            outcomes, remaining = _finished_before(plans, logbook, sweep_id)
-            with console.shown(url, sweep_id, job.compile_times):
+            outcomes, remaining = finished_before(plans, logbook, sweep_id)
+            with console.shown(url, sweep_id, job.compile_times, self.session.view):
                 try:
                     launched = self._launch(remaining, job)
                 except KeyboardInterrupt:
@@ -257,7 +282,7 @@ class SeatrialSweeper(Sweeper):
             logbook.end_sweep(sweep_id)
             status = logbook.sweep_status(sweep_id)
         outcomes += launched.outcomes
-        print("\n".join(console.sweep_summary(status, outcomes, url, factors)))
+        self.session.say(console.sweep_summary(status, outcomes, url, factors))
         self.session.exit_code = console.sweep_exit_code(status, outcomes)
         self.session.error = launched.error
         if launched.bugs:
@@ -277,7 +302,7 @@ class SeatrialSweeper(Sweeper):
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
 
 
-def _begin_sweep(
+def begin_sweep(
     logbook: "database.Logbook",
     labels: SweepLabels,
     provenance: Provenance,
@@ -300,7 +325,7 @@ def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
     if not trial.sweep:
         return perform(trial, order, provenance)
     with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
-        sweep_id = _begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
+        sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
     return outcome
@@ -323,7 +348,7 @@ def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[Plan | Refus
     return [plans[index] for index in range(len(jobs))]
 
 
-def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
+def accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     """Return the plans without duplicates; raises ConfigurationError if one cannot be run."""
     plans = list(plans)
     refused = [plan for plan in plans if isinstance(plan, Refusal)]
@@ -339,8 +364,8 @@ def _accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
     return list({plan.fingerprint: plan for plan in ready}.values())
 
 
-def _finished_before(
-    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int
+def finished_before(
+    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int, quiet: bool = False
 ) -> tuple[list[Outcome], list[Plan]]:
     """Return the outcomes of trials that had finished before, and the plans to be launched."""
     runs = known(plan for plan in plans if not plan.rerun)
@@ -350,7 +375,8 @@ def _finished_before(
     for plan in plans:
         run_id = finished.get(plan.fingerprint)
         if run_id in present:
-            log.info(SKIPPED, plan, run_id)
+            if not quiet:
+                log.info(SKIPPED, plan, run_id)
             outcomes.append(Outcome("skipped", run_id))
         else:
             remaining.append(plan)

@@ -14,7 +14,7 @@ import numpy as np
 from seatrial.models.control.controller import Controller
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
-from seatrial.models.excitation.missions import Evaluation, Mission
+from seatrial.models.excitation.missions import Mission
 from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
@@ -23,15 +23,14 @@ from seatrial.models.identification.problem import (
     Identifier,
     Problem,
     check_needs,
+    checked,
     with_interval,
 )
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner import budget
 from seatrial.runner.closed_loop import (
     ExcitationData,
@@ -51,6 +50,7 @@ from seatrial.runner.record import (
     validation_metrics,
 )
 from seatrial.runner.record.coefficient_rows import numbered
+from seatrial.runner.roles import ROLES
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
@@ -113,14 +113,8 @@ def _check_samples(identifier: Identifier, file: Reader, recording: Recording) -
 
 def _check_roles(trial: Trial) -> None:
     """Check the class of every part, because `_target_` may name any class."""
-    for group, (role, part) in {
-        "vessel": (VesselParameters, trial.vessel),
-        "disturbance": (Disturbance, trial.disturbance),
-        "excitation": (Mission | Reader, trial.excitation),
-        "identifier": (Identifier, trial.identifier),
-        "controller": (Controller | None, trial.controller),
-        "evaluation": (Evaluation | None, trial.evaluation),
-    }.items():
+    for group, role in ROLES.items():
+        part = getattr(trial, group)
         if not isinstance(part, role):
             raise ConfigurationError(
                 f"{group}._target_: got {type(part).__name__}, expected a class for this group"
@@ -257,6 +251,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *identified.findings,
             *reasons,
             *excitation_report(problem, excited.recording),
+            *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,
         ],
         series=[
@@ -285,9 +280,9 @@ def _run(trial: Trial, seeds: Streams) -> Results:
 
 def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:
     """Identify the model, and say what of it is physically impossible, with a finding."""
-    identified = with_interval(
-        trial.identifier, trial.identifier.identify(problem, seeds.generator("identifier"))
-    )
+    identifier, rng = trial.identifier, seeds.generator("identifier")
+    result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
+    identified = with_interval(identifier, result)
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
@@ -447,6 +442,7 @@ def deploy(
             diagnostics += sailed.adapter.findings()
         warnings = deployment_metrics.losses(sailed, name)
         diagnostics += deployment_metrics.warning_rows(warnings)
+        diagnostics += deployment_metrics.loop_findings(sailed, name)
         for warning in warnings:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)

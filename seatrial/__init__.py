@@ -1,10 +1,56 @@
 """Sea trials for models and controllers of marine vessels.
 
-In a checkout `models`, `runner` and `conf` stand beside this folder; installed, they are inside it.
+    import seatrial as st
+
+    run = st.run(identifier="ls", disturbance="noise", seed=1)
+    sweep = st.sweep(["identifier=ls,plsr", "disturbance=calm,noise"], seed=range(5))
+    sweep.table(metric="e_pos_mae")
+
+The names are imported at first use (SPEC 1 of Scientific Python). In a checkout `models`, `runner`
+and `conf` stand beside this folder; installed, they are inside it.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 _checkout = Path(__file__).resolve().parent.parent
 if (_checkout / "pyproject.toml").is_file():
     __path__.append(str(_checkout))
+
+if TYPE_CHECKING:
+    from seatrial.models.errors import ConfigurationError as ConfigurationError
+    from seatrial.models.errors import Diverged as Diverged
+    from seatrial.models.errors import IdentificationError as IdentificationError
+    from seatrial.models.errors import LogbookError as LogbookError
+    from seatrial.models.errors import RecordingError as RecordingError
+    from seatrial.models.errors import SeatrialError as SeatrialError
+    from seatrial.runner.interface.calls import RunFailed as RunFailed
+    from seatrial.runner.interface.calls import open as open
+    from seatrial.runner.interface.calls import run as run
+    from seatrial.runner.interface.calls import sweep as sweep
+    from seatrial.runner.interface.displayed_table import Table as Table
+    from seatrial.runner.interface.recordings import Recording as Recording
+    from seatrial.runner.interface.scikit_learn import Estimator as Estimator
+    from seatrial.runner.interface.stored_runs import Logbook as Logbook
+    from seatrial.runner.interface.stored_runs import Run as Run
+    from seatrial.runner.interface.stored_runs import Sweep as Sweep
+    from seatrial.runner.interface.vessel_models import Model as Model
+    from seatrial.runner.interface.vessel_models import Vessel as Vessel
+else:
+    import lazy_loader
+
+    __getattr__, __dir__, __all__ = lazy_loader.attach(
+        __name__,
+        submod_attrs={
+            "models.errors": [
+                *("ConfigurationError", "Diverged", "IdentificationError", "LogbookError"),
+                *("RecordingError", "SeatrialError"),
+            ],
+            "runner.interface.calls": ["RunFailed", "open", "run", "sweep"],
+            "runner.interface.displayed_table": ["Table"],
+            "runner.interface.recordings": ["Recording"],
+            "runner.interface.scikit_learn": ["Estimator"],
+            "runner.interface.stored_runs": ["Logbook", "Run", "Sweep"],
+            "runner.interface.vessel_models": ["Model", "Vessel"],
+        },
+    )

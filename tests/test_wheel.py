@@ -14,6 +14,9 @@ from zipfile import ZipFile
 import pytest
 from packaging.requirements import Requirement
 
+from tests.test_plugins import written
+from tests.test_python_guide import script
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
@@ -123,7 +126,7 @@ def test_the_wheel_holds_every_file_under_one_name(wheel: Path) -> None:
         for path in (ROOT / name).rglob("*")
         if path.is_file() and path.parent.name != "__pycache__"
     }
-    assert sorted(files) == sorted(tree | {"seatrial/__init__.py"})
+    assert sorted(files) == sorted(tree | {"seatrial/__init__.py", "seatrial/py.typed"})
 
 
 @pytest.mark.slow
@@ -141,6 +144,80 @@ def test_nothing_of_the_checkout_is_imported(binaries: Path, tmp_path: Path) -> 
         "assert not inside, inside\n"
     )
     answer = run(binaries / "python", "-c", code, folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+
+
+@pytest.mark.slow
+def test_plug_ins_need_no_fork(
+    binaries: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The guide of docs/plugins.md, in an empty folder, with what the wheel requires alone."""
+
+    def said(program: str, *arguments: str | Path, folder: Path = tmp_path) -> str:
+        answer = run(binaries / program, *arguments, folder=folder)
+        assert answer.returncode == 0, answer.stderr
+        return answer.stdout
+
+    assert "wrote my_fit.py" in said("seatrial", "init", "plugin", "my_fit")
+    calls = "[getattr(t, name)() for name in dir(t) if name.startswith('test_')]"
+    said("python", "-c", f"import test_my_fit as t; {calls}")
+    written(tmp_path)
+    assert "conf: controller=pd_python, " in said("seatrial", "--help")
+    surge = ("vessel=surge_linear", "excitation=prbs", "evaluation=none", "controller=none")
+    program = f"--variant=identifier=fit identifier.command=[{binaries}/python,fit.py]"
+    out = said("seatrial", "-m", *surge, program, "--variant=identifier=my_fit")
+    assert "2 runs: 2 finished" in out
+    monkeypatch.setenv("SEATRIAL_PLUGINS", "speeds,speed_figure")
+    sailed = ("excitation.interval_s=5", "identifier=none", "controller=pd_python")
+    said("seatrial", *sailed, "metrics=[{_target_: speeds.LargestSpeed}]")
+    table = ("--metric", "speed_max", "--sweep", "all", "--where", "controller=pd_python")
+    assert "speed_max [m/s]" in said("seatrial-results", "table", *table)
+    assert "speeds.png" in said("seatrial-results", "plot", "speeds")
+    monkeypatch.delenv("SEATRIAL_PLUGINS")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    install(binaries, package(tmp_path))
+    assert "fleet_fit" in said("seatrial", "--help", folder=empty)
+    assert "speeds: Largest speed" in said("seatrial-results", "plot", "--help", folder=empty)
+    said("seatrial", *surge, "identifier=fleet_fit", folder=empty)
+
+
+def package(folder: Path) -> Path:
+    """A package of the plug-ins in a folder, with the entry point of the guide."""
+    source = folder / "source"
+    (source / "fleet" / "conf" / "identifier").mkdir(parents=True)
+    (source / "fleet" / "__init__.py").touch()
+    for name in ("my_fit.py", "speeds.py", "speed_figure.py"):
+        shutil.copy(folder / name, source / "fleet")
+    options = (folder / "conf" / "identifier" / "my_fit.yaml").read_text()
+    (source / "fleet" / "conf" / "identifier" / "fleet_fit.yaml").write_text(
+        options.replace("_target_: my_fit.", "_target_: fleet.my_fit.")
+    )
+    guide = (ROOT / "docs" / "plugins.md").read_text()
+    entry_point = guide.partition("```toml\n")[2].partition("```")[0]
+    (source / "pyproject.toml").write_text(
+        '[build-system]\nrequires = ["setuptools"]\nbuild-backend = "setuptools.build_meta"\n'
+        '[project]\nname = "fleet"\nversion = "1"\n'
+        f"{entry_point}"
+        '[tool.setuptools]\npackages = ["fleet"]\n'
+        '[tool.setuptools.package-data]\nfleet = ["conf/**/*.yaml"]\n'
+    )
+    return source
+
+
+def install(binaries: Path, source: Path) -> None:
+    """Install a package, built with what is installed here."""
+    offline = ("--no-deps", "--no-index")
+    answer = run(
+        *(sys.executable, "-m", "pip", "wheel", *offline, "--no-build-isolation", source),
+        folder=source,
+    )
+    assert answer.returncode == 0, answer.stderr
+    (built,) = source.glob("*.whl")
+    answer = run(
+        *(sys.executable, "-m", "pip", "--python", binaries / "python", "install", *offline, built),
+        folder=source,
+    )
     assert answer.returncode == 0, answer.stderr
 
 
@@ -180,3 +257,13 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert command == "seatrial identifier=ls evaluation=none seed=1"
     assert commit is None
     assert versions == PROJECT["project"]["version"]
+    assert "wrote conf/vessel/tug.yaml" in said("seatrial", "init", "vessel", "tug")
+    said("seatrial", "vessel=conf/vessel/tug.yaml", "identifier=none", "evaluation=none")
+
+
+@pytest.mark.slow
+def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
+    (tmp_path / "guide.py").write_text(script())
+    answer = run(binaries / "python", "guide.py", folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")

@@ -8,10 +8,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from seatrial.models.demand import Demand, Extent
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError, PartError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -32,6 +33,7 @@ class Problem:
     validation: Recording
     nominal: Vessel
     thruster: SecondOrderLag | None  # None: not known
+    compared: bool = False  # only the model is asked for, without warnings about it
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +108,25 @@ class Identifier(ABC):
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """Choices that its options leave to the data, the simplest first; empty: there are none."""
         return {}
+
+
+def checked(identifier: Identifier, result: object, nominal: Vessel) -> Identified:
+    """What an identifier has returned; raises PartError if it is no model of the vessel."""
+    where = f"{name_of(identifier)}.identify"
+    if not isinstance(result, Identified):
+        raise PartError(f"{where}: got a {type(result).__name__}, expected an Identified")
+    for name, table in (("model", result.model), ("residual", result.residual)):
+        if not isinstance(table, Vessel):
+            raise PartError(f"{where}: {name}: got a {type(table).__name__}, expected a Vessel")
+        if table.dofs != nominal.dofs:
+            got, expected = ", ".join(table.dofs), ", ".join(nominal.dofs)
+            raise PartError(f"{where}: {name}: got a model in {got}, expected {expected}")
+        checked_array(identifier, f"identify: {name}", table.theta, table.theta.shape)
+    errors = result.std_error
+    if errors is not None and np.shape(errors) != result.residual.theta.shape:
+        shape = result.residual.theta.shape
+        raise PartError(f"{where}: std_error: got shape {np.shape(errors)}, expected {shape}")
+    return result
 
 
 def with_interval(identifier: Identifier, identified: Identified) -> Identified:

@@ -10,7 +10,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from seatrial.models.errors import PartError
 from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
@@ -122,7 +124,7 @@ class Disturbance:
             if part is not None:
                 rng = np.random.default_rng(seed)
                 fresh = rng.bit_generator.state
-                weather = part.added(weather, dofs, period_s, rng)
+                weather = _checked(part, part.added(weather, dofs, period_s, rng), n)
                 used = used or rng.bit_generator.state != fresh
         if not used:
             weather_rng.bit_generator.state = before
@@ -154,6 +156,17 @@ class Disturbance:
         """The part of the disturbance that is a table of the force that a motion requires."""
         zero = Vessel("no wind", dofs, (), np.zeros((0, len(dofs))))
         return _total(zero, (None if part is None else part.table(dofs) for part in self.parts))
+
+
+def _checked(part: Part, weather: Weather, n: int) -> Weather:
+    """The weather that a part has returned; raises PartError if it cannot be used."""
+    if not isinstance(weather, Weather):
+        got = type(weather).__name__
+        raise PartError(f"{name_of(part)}.added: got a {got}, expected the weather")
+    for name, rows in weather._asdict().items():
+        columns = np.shape(rows)[1:]
+        checked_array(part, f"added: {name}", rows, (n if len(rows) else 0, *columns))
+    return weather
 
 
 def _total(zero: Vessel, tables: Iterable[Vessel | None]) -> Vessel:

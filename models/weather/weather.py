@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from seatrial.models.returned import checked_array
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -64,7 +65,8 @@ class Force(Part):
         self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
     ) -> Weather:
         """The weather with this force."""
-        force = self.realise(len(weather.force_ned), dofs, period_s, rng)
+        n = len(weather.force_ned)
+        force = checked_array(self, "realise", self.realise(n, dofs, period_s, rng), (n, len(dofs)))
         return weather._replace(force_ned=weather.force_ned + force)
 
 
@@ -82,7 +84,7 @@ class Stream(Part):
     ) -> Weather:
         """The weather with this stream."""
         n = len(weather.force_ned)
-        velocity = self.realise(n, period_s, rng)
+        velocity = checked_array(self, "realise", self.realise(n, period_s, rng), (n, 2))
         if self.air:
             return weather._replace(wind_ned=_sum(weather.wind_ned, velocity))
         return weather._replace(current_ned=_sum(weather.current_ned, velocity))

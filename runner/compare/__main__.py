@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typer.main import get_command
 
 from seatrial.models.errors import SeatrialError
+from seatrial.runner import plugins
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
 from seatrial.runner.database.mask import masked_output, without_passwords
@@ -33,6 +34,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
+    if arguments and "--help" not in arguments:
+        plugins.load()  # which declare metrics
     try:
         code = get_command(app).main(
             args=list(arguments),

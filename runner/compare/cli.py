@@ -8,10 +8,10 @@ they take it from the package, as `compare.results`, which loads it at its first
 import inspect
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_args, get_type_hints
 
 import typer
 
@@ -19,14 +19,34 @@ from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 from seatrial.runner.database.mask import styled
+from seatrial.runner.invocation import program_version
+from seatrial.runner.record.catalogue import all_declared
+from seatrial.runner.vocabulary import DOF_ORDER, Stage
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
     name="seatrial-results",
-    help="Compare the runs that are stored in a results database.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"{app.info.name} {program_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version."),
+    ] = False,
+) -> None:
+    """Compare the runs that are stored in a results database."""
+
+
 Database = Annotated[
     str, typer.Option("--database", metavar="URL", help="URL or file of the logbook.")
 ]
@@ -120,6 +140,25 @@ def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., No
     return command_of
 
 
+def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of an option with comma-separated values."""
+
+    def completed(incomplete: str) -> list[str]:
+        given, comma, last = incomplete.rpartition(",")
+        return [f"{given}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return completed
+
+
+METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
+DOF_NAMES = _completing(lambda: [*DOF_ORDER, "all"])
+STAGE_NAMES = _completing(lambda: get_args(Stage))
+MODEL_NAMES = _completing(lambda: ["nominal", "identified", "plant", "all"])
+STATISTIC_NAMES = _completing(
+    lambda: ["mean", "std", "n", "median", "min", "max", "q05", "q25", "q75", "q95", "ci"]
+)
+
+
 @dataclass(frozen=True)
 class TableOptions:
     """Options of `table`."""
@@ -138,7 +177,12 @@ class TableOptions:
     ] = None
     metric: Annotated[
         Several,
-        typer.Option("--metric", "-m", help="Metric (see: metrics); repeated or comma-separated."),
+        typer.Option(
+            "--metric",
+            "-m",
+            help="Metric (see: metrics); repeated or comma-separated.",
+            autocompletion=METRIC_NAMES,
+        ),
     ] = None
     coefficient: Annotated[
         Several,
@@ -147,14 +191,29 @@ class TableOptions:
     coefficients: Annotated[
         bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
     ] = False
-    dof: Annotated[Several, typer.Option(help="surge, sway, yaw, position, ... or all.")] = None
-    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None
+    dof: Annotated[
+        Several,
+        typer.Option(help="surge, sway, yaw, position, ... or all.", autocompletion=DOF_NAMES),
+    ] = None
+    stage: Annotated[
+        Several,
+        typer.Option(help="validation, deployment, identification.", autocompletion=STAGE_NAMES),
+    ] = None
     model: Annotated[
-        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
+        Several,
+        typer.Option(
+            help="nominal, identified, plant, or all.  [default: identified]",
+            autocompletion=MODEL_NAMES,
+        ),
     ] = None
     statistic: Annotated[
         Several,
-        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
+        typer.Option(
+            "--statistic",
+            "-s",
+            help="mean, std, n, median, min, max, q05 ... q95, ci.",
+            autocompletion=STATISTIC_NAMES,
+        ),
     ] = None
     interval: Annotated[
         Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
@@ -190,7 +249,10 @@ class PlotOptions:
     run: Annotated[
         int | None, typer.Option("--run", help="Run of a figure over time.  [default: newest]")
     ] = None
-    metric: Annotated[str, typer.Option("--metric", "-m", help="Metric of the bars.")] = "force_mse"
+    metric: Annotated[
+        str,
+        typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES),
+    ] = "force_mse"
     rows: Annotated[
         str | None,
         typer.Option("--rows", "-r", help="Factor of the colours.  [default: identifier]"),
@@ -199,7 +261,10 @@ class PlotOptions:
         str | None,
         typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
     ] = None
-    dof: Annotated[Several, typer.Option(help="Only these degrees of freedom.")] = None
+    dof: Annotated[
+        Several,
+        typer.Option(help="Only these degrees of freedom.", autocompletion=DOF_NAMES),
+    ] = None
     model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified"
     facet: Annotated[
         str | None, typer.Option("--facet", help="One figure for each level of this factor.")
@@ -208,6 +273,15 @@ class PlotOptions:
         bool | None,
         typer.Option(
             "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
+        ),
+    ] = None
+    width: Annotated[
+        str | None,
+        typer.Option(
+            "--width",
+            metavar="column|page|MM",
+            help="A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
+            autocompletion=_completing(lambda: ["column", "page"]),
         ),
     ] = None
     where: Where = None

@@ -19,14 +19,12 @@ from seatrial.runner.compare.cli import (
     Tag,
     Where,
     app,
-    axes_of,
     show_grid,
     show_grids,
     shown_path,
-    split,
     taking,
 )
-from seatrial.runner.compare.figures import figure_of, figures
+from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format
 from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.record.catalogue import all_declared
@@ -98,29 +96,16 @@ class PlotCommand(TyperCommand):
 @app.command(cls=PlotCommand)
 @taking(PlotOptions)
 def plot(options: PlotOptions) -> None:
-    """Draw figures as PNG and SVG and print their paths.
+    """Draw figures as PNG and SVG, or with --width as PDF, and print their paths.
 
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
     for each level (--facet seed).
     """
-    rows, columns = axes_of(options.rows or figure_of(options.kind).rows or None, options.columns)
-    request = compare.plots.request.PlotRequest(
-        run=options.run,
-        metric=options.metric,
-        rows=rows,
-        columns=columns,
-        dofs=split(options.dof),
-        model=options.model,
-        facet=options.facet,
-        log=options.log,
-        where=options.where,
-        sweep=options.sweep,
-        tag=options.tag,
-        pool=split(options.pool),
-    )
+    request = compare.plots.request_of(options)
+    width = None if options.width is None else compare.plots.paper.width_of(options.width)
     with compare.results.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
-        for path in compare.plots.draw(options.kind, results, request, folder):
+        for path in compare.plots.draw(options.kind, results, request, folder, width):
             typer.echo(path)
 
 

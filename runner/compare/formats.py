@@ -52,8 +52,9 @@ def _rich(grid: Grid, width: int | None, colour: bool) -> str:
     for row in grid.rows:
         table.add_row(*(Text(visible(c.text), style="bold" if c.bold else "") for c in row))
     console = Console(
-        file=io.StringIO(), width=width or 10_000, force_terminal=colour, highlight=False
-    )
+        file=io.StringIO(), width=width or 10_000, force_terminal=colour, highlight=False,
+        force_jupyter=False,  # in a notebook, too, the text is returned
+    )  # fmt: skip
     with console.capture() as capture:
         if grid.title:
             console.print(Text(visible(grid.title), style="bold"), soft_wrap=width is None)

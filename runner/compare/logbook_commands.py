@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, published, doctor, retry, export, prune, verify, scrub and browse.
+report, published, audit, retry, export, prune, verify, scrub and browse.
 """
 
 from dataclasses import replace
@@ -158,7 +158,7 @@ def verify(
 
 
 @app.command()
-def doctor(
+def audit(
     database: Database = DEFAULT_DATABASE,
     where: Where = None,
     sweep: EverySweep = None,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.models.errors import ConfigurationError, LogbookError, PartError
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
@@ -176,7 +176,7 @@ def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], 
             for caption, variant in _variants(figure, shared, request.rows):
                 try:
                     drawings = drawings_for(results, variant)
-                except (TooDifferentError, LogbookError) as error:
+                except (TooDifferentError, LogbookError, PartError) as error:
                     messages.append(f"{caption}: {error}")
                     continue
                 except ConfigurationError:

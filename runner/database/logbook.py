@@ -121,11 +121,16 @@ class Logbook(Reader):
         self._remove_leftovers()
         return sweep_id
 
-    def end_sweep(self, sweep_id: int) -> None:
-        """Store the end of a sweep; a SQLite file is then complete without its write-ahead log."""
-        ended = update(tables.Sweep).where(tables.Sweep.id == sweep_id)
-        now = datetime.now(UTC)
-        self._write(lambda connection: connection.execute(ended.values(finished_at=now)))
+    def end_sweep(self, sweep_id: int, planned: int | None = None) -> None:
+        """Store the end of a sweep; a SQLite file is then complete without its write-ahead log.
+
+        `planned` is the number of trials where it was not known before.
+        """
+        values: dict[str, object] = {"finished_at": datetime.now(UTC)}
+        if planned is not None:
+            values["planned"] = planned
+        ended = update(tables.Sweep).where(tables.Sweep.id == sweep_id).values(values)
+        self._write(lambda connection: connection.execute(ended))
         if self.address.path is not None:
             with engines.explained(self.address):
                 engines.checkpoint(self.address.path)

@@ -78,7 +78,7 @@ def write(
 def _write_series(results_dir: Path, run: str, run_mark: str, series: Series) -> SeriesFile:
     if not _KIND.fullmatch(series.kind):
         raise ValueError(f"kind of series: got {series.kind!r}, expected a name like recording")
-    content = _parquet(series)
+    content = parquet_of(series)
     relative = f"{FOLDER}/{run}-{series.kind}-{run_mark}.{FORMAT}"
     path = results_dir / relative
     try:
@@ -108,7 +108,8 @@ def _array(column: NDArray[np.generic]) -> "pa.Array":
     )
 
 
-def _parquet(series: Series) -> memoryview:
+def parquet_of(series: Series) -> memoryview:
+    """Return the content of a Parquet file with the columns of a series, and their units."""
     from pyarrow import parquet
 
     arrays = [_array(column) for column in series.columns.values()]

@@ -134,6 +134,13 @@ def design_warnings(design: Design, model: str) -> list[str]:
     return warnings
 
 
+def loop_findings(sailed: SimulatedMission | None, model: str) -> list[Finding]:
+    """Return how much longer a loop in Python took than a compiled one, if it was one."""
+    if sailed is None or sailed.slowdown is None:
+        return []
+    return [Finding("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
+
+
 def losses(sailed: SimulatedMission, model: str) -> list[str]:
     """Return the problems of the simulation: forces that the thrusters could not produce."""
     shares = [row.value for row in unreached(sailed.voyage, "deployment", model)]

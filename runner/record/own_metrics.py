@@ -17,7 +17,9 @@ from abc import ABC
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from seatrial.models.errors import PartError
 from seatrial.models.recording.recording import Recording
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
@@ -30,6 +32,12 @@ class OwnMetric(ABC):
     """A user-defined metric. Its methods return one value per degree of freedom."""
 
     definition: ClassVar[Definition]
+
+    def __init_subclass__(cls) -> None:
+        """Register the metric, so that tables know it in every program that imports its module."""
+        super().__init_subclass__()
+        if "definition" in vars(cls):
+            register(cls.definition)
 
     def of_model(self, held_out: Recording, model: Vessel) -> Mapping[str, float]:
         """Compute the metric of a model on the held-out part of a recording; empty by default."""
@@ -60,5 +68,14 @@ def deployment_rows(parts: Sequence[OwnMetric], voyage: Voyage, model: str) -> l
 
 
 def _rows(part: OwnMetric, stage: Stage, model: str, values: Mapping[str, float]) -> list[Metric]:
+    method = "of_model" if stage == "validation" else "of_voyage"
+    if not isinstance(values, Mapping):
+        got = type(values).__name__
+        raise PartError(f"{name_of(part)}.{method}: got a {got}, expected values by axis")
+    for dof, value in values.items():
+        checked_array(part, f"{method}: {dof}", value, ())
     name = register(part.definition).name
-    return [metric(name, stage, model, dof, value) for dof, value in values.items()]
+    try:
+        return [metric(name, stage, model, dof, value) for dof, value in values.items()]
+    except (KeyError, ValueError) as error:  # another axis or stage than it declares
+        raise PartError(f"{name_of(part)}.{method}: {error.args[0]}") from error

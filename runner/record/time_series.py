@@ -106,18 +106,7 @@ def recording_series(
 ) -> Series:
     """Return the recording as measured; for a simulation, with the realised weather."""
     dofs = recording.dofs
-    columns = {"t": recording.t, "train": training.astype(np.float64)}
-    columns |= _columns(poses_of(dofs), recording.eta)
-    columns |= _columns(velocities_of(dofs), recording.nu)
-    columns |= _columns(accelerations_of(dofs), recording.nu_dot)
-    if recording.inputs is None:
-        columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
-    if recording.tau_actual is not None:
-        columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
-    if recording.inputs is not None:
-        columns |= _columns(recording.input_names, recording.inputs)
-    if recording.commands is not None:
-        columns |= _columns(_command_names(recording.input_names), recording.commands)
+    columns = {"t": recording.t, "train": training.astype(np.float64), **_measured(recording)}
     if sailed is not None:
         columns |= _weather(sailed.voyage.weather, dofs)
         columns |= _noise(sailed.voyage.weather, dofs)
@@ -125,6 +114,40 @@ def recording_series(
         if sailed.wind is not None:
             columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
     return Series("recording", columns, _units(dofs, columns))
+
+
+def _measured(recording: Recording) -> dict[str, Array]:
+    """Return motion, command and acting force of a recording."""
+    dofs = recording.dofs
+    columns = _columns(poses_of(dofs), recording.eta)
+    columns |= _columns(velocities_of(dofs), recording.nu)
+    columns |= _columns(accelerations_of(dofs), recording.nu_dot)
+    if recording.inputs is None:
+        columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
+    else:
+        columns |= _columns(recording.input_names, recording.inputs)
+    if recording.commands is not None:
+        columns |= _columns(_command_names(recording.input_names), recording.commands)
+    if recording.tau_actual is not None:
+        columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
+    return columns
+
+
+def training_series(recording: Recording) -> Series:
+    """Return what an identifier may use, for programs that read it from a file.
+
+    `tau_filtered` is the command filtered by a known thruster lag, `air` the measured velocity of
+    the air.
+    """
+    dofs = recording.dofs
+    columns = {"t": recording.t, **_measured(recording)}
+    if recording.tau_filtered is not None:
+        columns |= _columns([f"tau_filtered_{dof}" for dof in dofs], recording.tau_filtered)
+    units = _units(dofs, columns)
+    if recording.wind is not None:
+        wind = _columns(("air_ahead", "air_abeam"), recording.wind)
+        columns, units = columns | wind, units | dict.fromkeys(wind, "m/s")
+    return Series("recording", columns, units)
 
 
 def _requested_forces(voyage: Voyage) -> dict[str, Array]:

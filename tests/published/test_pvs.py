@@ -1,11 +1,10 @@
 """A supply vessel's step test in another simulator (PythonVehicleSimulator, `supply`).
 
-Its published model is M nu_dot + D nu = tau without Coriolis forces, in bis scaling (L = 76.2 m,
-m = 6000 t): a coefficient table with the accelerations and u, v, r. The file does not say what
-was commanded. In the steady turn at its end D nu = tau, which gives a surge force and a yaw moment
-(and no sway force, as of two main propellers); the propellers' speed follows its command with the
-published time constant of 1 s, hence their thrust as (1 - exp(-t))^2. Two numbers are taken from
-the last rows; the other 178 are compared.
+Its published model is vessel=supply_fossen, M nu_dot + D nu = tau without Coriolis forces. The file
+does not say what was commanded. In the steady turn at its end D nu = tau, which gives a surge force
+and a yaw moment (and no sway force, as of two main propellers); the propellers' speed follows its
+command with the published time constant of 1 s, hence their thrust as (1 - exp(-t))^2. Two numbers
+are taken from the last rows; the other 178 are compared.
 """
 
 import os
@@ -14,21 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.vessels import parameters_of
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.open_loop import open_loop
-from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
-from seatrial.models.vessel import basis
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 
-LENGTH, MASS, GRAVITY = 76.2, 6000.0e3, 9.81
-SCALE = np.diag([1.0, 1.0, LENGTH])
-INERTIA = MASS * SCALE @ [[1.1274, 0, 0], [0, 1.8902, -0.0744], [0, -0.0744, 0.1278]] @ SCALE
-DAMPING = [[0.0358, 0, 0], [0, 0.1183, -0.0124], [0, -0.0041, 0.0308]]
-DAMPING = MASS * np.sqrt(GRAVITY / LENGTH) * SCALE @ DAMPING @ SCALE
 PERIOD_S = 0.1
 
 
@@ -51,12 +43,11 @@ def test_the_columns_are_sane() -> None:
 
 def test_a_coefficient_table_sails_the_same_track() -> None:
     data = recorded()
-    names = basis.terms(["u_dot", "v_dot", "r_dot", "u", "v", "r"])
-    vessel = Vessel("supply", PLANAR, names, np.vstack([INERTIA.T, DAMPING.T]))
+    vessel = parameters_of("supply_fossen").nominal()
     motion = np.array([data[name] for name in "uvr"]).T
     rate = (motion[-1] - motion[-2]) / 10.0  # surge is not quite steady yet
     middle = 0.5 * (motion[-1] + motion[-2])
-    steady = INERTIA @ rate + DAMPING @ middle
+    (steady,) = vessel.inverse(rate[None], middle[None])
     assert abs(steady[1]) < 1e-3 * steady[0]
     t = PERIOD_S * np.arange(3001)
     rise = (1.0 - np.exp(-t - 0.5 * PERIOD_S)) ** 2  # held over a period: the value in its middle

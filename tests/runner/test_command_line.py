@@ -231,7 +231,7 @@ def test_as_a_program_of_its_own(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("flag", ["--help", "-sc query=bash", "--hydra-help"])
+@pytest.mark.parametrize("flag", ["--help", "-sc query=bash", "--hydra-help", "--version"])
 def test_looking_around_imports_nothing_heavy(flag: str, tmp_path: Path) -> None:
     heavy = "numpy|numba|scipy|sklearn|sqlalchemy|pyarrow|matplotlib|pandas|rich|joblib"
     code = (

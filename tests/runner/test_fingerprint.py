@@ -190,9 +190,25 @@ def test_a_part_from_elsewhere_counts_by_its_file(
     assert of(config) != first
 
 
-def test_a_part_in_a_single_file_counts_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("place", "counts"), [("work", True), ("site-packages", False)])
+def test_a_part_in_a_single_file_counts_with_its_neighbours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, counts: bool
 ) -> None:
+    """In a folder of one's own; among installed packages everything is a neighbour."""
+    folder = tmp_path / place
+    folder.mkdir()
+    name = f"tug_at_{place.partition('-')[0]}"
+    (folder / f"{name}.py").write_text("from harbour import A\nclass Tug:\n    pass\n")
+    (folder / "harbour.py").write_text("A = 1\n")
+    monkeypatch.syspath_prepend(str(folder))
+    config = {"vessel": {"_target_": f"{name}.Tug"}}
+    first = of(config)
+    (folder / "harbour.py").write_text("A = 2\n")
+    assert (of(config) != first) == counts
+    monkeypatch.delitem(sys.modules, "harbour")
+
+
+def test_a_part_in_a_single_file_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "lone_tug.py").write_text("import numpy\nclass Tug:\n    pass\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     config = {"vessel": {"_target_": "lone_tug.Tug"}}

@@ -12,6 +12,7 @@ SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.
 # From the ground up; a file is on the floor of the longest name that it lies in.
 FLOORS = (
     "models.errors",
+    "models.returned",
     "models.ranges",
     "models.demand",
     "models.source_digest",
@@ -30,6 +31,7 @@ FLOORS = (
     "models.identification",
     "models.control",
     "runner.invocation",
+    "runner.plugins",
     "runner.vocabulary",
     "runner.shared",
     "runner.options",
@@ -47,12 +49,19 @@ ONLY = {
     "runner.vocabulary": GROUND,
     "runner.record.catalogue": GROUND,
     "runner.database": NAMES,
-    "runner.compare": (*NAMES, "runner.invocation", "runner.database", "runner.export"),
+    "runner.compare": (
+        *NAMES,
+        "runner.invocation",
+        "runner.plugins",
+        "runner.database",
+        "runner.export",
+    ),
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    *("hydra_errors", "yaml_files", "vessel_files"),
+    *("hydra_errors", "in_process", "yaml_files", "vessel_files"),
+    *("search", "search_path", "search_space"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
 

@@ -2,22 +2,73 @@
 
 from pathlib import Path
 
-from seatrial.models.errors import LogbookError
-from seatrial.runner.compare.figures import drawings_of
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare import cli
+from seatrial.runner.compare.figures import drawings_of, figure_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
 from seatrial.runner.compare.results import Results
 
 
-def draw(kind: str, results: Results, request: PlotRequest, folder: Path) -> list[Path]:
+def request_of(options: cli.PlotOptions) -> PlotRequest:
+    """Return the request of the options; raises ConfigurationError for an unknown figure."""
+    rows = options.rows or figure_of(options.kind).rows or None
+    rows, columns = cli.axes_of(rows, options.columns)
+    return PlotRequest(
+        run=options.run,
+        metric=options.metric,
+        rows=rows,
+        columns=columns,
+        dofs=cli.split(options.dof),
+        model=options.model,
+        facet=options.facet,
+        log=options.log,
+        where=options.where,
+        sweep=options.sweep,
+        tag=options.tag,
+        pool=cli.split(options.pool),
+    )
+
+
+def figures_of(
+    kind: str, results: Results, request: PlotRequest, axes: Axes | None = None
+) -> list[Figure]:
+    """Draw the figures of a kind and return them; one with one panel may be drawn into `axes`.
+
+    Raises ConfigurationError for an unknown kind, if no run has the data of the figure, or if the
+    axes cannot hold it.
+    """
+    drawings = drawings_of(kind)
+    with drawn(axes):
+        figures = [drawing.figure for drawing in drawings(results, request)]
+    if axes is not None and len(figures) > 1:
+        raise ConfigurationError(f"plot {kind}: got axes for one of {len(figures)} figures")
+    return figures
+
+
+def draw(
+    kind: str,
+    results: Results,
+    request: PlotRequest,
+    folder: Path,
+    width_mm: float | None = None,
+) -> list[Path]:
     """Draw the figures of a kind into a folder and return the paths of the files.
 
+    They are PNG and SVG files for the screen, or with `width_mm` PDF files of this width.
     Raises ConfigurationError for an unknown kind, or if no run has the data of the figure.
     """
     drawings = drawings_of(kind)
-    with drawn():
+    with drawn(width_mm=width_mm):
         figures = drawings(results, request)
         try:
-            return [path for drawing in figures for path in save(drawing, folder)]
+            return [
+                path
+                for drawing in figures
+                for path in save(drawing, folder, print_=width_mm is not None)
+            ]
         except OSError as error:
             raise LogbookError(f"{folder}: cannot write the figure: {error.strerror}") from error

@@ -1,22 +1,27 @@
 """Common style of the figures: palette, fonts, labels with units, and reproducible files.
 
 Figures are made without pyplot: no window, no global state, and no effect of backend settings.
+A figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
+notes then belong to these axes, and the rest of their figure is not changed.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seatrial.models.errors import LogbookError
+from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import paper
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import COMBINED
 
@@ -33,13 +38,14 @@ MODEL_COLOURS = {
 REFERENCE = "#000000"
 WIND = "#56B4E9"
 MUTED = "#595959"
+TITLE_SIZE = 11
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 SHADE = "#E8E8E8"
 RC: Mapping["RcKeyType", object] = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
-    "axes.titlesize": 11,
+    "axes.titlesize": TITLE_SIZE,
     "axes.titleweight": "bold",
     "axes.labelsize": 10,
     "legend.fontsize": 9,
@@ -63,6 +69,24 @@ RC: Mapping["RcKeyType", object] = {
 }
 
 
+_GIVEN: ContextVar[Axes | None] = ContextVar("axes", default=None)  # of the caller
+_DRAWING: ContextVar[bool] = ContextVar("drawing", default=False)  # inside of `drawn`
+
+
+class Chart(Figure):
+    """A figure that a notebook shows without pyplot, and that is saved as the commands save it."""
+
+    def savefig(self, *arguments: Any, **options: Any) -> None:
+        """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
+        with nullcontext() if _DRAWING.get() else drawn():
+            super().savefig(*arguments, **options)
+
+    def _repr_png_(self) -> bytes:
+        image = BytesIO()
+        self.savefig(image, format="png", dpi=100, metadata={"Software": None})
+        return image.getvalue()
+
+
 @dataclass(frozen=True)
 class Drawing:
     """A figure and the name of its files."""
@@ -77,14 +101,26 @@ def marker_of(i: int) -> str:
 
 
 @contextmanager
-def drawn() -> Iterator[None]:
+def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[None]:
     """Context for drawing and saving: the settings above on matplotlib's defaults.
 
-    Raises LogbookError for a stored name that reads as a formula and is none.
+    `axes` are those of the caller, for a figure with one panel. With `width_mm` figures are for
+    print, of this width. Raises LogbookError for a stored name that reads as a formula and is none.
     """
+    given, drawing = _GIVEN.set(axes), _DRAWING.set(True)
+    try:
+        with _styled(width_mm), paper.of_width(width_mm):
+            yield
+    finally:
+        _GIVEN.reset(given)
+        _DRAWING.reset(drawing)
+
+
+@contextmanager
+def _styled(width_mm: float | None) -> Iterator[None]:
     with mpl.rc_context():
         mpl.rcdefaults()
-        for name, value in RC.items():
+        for name, value in {**RC, **({} if width_mm is None else paper.RC)}.items():
             mpl.rcParams[name] = value
         try:
             yield
@@ -96,8 +132,13 @@ def drawn() -> Iterator[None]:
 
 
 def figure(width: float, height: float) -> Figure:
-    """Return an empty figure of width x height [inch] with constrained layout."""
-    return Figure(figsize=(width, height), layout="constrained")
+    """Return an empty figure of width x height [inch] with constrained layout.
+
+    Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
+    """
+    if _GIVEN.get() is not None:
+        raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
+    return Chart(figsize=paper.size_of(width, height), layout="constrained")
 
 
 def panels(
@@ -105,8 +146,16 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x.
+    With `share_x` all axes have the same range of x. One panel is drawn into the
+    axes of the caller, if there are any.
     """
+    given = _GIVEN.get()
+    if given is not None and rows * columns == 1:
+        return cast(Figure, given.figure), [given]
+    abreast = paper.columns_of(columns)
+    if abreast < columns:
+        chart = figure(abreast * width, rows * height * -(-columns // abreast))
+        return chart, paper.stacked(chart, rows, columns, share_x)
     chart = figure(columns * width, rows * height)
     axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
     return chart, [panel for row in axes for panel in row]
@@ -124,13 +173,20 @@ def metric_label(name: str, dof: str, unit: str | None) -> str:
 
 def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     """Add the title and one legend, with each label once, above the figure."""
+    given = _GIVEN.get()
+    if given is not None:
+        given.set_title(title, loc="left")
+        if given.get_legend_handles_labels()[0]:
+            given.legend()
+        return
     handles: dict[str, Artist] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    title = "\n".join(wrap(title, int(chart.get_figwidth() * TITLE_LETTERS_PER_INCH)))
+    letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / paper.text_size(TITLE_SIZE)
+    title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
     if not handles:
-        chart.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+        chart.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
         return
     longest = max(len(label) for label in handles) + 6
     chart.legend(  # as the legend's title, because constrained layout lets a separate title overlap
@@ -139,7 +195,7 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         loc="outside upper left",
         ncols=max(1, min(len(handles), int(chart.get_figwidth() * LETTERS_PER_INCH / longest))),
         title=title,
-        title_fontproperties={"weight": "bold", "size": 11},
+        title_fontproperties={"weight": "bold", "size": TITLE_SIZE},
         alignment="left",
         borderpad=0.0,
     )
@@ -147,20 +203,30 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
 
 def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
+    given = _GIVEN.get()
+    if given is not None:
+        given.annotate(
+            "\n".join(notes), (0.0, 0.0), xycoords="axes fraction", xytext=(0.0, -36.0),
+            textcoords="offset points", va="top", fontsize=8, color=MUTED,
+        )  # fmt: skip
+        return
     width = int(chart.get_figwidth() * LETTERS_PER_INCH * 1.05)
     lines = [line for note in notes for line in wrap(note, width)]
     if lines:
         chart.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
 
 
-def save(drawing: Drawing, folder: Path) -> list[Path]:
-    """Write NAME.png and NAME.svg; equal figures give equal SVG files, byte for byte.
+def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
+    """Write NAME.png and NAME.svg, or for print NAME.pdf; equal figures give equal SVG and PDF.
 
     Returns the paths of the files. Raises OSError if one cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for suffix, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+    screen = {"png": {"Software": None}, "svg": {"Date": None}}
+    if print_:
+        paper.fit(drawing.figure)
+    for suffix, metadata in ({"pdf": {"CreationDate": None}} if print_ else screen).items():
         path = folder / f"{drawing.name}.{suffix}"
         drawing.figure.savefig(path, metadata=metadata)
         paths.append(path)

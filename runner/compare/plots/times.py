@@ -17,10 +17,10 @@ from seatrial.runner.compare.plots.request import (
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     Drawing,
-    figure,
     footnote,
     headed,
     marker_of,
+    panels,
 )
 from seatrial.runner.compare.results import Results
 
@@ -44,8 +44,7 @@ def _drawing(results: Results, facet: Facet) -> Drawing | None:
     if newest is None:
         return None
     run, rows = newest
-    chart = figure(6.5, 4.2)
-    axes = chart.subplots()
+    chart, (axes,) = panels(1, 1, 6.5, 4.2)
     axes.set_xscale("log")
     axes.set_yscale("log")
     for k, method in enumerate(dict.fromkeys(row.label for row in rows)):

@@ -24,6 +24,7 @@ PERIOD_S, ROWS = 0.1, 20
 
 VESSELS = {
     "milliampere": PLANAR, "modulus_ship": PLANAR, "supply_vessel": PLANAR,
+    "cybership2": PLANAR, "semisub": PLANAR, "supply_fossen": PLANAR,
     "surge_linear": ("surge",), "surge_nonlinear": ("surge",),
     "surge_nonlinear_printed": ("surge",),
     "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,

@@ -150,7 +150,13 @@ def fill_plain(logbook: Logbook) -> None:
 
 
 def fill_sailed(logbook: Logbook) -> None:
-    """Eight runs with everything that a figure can show."""
+    """Eight runs of a search, with everything that a figure can show."""
+    overrides = [
+        "search.metric=force_mse:surge,force_mse:yaw",
+        "search.stage=validation,validation",
+    ]
+    overrides += ["search.better=lower,lower", "search.model=identified", "search.statistic=median"]
+    sweep = logbook.begin_sweep("search", "seatrial -m", overrides, 8)
     for seed in range(2):
         for identifier in ("ls", "plsr"):
             finish(
@@ -160,14 +166,25 @@ def fill_sailed(logbook: Logbook) -> None:
                 _coefficients(seed),
                 [*(_orders(seed) if identifier == "plsr" else []), *_excitation()],
                 [_recording(), _residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
+                sweep=sweep,
             )
     truth = [coefficient("u_dot", 1200.0, None, 1200.0), coefficient("u", 10.0, None, 10.0)]
     finish(
-        logbook, start("nsga2", "calm"), coefficients=truth, diagnostics=[*_pareto(), *_topology()]
+        logbook,
+        start("nsga2", "calm"),
+        coefficients=truth,
+        diagnostics=[*_pareto(), *_topology()],
+        sweep=sweep,
     )
-    finish(logbook, start("surface", "calm"), diagnostics=[*_surface(), *_times()])
-    finish(logbook, start("dsr", "calm"), diagnostics=_spectrum())
-    finish(logbook, start("iv", "calm"), diagnostics=_mix(), series=[_quality(), *_planned()])
+    finish(logbook, start("surface", "calm"), diagnostics=[*_surface(), *_times()], sweep=sweep)
+    finish(logbook, start("dsr", "calm"), diagnostics=_spectrum(), sweep=sweep)
+    finish(
+        logbook,
+        start("iv", "calm"),
+        diagnostics=_mix(),
+        series=[_quality(), *_planned()],
+        sweep=sweep,
+    )
 
 
 def _excitation() -> list[Finding]:

@@ -177,7 +177,7 @@ def test_the_command_line_selects_and_changes_nothing(program: Program, tmp_path
     before = file.read_bytes()
 
     def runs_of(*words: str) -> list[str]:
-        code, out, err = program("doctor", "--database", file, "--format", "json", *words)
+        code, out, err = program("audit", "--database", file, "--format", "json", *words)
         assert (code, err) == (0, "")
         return [record["runs"] for record in json.loads(out)]
 
@@ -185,7 +185,7 @@ def test_the_command_line_selects_and_changes_nothing(program: Program, tmp_path
     assert runs_of("--sweep", "second") == ["3-4"]
     assert runs_of("--tag", "old", "--where", "seed=1") == ["2"]
     assert runs_of("--where", "disturbance=first") == ["1-2"]
-    shown = program("doctor", "--database", file, "--format", "md", "--sweep", "1")[1]
+    shown = program("audit", "--database", file, "--format", "md", "--sweep", "1")[1]
     assert "| check | runs | what | remedy |" in shown
     assert file.read_bytes() == before
-    assert program("doctor", "--database", file, "--where", "seed=7")[0] == 2
+    assert program("audit", "--database", file, "--where", "seed=7")[0] == 2

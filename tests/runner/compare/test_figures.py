@@ -1,11 +1,12 @@
 """How figures are found: by their files, without importing them, and from elsewhere."""
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError, PartError
 from seatrial.runner.compare import figures
 from tests.runner.compare.conftest import Program
 
@@ -32,8 +33,8 @@ def test_every_file_that_draws_declares_itself() -> None:
 
 
 def test_what_is_read_from_a_file_is_what_it_declares() -> None:
-    for figure, path in figures._files():
-        module = __import__(f"seatrial.runner.compare.plots.{path.stem}", fromlist=["FIGURE"])
+    for figure, name in figures._declared().values():
+        module = import_module(name)
         assert figure == module.FIGURE
         assert figures.drawings_of(figure.name) is module.drawings
 
@@ -85,5 +86,9 @@ def test_a_fault_in_a_module_from_elsewhere_is_its_own(
     (tmp_path / "faulty_figures").mkdir()
     (tmp_path / "faulty_figures" / "one.py").write_text("import no_such_module_at_all")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError, match="no_such_module_at_all"):
+    named = "plot: cannot import faulty_figures.one: ModuleNotFoundError: .*no_such_module_at_all"
+    with pytest.raises(PartError, match=named):
         figures.figure_of("faulty_figures.one")
+    (tmp_path / "faulty_figures" / "two.py").write_text("def drawings(*_):\n    return 1 / 0\n")
+    with pytest.raises(PartError, match=r"faulty_figures\.two\.drawings: ZeroDivisionError: "):
+        figures.drawings_of("faulty_figures.two")(None, None)  # type: ignore[arg-type]

@@ -8,11 +8,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.figures import drawings_of, figures
-from seatrial.runner.compare.plots import draw
+from seatrial.runner.compare.plots import draw, figures_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.results import Results, open_results
@@ -334,3 +335,52 @@ def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) ->
 def test_a_run_without_a_plan_has_no_such_figure(voyages: Results) -> None:
     with pytest.raises(ConfigurationError, match="plot: run 1 has no series plan"):
         drawings("plan", voyages, run=1)
+
+
+@pytest.fixture
+def sheet() -> Figure:
+    return Figure()
+
+
+def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Results, sheet: Figure) -> None:
+    left, right = sheet.subplots(1, 2)
+    right.set_title("mine")
+    request = PlotRequest(metric="force_mse", dofs=["surge"], where="disturbance=calm")
+    (own,) = figures_of("bars", results, request)
+    assert figures_of("bars", results, request, left) == [sheet]
+    heights = [bar.get_height() for bar in own.axes[0].patches]
+    assert heights == [pytest.approx(mean) for mean in (102.0, 52.0, 41.0)]  # of `plain`
+    assert [bar.get_height() for bar in left.patches] == heights
+    assert left.get_title(loc="left") == "Identified model"
+    legend = left.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["none", "ls", "plsr"]
+    assert "† below the true model" in "".join(text.get_text() for text in left.texts)
+    assert (right.get_title(), len(right.patches), sheet.legends) == ("mine", 0, [])
+    assert sheet.axes == [left, right]
+    sheet.draw_without_rendering()
+
+
+def test_axes_cannot_hold_several_panels_or_figures(
+    results: Results, voyages: Results, sheet: Figure
+) -> None:
+    axes = sheet.subplots()
+    with pytest.raises(ConfigurationError, match="ax: got axes for a figure of several panels"):
+        figures_of("errors", voyages, PlotRequest(), axes)
+    with pytest.raises(ConfigurationError, match="got axes for one of 3 figures"):
+        figures_of("bars", results, PlotRequest(dofs=["surge"], facet="identifier"), axes)
+    figures_of("bars", voyages, PlotRequest(dofs=["surge"]))  # the axes are forgotten
+
+
+@pytest.mark.parametrize("kind", ["bars", "track"])
+def test_a_figure_saves_itself_as_the_command_does(
+    voyages: Results, tmp_path: Path, kind: str
+) -> None:
+    png, svg = draw(kind, voyages, PlotRequest(), tmp_path)
+    (chart,) = figures_of(kind, voyages, PlotRequest())
+    chart.savefig(tmp_path / "own.png", metadata={"Software": None})
+    assert (tmp_path / "own.png").read_bytes() == png.read_bytes()
+    chart.savefig(tmp_path / "own.svg", metadata={"Date": None})
+    assert (tmp_path / "own.svg").read_bytes() == svg.read_bytes()
+    shown = vars(type(chart))["_repr_png_"](chart)  # what a notebook asks for
+    assert shown.startswith(b"\x89PNG")

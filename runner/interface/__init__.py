@@ -1,0 +1,1 @@
+"""The Python interface: trials, results, models and recordings as objects; see `seatrial`."""

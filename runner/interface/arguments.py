@@ -1,0 +1,85 @@
+"""Options given in Python as overrides of the command line: `identifier__basis="physical"`."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner import database
+from seatrial.runner.vocabulary import GROUPS
+
+NESTED = "__"  # in the name of an argument, for the dot of an option
+# Text that the grammar of overrides reads as itself, without quotes.
+_PLAIN = re.compile(r"[A-Za-z_/.][\w/.:+-]*", re.ASCII)
+_WORDS = ("null", "true", "false", "nan", "inf")  # that it reads as something else
+
+
+def overrides_of(options: Mapping[str, object]) -> list[str]:
+    """Return the overrides of options by name.
+
+    A double underscore stands for the dot of a nested option, and a mapping for several options of
+    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`.
+    """
+    texts = []
+    for name, value in options.items():
+        key = name.replace(NESTED, ".")
+        if key in GROUPS and isinstance(value, Mapping):
+            texts += [f"{key}.{inner}={text_of(item)}" for inner, item in value.items()]
+        else:
+            texts.append(f"{key}={text_of(value)}")
+    return texts
+
+
+def text_of(value: object) -> str:
+    """Return a value in the grammar of overrides.
+
+    Takes numbers, text, paths, None, sequences, mappings, NumPy's values, a range (several values
+    of a sweep), and vessels and models, which name themselves by `choice`. Raises
+    ConfigurationError for anything else.
+    """
+    choice = getattr(value, "choice", None)
+    if isinstance(choice, str):
+        return text_of(choice)
+    if isinstance(value, range):
+        return f"range({value.start},{value.stop},{value.step})"
+    if type(value).__module__ == "numpy":  # which the command line does not import
+        value = cast(Any, value).tolist()
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str | Path):
+        return _quoted(str(value))
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{key}:{text_of(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, Sequence):
+        return "[" + ",".join(map(text_of, value)) + "]"
+    raise ConfigurationError(
+        f"got a {type(value).__name__}, expected a number, text, None, a list or a mapping"
+    )
+
+
+def _quoted(text: str) -> str:
+    if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
+        return text
+    escaped = re.sub(r"(\\*)'", r"\1\1\\'", text)  # backslashes count before a quote only
+    trailing = escaped[len(escaped.rstrip("\\")) :]
+    return f"'{escaped}{trailing}'"
+
+
+def place_of(path: str | Path | None) -> list[str]:
+    """Return the overrides for a logbook, given by its file or address; None: the default one."""
+    if path is None:
+        return []
+    text = str(path)
+    if "://" not in text:
+        folder: Path | None = Path(text).parent
+        text = database.engine.file_url(Path(text))
+    else:
+        file = database.engine.parse(text).path
+        folder = None if file is None else file.parent
+    series = [] if folder is None else [f"results_dir={_quoted(str(folder))}"]
+    return [*series, f"database.url={_quoted(text)}"]

@@ -1,0 +1,231 @@
+"""Run trials and sweeps from Python, and open their results."""
+
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.runner.compare.cli import DEFAULT_DATABASE
+from seatrial.runner.database import display_url
+from seatrial.runner.interface.arguments import overrides_of, place_of
+from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
+from seatrial.runner.interface.vessel_models import Model
+from seatrial.runner.vocabulary import GROUPS
+
+if TYPE_CHECKING:
+    from seatrial.runner import console, in_process
+else:
+    import lazy_loader
+
+    console = lazy_loader.load("seatrial.runner.console", suppress_warning=True)
+    in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
+
+Choice = str | Path | Model | Sequence[str] | Mapping[str, object] | None
+
+
+class RunFailed(SeatrialError):  # noqa: N818 - named like the status of the run
+    """A trial failed or diverged; `run` is what is stored of it."""
+
+    def __init__(self, message: str, run: Run) -> None:
+        super().__init__(message)
+        self.run = run
+
+
+def run(
+    *overrides: str,
+    vessel: Choice = None,
+    disturbance: Choice = None,
+    excitation: Choice = None,
+    identifier: Choice = None,
+    controller: Choice = None,
+    evaluation: Choice = None,
+    database: str | Path | None = None,
+    **options: object,
+) -> Run:
+    """Run one trial, as the command `seatrial` does; one that is stored already is not run again.
+
+    Parameters
+    ----------
+    *overrides
+        Options as on the command line, such as `"plant.scale=0.8"`.
+    vessel, disturbance, excitation, identifier, controller, evaluation
+        An option of the group; for the vessel also a path, `run:17`, a `Vessel` or a `Model`, for
+        the disturbance also a list. A mapping sets options inside the group.
+    database
+        File or address of the logbook; by default `results/results.db` in the working folder.
+    **options
+        Any other option; a double underscore stands for a dot: `identifier__basis="physical"`,
+        `seed=1`, `rerun=True`.
+
+    Returns
+    -------
+    Run
+        The finished run, with its metrics, coefficients, model and series.
+
+    Raises
+    ------
+    RunFailed
+        The trial failed or diverged; the exception has the run.
+    SeatrialError
+        The trial cannot be run; the message is the line that the command prints.
+    """
+    groups = (vessel, disturbance, excitation, identifier, controller, evaluation)
+    _check_logbook(vessel, database)
+    words = _words(overrides, groups, database, options)
+    call = in_process.run_trial(words)
+    assert call.outcome is not None
+    assert call.logbook is not None
+    logbook = Logbook(*call.logbook)
+    number = call.outcome.run_id
+    if number is None:
+        raise SeatrialError(str(call.outcome.error))
+    stored = Run(logbook, number)
+    if isinstance(call.error, str):
+        raise RunFailed(call.error, stored)
+    return stored
+
+
+def sweep(
+    trials: Sequence[str | Mapping[str, object]],
+    *,
+    launcher: str = "basic",
+    name: str | None = None,
+    database: str | Path | None = None,
+    progress: bool = True,
+    **options: Any,
+) -> Sweep:
+    """Run many trials, as the command `seatrial -m` does; those that are stored are not run again.
+
+    Parameters
+    ----------
+    trials
+        Options with several values, as on the command line: `["identifier=ls,plsr",
+        "seed=range(0,5)"]` are ten trials. A mapping is a set of options that change together, like
+        `--variant`: `[{"identifier": "ls"}, {"identifier": "plsr", "seed": 1}]`.
+    launcher
+        basic (one after the other), joblib (all cores), submitit_slurm, ...
+    name
+        Name of the sweep, for tables and lists.
+    database
+        File or address of the logbook; by default `results/results.db` in the working folder.
+    progress
+        Whether to show the progress on a terminal or in a notebook.
+    **options
+        Options of all trials, as for `run`; a Python range has several values: `seed=range(5)`.
+
+    Returns
+    -------
+    Sweep
+        The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
+        failed or diverged are in it, with their status.
+
+    Raises
+    ------
+    SeatrialError
+        A trial cannot be run (then none was started), or the workers were lost.
+    """
+    for trial in (options, *(trial for trial in trials if not isinstance(trial, str))):
+        _check_logbook(trial.get("vessel"), database)
+    fixed = {"sweep.name": name, **options} if name is not None else options
+    texts = [trial for trial in trials if isinstance(trial, str)]
+    variants = [overrides_of(trial) for trial in trials if not isinstance(trial, str)]
+    words = [*texts, *overrides_of(fixed), *place_of(database), f"hydra/launcher={launcher}"]
+    shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
+    call = in_process.Call(["-m", *words, *shown])
+    call.variants = variants
+    line = _NotebookLine() if progress and _in_notebook() else None
+    if line is not None or not progress:
+        call.view = lambda: nullcontext(line or _Silence())
+    in_process.run_sweep(call, words)
+    if line is not None:
+        line.write(call.lines[0])
+    assert call.sweep_id is not None
+    assert call.logbook is not None
+    return Sweep(*call.logbook, call.sweep_id)
+
+
+def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = None) -> Logbook:
+    """Open a results database for reading.
+
+    Parameters
+    ----------
+    path
+        File of the database, or its address (`postgresql://...`); by default
+        `results/results.db`.
+    results_dir
+        Folder of the series files; by default that of the file, or `results`.
+
+    Returns
+    -------
+    Logbook
+        The runs, with their tables, figures and models.
+
+    Raises
+    ------
+    LogbookError
+        There is no such database, or this version cannot read it.
+    """
+    logbook = Logbook(path, None if results_dir is None else Path(results_dir))
+    with logbook.opened():
+        return logbook
+
+
+def _words(
+    overrides: Sequence[str],
+    groups: Sequence[Choice],
+    database: str | Path | None,
+    options: Mapping[str, object],
+) -> list[str]:
+    """Return the overrides of a call; the groups are in the order of GROUPS."""
+    chosen = {name: part for name, part in zip(GROUPS, groups, strict=True) if part is not None}
+    return [*overrides_of({**chosen, **options}), *place_of(database), *overrides]
+
+
+def _check_logbook(vessel: object, database: str | Path | None) -> None:
+    """Refuse a model of a run of another logbook: `vessel=run:17` is one of this logbook."""
+    if isinstance(vessel, Model) and vessel.address is not None:
+        own = Logbook(DEFAULT_DATABASE if database is None else database).address
+        if vessel.address != own or vessel.choice is None:
+            raise ConfigurationError(
+                f"vessel: got {vessel.name} of {display_url(vessel.address)}, expected one of the "
+                "same logbook; vessel.save('yaml') writes it to a file"
+            )
+
+
+def _in_notebook() -> bool:
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return type(shell).__name__ == "ZMQInteractiveShell"
+
+
+class _NotebookLine:
+    """The progress of a sweep as one line of a notebook, which is written again and again."""
+
+    def __init__(self) -> None:
+        self._display: Any = sys.modules["IPython"].display
+        self._handle = self._display.display(self._display.Pretty("starting"), display_id=True)
+
+    def write(self, text: str) -> None:
+        """Replace the line."""
+        self._handle.update(self._display.Pretty(text))
+
+    def show(self, standing: "console.Standing") -> None:
+        """Write the progress."""
+        self.write(str(standing))
+
+    def failure(self, line: str) -> None:
+        """Print a failed run below the line."""
+        print(line, file=sys.stderr)
+
+
+class _Silence:
+    """Shows nothing."""
+
+    def show(self, standing: "console.Standing") -> None:
+        """Show nothing."""
+
+    def failure(self, line: str) -> None:
+        """Show nothing."""

@@ -1,0 +1,288 @@
+"""Vessels and identified models as objects: simulated, written for other programs, sailed again."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import poses_of, velocities_of
+from seatrial.runner import export
+from seatrial.runner.compare.grid import Scalar, grid_of
+from seatrial.runner.interface.arguments import text_of
+from seatrial.runner.interface.displayed_table import Table
+
+if TYPE_CHECKING:  # what is slow to import
+    import pandas as pd
+
+    from seatrial.models.identification import free_run, simulated_motion, validation
+    from seatrial.models.recording.recording import Recording
+    from seatrial.models.simulation import loop
+    from seatrial.models.vessel import parameters as vessels
+    from seatrial.models.vessel.basis import Array
+    from seatrial.models.vessel.table import Vessel as Coefficients
+    from seatrial.models.weather import weather
+    from seatrial.runner import config, in_process
+    from seatrial.runner.export.stored_model import StoredModel
+
+    Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is like a mapping
+else:
+    import lazy_loader
+
+    pd = lazy_loader.load("pandas")
+    free_run, simulated_motion, validation, loop, vessels, weather, config, in_process = (
+        lazy_loader.load(f"seatrial.{name}", suppress_warning=True)
+        for name in (
+            *(f"models.identification.{n}" for n in ("free_run", "simulated_motion", "validation")),
+            *("models.simulation.loop", "models.vessel.parameters", "models.weather.weather"),
+            *("runner.config", "runner.in_process"),
+        )
+    )
+
+
+class Model:
+    """A model of a vessel: a table of coefficients, with the thrusters and limits of the vessel.
+
+    `table` is the coefficient table, `parameters` the vessel that it belongs to, `choice` its name
+    after `vessel=`, if it has one, `stored` the run that it comes from, and `address` the logbook
+    of this run.
+    """
+
+    def __init__(
+        self,
+        table: "Coefficients",
+        parameters: "vessels.VesselParameters",
+        choice: str | None = None,
+        stored: "StoredModel | None" = None,
+        address: str | None = None,
+    ) -> None:
+        self.table = table
+        self.parameters = parameters
+        self.choice = choice
+        self.stored = stored
+        self.address = address
+
+    @classmethod
+    def of_run(cls, stored: "StoredModel", address: str) -> Self:
+        """Return the model of a run of the logbook at an address."""
+        number = stored.run.summary.run_id
+        choice = f"run:{number}" if stored.model == "identified" else None
+        return cls(stored.table, stored.parameters, choice, stored, address)
+
+    @property
+    def name(self) -> str:
+        """Name of the vessel."""
+        return self.parameters.name
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Degrees of freedom."""
+        return self.table.dofs
+
+    @property
+    def coefficients(self) -> "pd.DataFrame":
+        """The coefficients in SI units, force per term: terms are rows, columns are axes."""
+        terms = [term.name for term in self.table.terms]
+        return pd.DataFrame(self.table.theta.copy(), index=terms, columns=list(self.dofs))
+
+    @property
+    def inertia(self) -> "pd.DataFrame":
+        """The inertia matrix with added mass [kg, kg m, kg m^2]."""
+        axes = list(self.dofs)
+        return pd.DataFrame(self.table.inertia.copy(), index=axes, columns=axes)
+
+    def simulate(
+        self,
+        force: "Forces",
+        period_s: float = 0.1,
+        *,
+        step_s: float = 0.025,
+        pose: Sequence[float] | None = None,
+        velocity: Sequence[float] | None = None,
+    ) -> "pd.DataFrame":
+        """Simulate the motion in calm water under commanded forces, through the thrusters.
+
+        Parameters
+        ----------
+        force
+            Commanded forces [N, Nm], held over each period: an array (N, n_dof), a frame or a
+            mapping with a column for each degree of freedom (`surge` or `tau_surge`). A column that
+            is missing is zero.
+        period_s
+            Time between two rows [s].
+        step_s
+            Longest integration step [s].
+        pose, velocity
+            At the start [m, rad] and [m/s, rad/s]; zero by default.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Pose, body velocity and command by time t [s], before the command of the row acts.
+
+        Raises
+        ------
+        Diverged
+            A velocity exceeds the limit of the vessel.
+        """
+        n_dof = len(self.dofs)
+        commands = _commands(force, self.dofs)
+        still = np.zeros_like(commands)
+        start, start_nu = (
+            np.zeros(n_dof) if values is None else _vector(values, self.dofs)
+            for values in (pose, velocity)
+        )
+        adrift = simulated_motion.Adrift()
+        voyage = loop.sail(
+            self.parameters.plant(self.table), weather.Weather(still, still, still, still),
+            (adrift, np.zeros(1)), adrift, (simulated_motion.Playback(commands), np.zeros(1)),
+            start, period_s, min(step_s, period_s), start_nu,
+        )  # fmt: skip
+        return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, commands)
+
+    def predict(self, recording: "Recording", restart_s: float = 30.0) -> "pd.DataFrame":
+        """Predict a recorded motion from the recorded force.
+
+        Parameters
+        ----------
+        recording
+            The recording; every piece without a gap begins at its measured state.
+        restart_s
+            Time [s] after which a prediction begins anew at the measured state.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Predicted pose and body velocity by time t [s].
+
+        Raises
+        ------
+        IdentificationError
+            The model cannot be simulated: its inertia is not positive definite, or a term needs
+            what is not predicted.
+        """
+        lag = self.parameters.thruster
+        known = recording.with_thruster(lag)
+        validation.prediction(self.table, known, lag)  # raises for a model that cannot be simulated
+        every = max(round(restart_s / known.period_s), 2)
+        course = free_run.course_of(
+            known, lag, None, every, validation.rate_limit(known), self.table.attitude
+        )
+        motion = free_run.free_run(self.table, course, "rk4")
+        n = len(self.dofs)
+        return _frame(known.t, self.dofs, motion[:, :n], motion[:, n:])
+
+    def save(
+        self,
+        to: str,
+        output: str | Path | None = None,
+        *,
+        at: str | None = None,
+        force: bool = False,
+    ) -> list[Path]:
+        """Write the model of a run for another program, as `seatrial-results model` does.
+
+        Parameters
+        ----------
+        to
+            yaml, json, statespace, python-control, mss, c or fmu.
+        output
+            Path of the (first) file; by default the name of the vessel and the run.
+        at
+            Operating point of a linear model, such as `"u=0.5"`.
+        force
+            Whether to replace files that exist.
+
+        Returns
+        -------
+        list of pathlib.Path
+            The files.
+        """
+        if self.stored is None:
+            raise ConfigurationError(f"save: got {self.name}, expected the model of a stored run")
+        path = None if output is None else Path(output)
+        return export.model_formats.write(self.stored, to, path, at, force)
+
+    def __repr__(self) -> str:
+        return str(self._shown())
+
+    def _repr_html_(self) -> str:
+        return self._shown().text("html")
+
+    def _shown(self) -> Table:
+        source = self.name if self.stored is None else self.stored.source
+        rows: list[list[Scalar]] = [
+            [term.name, *map(float, row)]
+            for term, row in zip(self.table.terms, self.table.theta, strict=True)
+            if np.any(row)
+        ]
+        return Table(grid_of(f"{source}, SI units", ("term", *self.dofs), rows))
+
+
+class Vessel(Model):
+    """A vessel of the configuration or of a file of yours, with its nominal model."""
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Self:
+        """Read a vessel from a YAML file.
+
+        Parameters
+        ----------
+        path
+            The file; inertia, derivatives and `force_limits` or `length_m` are enough.
+
+        Returns
+        -------
+        Vessel
+            For `run(vessel=...)`, which reads the file again.
+
+        Raises
+        ------
+        ConfigurationError
+            There is no such file, or it describes no vessel.
+        """
+        if not Path(path).is_file():
+            raise ConfigurationError(f"{path}: there is no such file, expected a vessel in YAML")
+        return cls.load(str(path))
+
+    @classmethod
+    def load(cls, choice: str) -> Self:
+        """Return what the command line takes after `vessel=`: a name, a path or `run:17`."""
+        node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
+        parameters = config.build_as(vessels.VesselParameters, node, "vessel")
+        return cls(parameters.nominal(), parameters, choice)
+
+
+def _vector(values: Sequence[float], dofs: tuple[str, ...]) -> "Array":
+    vector = np.array(values, dtype=np.float64)
+    if vector.shape != (len(dofs),):
+        raise ConfigurationError(f"got shape {vector.shape}, expected a number for each of {dofs}")
+    return vector
+
+
+def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":
+    """Return commanded forces as an array (N, n_dof)."""
+    if not isinstance(force, Sequence | np.ndarray):
+        known = {name.removeprefix("tau_"): force[name] for name in map(str, force)}
+        if not known or set(known) - set(dofs):
+            raise ConfigurationError(
+                f"force: got columns {', '.join(known)}, expected some of {', '.join(dofs)}"
+            )
+        n = len(next(iter(known.values())))
+        columns = [np.asarray(known.get(dof, np.zeros(n)), dtype=np.float64) for dof in dofs]
+        return np.ascontiguousarray(np.column_stack(columns))
+    array = np.array(force, dtype=np.float64, order="C")
+    if array.ndim != 2 or array.shape[1] != len(dofs) or not len(array):
+        raise ConfigurationError(f"force: got shape {array.shape}, expected (N, {len(dofs)})")
+    return array
+
+
+def _frame(
+    t: "Array", dofs: tuple[str, ...], eta: "Array", nu: "Array", tau: "Array | None" = None
+) -> "pd.DataFrame":
+    columns = dict(zip(poses_of(dofs), eta.T, strict=True))
+    columns |= dict(zip(velocities_of(dofs), nu.T, strict=True))
+    if tau is not None:
+        columns |= {f"tau_{dof}": column for dof, column in zip(dofs, tau.T, strict=True)}
+    return pd.DataFrame(columns, index=pd.Index(t, name="t"))

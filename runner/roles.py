@@ -1,0 +1,21 @@
+"""The class of each group's parts: a part may be any class that subclasses its role."""
+
+from types import UnionType
+
+from seatrial.models.control.controller import Controller
+from seatrial.models.excitation.missions import Evaluation, Mission
+from seatrial.models.identification.problem import Identifier
+from seatrial.models.recording.readers import Reader
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner.record.own_metrics import OwnMetric
+
+ROLES: dict[str, type | UnionType] = {
+    "vessel": VesselParameters,
+    "disturbance": Disturbance,
+    "excitation": Mission | Reader,
+    "identifier": Identifier,
+    "controller": Controller | None,
+    "evaluation": Evaluation | None,
+}
+METRIC = OwnMetric

@@ -1,0 +1,157 @@
+"""The vessels of conf/vessel: other programs' accelerations, printed equations, and laws."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from docs.vessels import CONF, parameters_of, vessels
+from seatrial.models.excitation.guidance import ReferenceFilter
+from seatrial.models.excitation.open_loop import open_loop
+from seatrial.models.identification.physical_constraints import dissipated
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.weather import Weather
+
+motions = arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
+CYBERSHIP = parameters_of("cybership2").nominal()
+# A fraction of random motions at which the damping creates energy: none, but for CyberShip II,
+# whose identified Y_r couples more than Y_v and N_r dissipate at low speed.
+CREATES = {"cybership2": 0.01}
+
+
+def oracle(name: str) -> dict[str, Array]:
+    """The columns of another program's table, by their names without units."""
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    lines = (Path(folder) / "oracles" / name).read_text().splitlines()
+    header, *rows = [line for line in lines if not line.startswith("#")]
+    table = np.array([line.split(",") for line in rows], dtype=np.float64)
+    return {text.partition("[")[0]: table[:, i] for i, text in enumerate(header.split(","))}
+
+
+def columns(table: dict[str, Array], *names: str) -> Array:
+    return np.column_stack([table[name] for name in names])
+
+
+def assert_accelerations(model: Vessel, tau: Array, nu: Array, expected: Array) -> None:
+    """300 rows, to 1e-12 of the root mean square of each column."""
+    assert expected.shape == (300, 3)
+    error = np.abs(model.forward(tau, nu) - expected)
+    assert np.all(error < 1e-12 * np.sqrt(np.mean(expected**2, axis=0)))
+
+
+def test_the_supply_vessel_has_the_accelerations_of_mss() -> None:
+    table = oracle("mss_supply_xdot.csv")
+    tau, nu = columns(table, "tau_X", "tau_Y", "tau_N"), columns(table, "u", "v", "r")
+    model = parameters_of("supply_fossen").nominal()
+    assert_accelerations(model, tau, nu, columns(table, "udot", "vdot", "rdot"))
+
+
+def propelled(name: str) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """States of a ship of PythonVehicleSimulator, its arrays, and the force B |n| n [N, Nm]."""
+    table = oracle(f"pvs_{name}_nudot.csv")
+    path = Path(os.environ["SEATRIAL_DATA"]) / "oracles" / f"pvs_{name}_params.json"
+    held = json.loads(path.read_text())["attributes_of_the_constructed_object"]
+    ship = {key: np.array(held[key]) for key in ("B", "n_max", *{"M", "D"} & set(held))}
+    speeds = columns(table, *(f"n{i}" for i in range(1, 7)))
+    n = np.clip(speeds, -ship["n_max"], ship["n_max"])
+    return table, ship, np.abs(n) * n @ ship["B"].T
+
+
+def largest_forces(ship: dict[str, Array]) -> list[float]:
+    """All propellers in surge and sway, the four tunnel thrusters in yaw [N, N, Nm]."""
+    forces = np.abs(ship["B"]) * ship["n_max"] ** 2
+    return [float(np.sum(forces[0])), float(np.sum(forces[1])), float(np.sum(forces[2, :4]))]
+
+
+def test_the_supply_vessel_has_the_accelerations_of_python_vehicle_simulator() -> None:
+    table, ship, tau = propelled("supply")
+    vessel = parameters_of("supply_fossen")
+    expected = columns(table, "udot", "vdot", "rdot")
+    assert_accelerations(vessel.nominal(), tau, columns(table, "u", "v", "r"), expected)
+    np.testing.assert_allclose(vessel.force_limits or (), largest_forces(ship), rtol=1e-3)
+
+
+def test_the_semisubmersible_has_the_accelerations_of_python_vehicle_simulator() -> None:
+    """There it heaves, rolls and pitches too, which acts on the plane by these rows of M and D."""
+    table, ship, tau = propelled("semisub")
+    plane, held = [0, 1, 5], [2, 3, 4]
+    other = columns(table, "w", "p", "q"), columns(table, "wdot", "pdot", "qdot")
+    for matrix, motion in zip((ship["D"], ship["M"]), other, strict=True):
+        tau = tau - motion @ matrix[np.ix_(plane, held)].T
+    vessel = parameters_of("semisub")
+    expected = columns(table, "udot", "vdot", "rdot")
+    assert_accelerations(vessel.nominal(), tau, columns(table, "u", "v", "r"), expected)
+    np.testing.assert_allclose(vessel.force_limits or (), largest_forces(ship), rtol=1e-3)
+
+
+@given(motions, motions)
+def test_cybership_is_the_printed_model(nu: Array, nu_dot: Array) -> None:
+    """M nu_dot + C(nu) nu + D(nu) nu, Skjetne et al. (2004), with the numbers of its tables."""
+    u, v, r = nu
+    m, x_g, I_z, X_udot, Y_vdot, N_rdot = 23.8, 0.046, 1.760, -2.0, -10.0, -1.0
+    M = np.array([[m - X_udot, 0.0, 0.0], [0.0, m - Y_vdot, m * x_g], [0.0, m * x_g, I_z - N_rdot]])
+    c_13 = -m * (x_g * r + v) + Y_vdot * v
+    c_23 = (m - X_udot) * u
+    C = np.array([[0.0, 0.0, c_13], [0.0, 0.0, c_23], [-c_13, -c_23, 0.0]])
+    d_11 = 0.72253 + 1.32742 * abs(u) + 5.86643 * u**2
+    d_22 = 0.88965 + 36.47287 * abs(v) + 0.805 * abs(r)
+    d_23 = 7.250 + 0.845 * abs(v) + 3.450 * abs(r)
+    d_32 = -0.03130 - 3.95645 * abs(v) - 0.130 * abs(r)
+    d_33 = 1.900 - 0.080 * abs(v) + 0.750 * abs(r)
+    D = np.array([[d_11, 0.0, 0.0], [0.0, d_22, d_23], [0.0, d_32, d_33]])
+    force = CYBERSHIP.inverse(nu_dot[None], nu[None])[0]
+    np.testing.assert_allclose(force, M @ nu_dot + C @ nu + D @ nu, rtol=1e-12, atol=1e-12)
+
+
+def test_a_ship_from_a_paper_takes_few_lines() -> None:
+    """Inertia, derivatives and length; every gain, weight and level is derived."""
+    text = (CONF / "vessel" / "cybership2.yaml").read_text()
+    assert len(text.splitlines()) <= 25
+    node = yaml.safe_load(text)
+    assert set(node) == {
+        "_target_", "name", "dofs", "sources", "inertia", "derivatives", "length_m",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", vessels())
+def test_kinetic_energy_is_positive_and_damping_takes_it_away(name: str) -> None:
+    """x' M x > 0, and nu' d(nu) >= 0 within the attainable speeds."""
+    vessel = parameters_of(name)
+    model = vessel.nominal()
+    assert np.min(np.linalg.eigvalsh(model.inertia + model.inertia.T)) > 0.0
+    nu = np.random.default_rng(0).uniform(-1.0, 1.0, (5000, len(model.dofs)))
+    power = dissipated(model, nu * vessel.scales.speeds)
+    share = float(np.mean(power < 0.0))
+    assert share <= CREATES.get(name, 0.0)
+    assert (share > 0.0) == (name in CREATES)
+
+
+@pytest.mark.parametrize("name", vessels())
+def test_a_vessel_without_force_comes_to_rest(name: str) -> None:
+    """Adrift from half of the attainable speed, along any axes, it loses its kinetic energy."""
+    vessel = parameters_of(name)
+    model, speeds = vessel.nominal(), 0.5 * vessel.scales.speeds
+    n, period = len(model.dofs), 0.1 * vessel.scales.time_s
+    still = np.zeros((8000, n))
+    weather = Weather(still, still, still, still)
+    for seed in range(3):
+        start = np.random.default_rng(seed).choice([-1.0, 1.0], n) * speeds
+        voyage = sail(
+            vessel.plant(model), weather, (Timetable(still), np.zeros(1)),
+            ReferenceFilter(0.5, 0.7).table(period), open_loop(), np.zeros(n), period, period,
+            start_nu=start,
+        )  # fmt: skip
+        nu = voyage.log.nu
+        energy = 0.5 * np.einsum("ki,ij,kj->k", nu, model.inertia, nu)
+        assert energy[-1] < 0.05 * energy[0]

@@ -1,0 +1,45 @@
+"""A logbook that Python has filled: one trial, and a sweep of four."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import seatrial as st
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The working folder in which the trials are started."""
+    return tmp_path_factory.mktemp("python")
+
+
+@pytest.fixture(scope="session")
+def run(folder: Path) -> st.Run:
+    """A trial with a deployment."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        return st.run(identifier="ls", identifier__basis="physical", seed=3)
+    finally:
+        os.chdir(before)
+
+
+@pytest.fixture(scope="session")
+def sweep(folder: Path, run: st.Run) -> st.Sweep:
+    """Two identifiers and two seeds, in noise."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        return st.sweep(
+            ["identifier=none,ls"], disturbance="noise", evaluation="none", seed=range(2)
+        )
+    finally:
+        os.chdir(before)
+
+
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same folder, as the working folder."""
+    monkeypatch.chdir(folder)
+    return folder

@@ -1,0 +1,71 @@
+"""What Python says of options is what Hydra reads."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hypothesis import given
+from hypothesis import strategies as any_
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.interface.arguments import overrides_of, place_of, text_of
+
+PARSER = OverridesParser.create()
+
+
+def read(text: str) -> object:
+    """The value that Hydra reads."""
+    override = PARSER.parse_override(f"key={text}")
+    assert not override.is_sweep_override()
+    return override.value()
+
+
+@given(any_.text(any_.characters(codec="utf-8", exclude_categories=["Cc"])))
+def test_text_is_read_as_it_was_written(text: str) -> None:
+    assert read(text_of(text)) == text
+
+
+@given(
+    any_.recursive(
+        any_.none() | any_.booleans() | any_.integers() | any_.floats(allow_nan=False),
+        lambda inner: (
+            any_.lists(inner, max_size=3)
+            | any_.dictionaries(any_.from_regex("[a-z]+", fullmatch=True), inner, max_size=3)
+        ),
+    )
+)
+def test_values_are_read_as_they_were_written(value: object) -> None:
+    if isinstance(value, dict) and {"null", "nan", "inf", "true", "false"} & set(value):
+        return
+    assert repr(read(text_of(value))) == repr(value)
+
+
+def test_arrays_and_paths_are_values() -> None:
+    assert read(text_of(np.array([1.5, 2.0]))) == [1.5, 2.0]
+    assert read(text_of(np.int64(3))) == 3
+    assert read(text_of(Path("a folder/it's.csv"))) == "a folder/it's.csv"
+
+
+def test_a_range_is_a_sweep() -> None:
+    override = PARSER.parse_override(f"seed={text_of(range(2, 8, 3))}")
+    assert [int(text) for text in override.sweep_string_iterator()] == [2, 5]
+
+
+def test_names_of_nested_options() -> None:
+    options = {"identifier": "ls", "identifier__basis": "physical", "seed": 1}
+    assert overrides_of(options) == ["identifier=ls", "identifier.basis=physical", "seed=1"]
+    assert overrides_of({"controller": {"kp": [1, 2]}}) == ["controller.kp=[1,2]"]
+    assert overrides_of({"plant__change": {"at_s": 3}}) == ["plant.change={at_s:3}"]
+
+
+def test_what_is_no_value_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="got a object, expected a number"):
+        text_of(object())
+
+
+def test_places() -> None:
+    assert place_of(None) == []
+    assert place_of("a/b.db") == ["results_dir=a", "database.url=sqlite:///a/b.db"]
+    server = "postgresql://user@host/name"
+    assert place_of(server) == [f"database.url='{server}'"]

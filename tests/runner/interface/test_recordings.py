@@ -1,0 +1,106 @@
+"""Recordings from files and frames."""
+
+import os
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import seatrial as st
+from seatrial.runner.interface.recordings import joined
+
+DATA = os.environ.get("SEATRIAL_DATA")
+
+
+@pytest.fixture
+def frame() -> pd.DataFrame:
+    """u = sin t in surge, every 0.1 s."""
+    t = np.arange(200) * 0.1
+    return pd.DataFrame(
+        {"x": 1.0 - np.cos(t), "u": np.sin(t), "tau_surge": np.cos(t)}, index=pd.Index(t, name="t")
+    )
+
+
+def test_a_series_becomes_the_recording_it_was(run: st.Run) -> None:
+    series = run.series()
+    recording = st.Recording.from_frame(series)
+    assert recording.dofs == ("surge", "sway", "yaw")
+    back = recording.to_frame()
+    pd.testing.assert_frame_equal(back, series[list(back.columns)], check_like=True)
+
+
+def test_a_missing_acceleration_is_the_slope_of_the_velocity(frame: pd.DataFrame) -> None:
+    recording = st.Recording.from_frame(frame)
+    np.testing.assert_allclose(recording.nu_dot[:, 0], np.cos(recording.t), atol=0.004)
+    assert (recording.dofs, recording.period_s) == (("surge",), pytest.approx(0.1))
+
+
+def test_a_bad_frame_is_refused(frame: pd.DataFrame) -> None:
+    with pytest.raises(
+        st.RecordingError, match="no column 'tau_surge', expected tau_surge; it has"
+    ):
+        st.Recording.from_frame(frame.drop(columns="tau_surge"))
+    with pytest.raises(st.RecordingError, match="no column 'of a velocity'"):
+        st.Recording.from_frame(frame[["x"]])
+    with pytest.raises(st.RecordingError, match="column u, row 7: got nan"):
+        st.Recording.from_frame(frame.assign(u=frame["u"].where(np.arange(200) != 7)))
+    uneven = frame.reset_index()
+    uneven.loc[50:, "t"] += 0.03
+    with pytest.raises(st.RecordingError, match=r"row 50: got a step of 0.13 s, expected 0.1 s"):
+        st.Recording.from_frame(uneven)
+    with pytest.raises(st.RecordingError, match=r"row 1: got a step of -0.1 s"):
+        st.Recording.from_frame(frame.iloc[::-1])
+
+
+def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
+    recording = st.Recording.from_frame(frame)
+    blocks = recording.blocks(4, gap_s=1.0)
+    assert [len(block) for block in blocks] == [40, 40, 40, 50]
+    for before, after in pairwise(blocks):
+        assert after.t[0] - before.t[-1] == pytest.approx(1.1)
+    whole = joined(recording.blocks(4))
+    np.testing.assert_array_equal(whole.t, recording.t)
+    assert np.count_nonzero(whole.piece_starts) == 1
+    assert np.count_nonzero(joined([blocks[0], blocks[2]]).piece_starts) == 2
+    with pytest.raises(st.ConfigurationError, match="expected at least two samples in each"):
+        recording.blocks(4, gap_s=5.0)
+    train, test = recording.split(0.25)
+    assert (len(train), len(test)) == (50, 150)
+
+
+def test_recordings_of_one_start_are_joined_one_after_the_other(frame: pd.DataFrame) -> None:
+    recording = st.Recording.from_frame(frame)
+    twice = joined([recording, recording])
+    assert len(twice) == 400
+    assert np.count_nonzero(twice.piece_starts) == 2
+    assert np.all(np.diff(twice.t) > 0.0)
+    assert twice.period_s == pytest.approx(0.1)
+    slow = st.Recording.from_frame(frame.iloc[::2])
+    with pytest.raises(
+        st.RecordingError, match=r"got surge every 0.2 s, expected surge every 0.1 s"
+    ):
+        joined([recording, slow])
+
+
+@pytest.mark.skipif(DATA is None, reason="SEATRIAL_DATA is not set: no outside data")
+def test_a_csv_file_is_read_as_a_trial_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = f"{DATA}/beluga/surge-1.csv"
+    recording = st.Recording.from_csv(path, "surge_linear", start_s=5.0)
+    run = st.run(
+        vessel="surge_linear", excitation="recording", excitation__path=path,
+        excitation__start_s=5.0, identifier="ls", controller="none", evaluation="none",
+    )  # fmt: skip
+    stored = run.series()
+    np.testing.assert_array_equal(recording.t, stored.index)
+    np.testing.assert_array_equal(recording.nu[:, 0], stored["u"])
+    np.testing.assert_array_equal(recording.tau[:, 0], stored["tau_surge"])
+    estimator = st.Estimator("ls", vessel="surge_linear").fit(recording.split(0.5)[0])
+    own = run.model.coefficients
+    np.testing.assert_allclose(estimator.coefficients_.loc[own.index], own, rtol=1e-9)
+    with pytest.raises(st.RecordingError, match=r"none.csv: there is no such file"):
+        st.Recording.from_csv("none.csv", "surge_linear")

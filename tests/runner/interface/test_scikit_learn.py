@@ -1,0 +1,93 @@
+"""The estimator keeps scikit-learn's rules, and gives the numbers of a trial."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
+from sklearn.utils import get_tags
+
+import seatrial as st
+from seatrial.models.identification.least_squares import LeastSquares
+
+
+@pytest.fixture(scope="module")
+def recording(sweep: st.Sweep) -> st.Recording:
+    """That of the run in noise with least squares and seed 0."""
+    return st.Recording.from_frame(sweep.series(number_of(sweep)))
+
+
+def number_of(sweep: st.Sweep) -> int:
+    return int(sweep.runs(where="identifier=ls and seed=0").index[0])
+
+
+def test_parameters_are_got_set_and_cloned() -> None:
+    estimator = st.Estimator("ls", basis="physical")
+    assert estimator.get_params() == {
+        "identifier": "ls", "vessel": "milliampere", "seed": 0, "basis": "physical",
+    }  # fmt: skip
+    assert estimator.set_params(basis="full", force="commanded") is estimator
+    copy = clone(estimator)
+    assert copy is not estimator
+    assert copy.get_params() == estimator.get_params()
+    assert copy.get_params()["basis"] == "full"
+    assert "Estimator(identifier='ls'" in repr(copy)
+    assert get_tags(copy).estimator_type == "regressor"
+
+
+def test_it_fits_what_a_trial_fits(sweep: st.Sweep, recording: st.Recording) -> None:
+    number = number_of(sweep)
+    train = sweep.series(number)["train"].to_numpy() > 0.0
+    estimator = st.Estimator("ls").fit(recording.part(train))
+    stored = sweep.model(number).coefficients
+    fitted = estimator.coefficients_.loc[stored.index]
+    np.testing.assert_allclose(fitted, stored, rtol=1e-9, atol=1e-9)  # of coefficients up to 3000
+    lag = st.Vessel.load("milliampere").parameters.thruster
+    score = estimator.score(recording.with_thruster(lag).part(~train))
+    assert score == pytest.approx(sweep.run(number).metric("velocity_r2_restarts"), rel=1e-9)
+    predicted = estimator.predict(recording.part(~train))
+    assert len(predicted) == np.count_nonzero(~train)
+
+
+def test_a_search_is_over_blocks_of_time(recording: st.Recording) -> None:
+    blocks = recording.blocks(6, gap_s=2.0)
+    grid = {"basis": ["physical", "full"]}
+    search = GridSearchCV(st.Estimator("ls"), grid, cv=KFold(3)).fit(blocks)
+    result = search.cv_results_
+    by_hand = [
+        st.Estimator("ls", basis="full").fit(blocks[:2] + blocks[4:]).score(blocks[2:4])
+    ]  # fmt: skip
+    assert result["split1_test_score"][1] == pytest.approx(by_hand[0])
+    assert search.best_params_["basis"] == grid["basis"][int(np.argmax(result["mean_test_score"]))]
+    assert search.best_estimator_.model_.dofs == ("surge", "sway", "yaw")
+    scores = cross_val_score(st.Estimator("ls", basis="full"), blocks, cv=KFold(3))
+    np.testing.assert_allclose(scores, [result[f"split{i}_test_score"][1] for i in range(3)])
+
+
+def test_one_recording_is_not_a_list_of_samples(recording: st.Recording) -> None:
+    with pytest.raises(st.ConfigurationError, match=r"recording.blocks\(10\) cuts one"):
+        cross_val_score(st.Estimator("ls"), recording, cv=KFold(3))
+    with pytest.raises(st.ConfigurationError, match="X: got int, expected recordings"):
+        st.Estimator("ls").fit([1, 2])  # type: ignore[list-item]
+
+
+def test_an_identifier_of_your_own(recording: st.Recording) -> None:
+    named = st.Estimator("ls", basis="physical").fit(recording)
+    node = {**named.get_params()}
+    assert node.pop("basis") == "physical"
+    part = named.set_params(basis="physical")._parts()[1]
+    assert isinstance(part, LeastSquares)
+    own = st.Estimator(part).fit(recording)
+    np.testing.assert_array_equal(own.coefficients_, named.coefficients_)
+    with pytest.raises(st.ConfigurationError, match="unexpected keyword argument 'bases'"):
+        st.Estimator(part, bases="full").fit(recording)
+
+
+def test_errors_are_one_line(recording: st.Recording) -> None:
+    with pytest.raises(st.ConfigurationError, match="identifier: no option 'lss', did you mean ls"):
+        st.Estimator("lss").fit(recording)
+    with pytest.raises(st.ConfigurationError, match=r"identifier.bases: unknown option"):
+        st.Estimator("ls", bases="full").fit(recording)
+    with pytest.raises(st.ConfigurationError, match=r"identifier\.selection: got test"):
+        st.Estimator("plsr", selection="test").fit(recording)
+    with pytest.raises(st.ConfigurationError, match="got no model yet"):
+        st.Estimator("ls").score(recording)

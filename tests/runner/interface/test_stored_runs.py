@@ -1,0 +1,140 @@
+"""Stored runs as pandas frames, tables and figures: what the shell shows, as objects."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import seatrial as st
+from seatrial.runner.compare.__main__ import run as results_program
+
+
+def test_a_run_is_its_rows(run: st.Run) -> None:
+    metrics = run.metrics
+    assert list(metrics.columns) == ["stage", "model", "dof", "name", "value", "unit"]
+    direct = metrics[
+        (metrics["name"] == "e_pos_mae") & (metrics["model"] == "identified")
+    ]["value"].item()  # fmt: skip
+    assert run.metric("e_pos_mae", "position") == direct
+    assert set(run.coefficients["model"]) >= {"nominal", "identified", "plant"}
+    assert run.series_kinds == (
+        "recording",
+        "residual",
+        "deployment_nominal",
+        "deployment_identified",
+    )
+    assert run.config["seed"] == 3
+    with pytest.raises(
+        st.ConfigurationError, match="got 0 numbers e_pos_mae with dof all of model"
+    ):
+        run.metric("e_pos_mae")
+
+
+def test_a_tracking_error_is_the_mean_of_its_series(run: st.Run) -> None:
+    series = run.series("deployment_identified")
+    assert series.index.name == "t"
+    assert series.attrs["units"]["e_pos"] == "m"
+    assert np.mean(series["e_pos"]) == pytest.approx(run.metric("e_pos_mae", "position"))
+    distance = np.hypot(series["x"] - series["x_d"], series["y"] - series["y_d"])
+    np.testing.assert_allclose(series["e_pos"], distance)
+
+
+def test_a_coefficient_is_that_of_the_model(run: st.Run) -> None:
+    rows = run.coefficients
+    own = rows[
+        (rows["model"] == "identified") & (rows["dof"] == "surge") & (rows["term"] == "u_dot")
+    ]
+    assert run.model.coefficients.loc["u_dot", "surge"] == own["value"].item()
+    assert run.model.inertia.loc["surge", "surge"] == own["value"].item()
+
+
+def test_a_notebook_shows_a_run(run: st.Run) -> None:
+    shown = run._repr_html_()
+    assert (
+        "<caption>run 1, finished: milliampere, calm, waypoints, ls, pid_ff, replay, seed 3"
+        in shown
+    )
+    value = f"{run.metric('e_pos_mae', 'position'):.4g}"
+    assert value in repr(run)
+    assert any("version of numpy" in str(table) for table in run.details())
+
+
+def test_the_table_is_that_of_the_shell(
+    sweep: st.Sweep, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = {"metric": "force_mse", "stage": "validation", "dof": ["surge", "yaw"]}
+    table = sweep.table(**options, rows=["identifier", "dof"], baseline="identifier=none")  # type: ignore[arg-type]
+    words = "table --metric force_mse --stage validation --dof surge,yaw --rows identifier,dof"
+    words += f" --baseline identifier=none --sweep {sweep.number}"
+    for form in ("json", "md", "html", "latex"):
+        assert results_program([*words.split(), "--format", form]) == 0
+        assert capsys.readouterr().out.rstrip("\n") == table.text(form)
+    with pytest.raises(st.ConfigurationError, match="text: got 'pdf', expected one of rich, md"):
+        table.text("pdf")
+    records = json.loads(table.text("json"))
+    assert len(records) == 4
+    assert list(table.frame.columns) == list(records[0])
+    assert list(table.frame["mean"]) == [record["mean"] for record in records]
+    mean = sweep.metrics("force_mse").query(
+        "identifier == 'ls' and dof == 'surge' and model == 'identified'"
+    )["value"].mean()  # fmt: skip
+    row = table.frame.query("identifier == 'ls' and dof == 'surge'")
+    assert row["mean"].item() == pytest.approx(mean)
+
+
+def test_the_figure_is_that_of_the_shell(
+    run: st.Run, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert results_program(["plot", "track", "--run", "1", "--output", "figures"]) == 0
+    png, svg = map(Path, capsys.readouterr().out.split())
+    figure = run.plot("track")
+    for file, clean in ((png, {"Software": None}), (svg, {"Date": None})):
+        own = io.BytesIO()
+        figure.savefig(own, format=file.suffix[1:], metadata=clean)
+        assert own.getvalue() == file.read_bytes()
+
+
+def test_figures_take_axes(sweep: st.Sweep, run: st.Run) -> None:
+    axes = Figure().subplots()
+    assert sweep.plot("bars", metric="force_mse", dof="surge", ax=axes) is axes
+    means = sweep.metrics("force_mse").query("dof == 'surge' and model == 'identified'")
+    expected = means.groupby("identifier")["value"].mean()
+    assert [bar.get_height() for bar in axes.patches] == pytest.approx(
+        [expected["none"], expected["ls"]]
+    )
+    with pytest.raises(st.ConfigurationError, match="several panels"):
+        run.plot("errors", ax=axes)
+    with pytest.raises(st.ConfigurationError, match="got 2 figures, expected one"):
+        sweep.plot("residual", facet="seed")
+    assert len(sweep.plots("residual", facet="seed")) == 2
+    with pytest.raises(st.ConfigurationError, match="plot: got 'pie', expected one of bars"):
+        sweep.plot("pie")
+
+
+def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
+    frame = sweep.runs()
+    assert sorted(zip(frame["identifier"], frame["seed"], strict=True)) == [
+        ("ls", 0), ("ls", 1), ("none", 0), ("none", 1),
+    ]  # fmt: skip
+    assert set(sweep.metrics()["run_id"]) == set(frame.index)
+    everything = st.open("results/results.db")
+    chosen = everything.table(metric="force_mse", dof="surge", sweep=sweep.number)
+    assert str(chosen) == str(sweep.table(metric="force_mse", dof="surge"))
+    assert set(everything.runs().index) == {1, *frame.index}
+    assert set(everything.metrics("force_mse")["run_id"]) == {1, *frame.index}
+    assert list(everything.runs(where="seed=3").index) == [1]
+    assert everything.sql("SELECT count(*) AS n FROM run")["n"].item() == 5
+    with pytest.raises(st.LogbookError, match="there is no run 77"):
+        everything.run(77)
+
+
+def test_a_logbook_is_found_from_another_folder(
+    sweep: st.Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(sweep.runs()) == 4
+    assert re.search(r"identifier +controller", repr(sweep))

@@ -1,0 +1,94 @@
+"""Models as objects: the motion of the simulations, and the way back into a trial."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seatrial as st
+
+TUG = """\
+_target_: seatrial.models.vessel.parameters.VesselParameters
+name: tug
+dofs: [surge]
+inertia: [[3000.0]]
+derivatives: {X_u: -40.0}
+force_limits: [1200.0]
+velocity_limits: [20.0]
+sources: {inertia: a test, derivatives: a test, force_limits: a test, velocity_limits: a test}
+"""
+
+
+@pytest.fixture
+def tug(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> st.Vessel:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tug.yaml").write_text(TUG)
+    return st.Vessel.from_yaml("tug.yaml")
+
+
+def test_a_linear_surge_model_follows_the_exact_solution(tug: st.Vessel) -> None:
+    """m du/dt + d u = tau from rest: u = tau/d (1 - e^(-t d/m)), and x is its integral."""
+    motion = tug.simulate({"surge": np.full(600, 100.0)}, 0.1)
+    t, rate = motion.index.to_numpy(), 40.0 / 3000.0
+    rise = 1.0 - np.exp(-rate * t)
+    np.testing.assert_allclose(motion["u"], 100.0 / 40.0 * rise, atol=1e-9)
+    np.testing.assert_allclose(motion["x"], 100.0 / 40.0 * (t - rise / rate), atol=1e-8)
+    assert list(motion.columns) == ["x", "u", "tau_surge"]
+
+
+def test_a_start_is_a_start(tug: st.Vessel) -> None:
+    motion = tug.simulate(np.zeros((200, 1)), 0.5, pose=[7.0], velocity=[3.0])
+    assert (motion["x"].iloc[0], motion["u"].iloc[0]) == (7.0, 3.0)
+    np.testing.assert_allclose(motion["u"], 3.0 * np.exp(-40.0 / 3000.0 * motion.index), rtol=1e-6)
+
+
+def test_wrong_forces_are_refused(tug: st.Vessel) -> None:
+    with pytest.raises(st.ConfigurationError, match=r"force: got shape \(5,\), expected \(N, 1\)"):
+        tug.simulate(np.zeros(5))
+    with pytest.raises(st.ConfigurationError, match="got columns sway, expected some of surge"):
+        tug.simulate({"sway": [1.0]})
+    with pytest.raises(st.Diverged, match=r"tug: \|u\| exceeds 20 at t"):
+        tug.simulate(np.full((5000, 1), 1e4))
+    with pytest.raises(st.ConfigurationError, match=r"nowhere\.yaml: there is no such file"):
+        st.Vessel.from_yaml("nowhere.yaml")
+
+
+def test_a_model_repeats_the_motion_of_the_trial(run: st.Run) -> None:
+    """The command of the deployment gives the motion of the deployment, to the last digit."""
+    sailed = run.series("deployment_identified")
+    forces = sailed[["tau_surge", "tau_sway", "tau_yaw"]]
+    motion = run.logbook.model(run.number, "plant").simulate(forces, 0.1)
+    for name in ("x", "y", "psi", "u", "v", "r"):
+        np.testing.assert_array_equal(motion[name], sailed[name])
+    other = run.model.simulate(forces, 0.1)
+    assert np.max(np.abs(other["x"] - sailed["x"])) > 0.0
+
+
+def test_a_prediction_begins_at_the_measured_state(run: st.Run) -> None:
+    recording = st.Recording.from_frame(run.series())
+    predicted = run.model.predict(recording, restart_s=20.0)
+    measured = run.series()
+    begins = np.arange(0, len(measured), 200)
+    np.testing.assert_allclose(predicted["u"].iloc[begins], measured["u"].iloc[begins])
+    assert np.max(np.abs(predicted["u"] - measured["u"])) > 0.0
+
+
+def test_an_identified_model_is_sailed_again(run: st.Run, here: Path) -> None:
+    again = st.run(vessel=run.model, identifier="none", evaluation="none")
+    assert again.logbook.model(again.number, "nominal").coefficients.equals(run.model.coefficients)
+    with pytest.raises(st.ConfigurationError, match="expected one of the same logbook"):
+        st.run(vessel=run.model, identifier="none", database="other.db")
+
+
+def test_a_model_is_written_for_others(run: st.Run, tmp_path: Path) -> None:
+    (path,) = run.model.save("yaml", tmp_path / "ferry.yaml")
+    vessel = st.Vessel.from_yaml(path)
+    own, written = run.model.coefficients, vessel.coefficients
+    np.testing.assert_allclose(written.loc[own.index, own.columns], own, rtol=1e-12)
+    with pytest.raises(st.ConfigurationError, match="expected the model of a stored run"):
+        vessel.save("yaml")
+
+
+def test_a_notebook_shows_a_model(run: st.Run) -> None:
+    assert "identified model of run 1 (vessel=milliampere" in run.model._repr_html_()
+    assert "u_dot" in repr(st.Vessel.load("milliampere"))

@@ -1,0 +1,118 @@
+"""Completion of both command lines, as a shell asks for it."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner.record.catalogue import all_declared
+
+ROOT = Path(__file__).parents[2]
+ENTRY = {
+    "seatrial": "from seatrial.runner.__main__ import main; sys.exit(main())",
+    "seatrial-results": "from seatrial.runner.compare.__main__ import main; sys.exit(main())",
+}
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A home folder with both programs in bin, as pip installs them."""
+    folder = tmp_path_factory.mktemp("home")
+    (folder / "bin").mkdir()
+    for name, text in ENTRY.items():
+        script = folder / "bin" / name
+        script.write_text(f"#!{sys.executable}\nimport sys\n{text}\n")
+        script.chmod(0o755)
+    return folder
+
+
+def run(home: Path, *words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    path = os.environ.get("PYTHONPATH", str(ROOT))
+    own = {"HOME": str(home), "PATH": f"{home}/bin:{os.environ['PATH']}", "PYTHONPATH": path}
+    return subprocess.run(
+        words, env={**os.environ, **own, **variables}, cwd=home, capture_output=True, text=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+
+
+def completed(home: Path, line: str) -> list[str]:
+    """What Hydra's script in a shell is answered for a line."""
+    answer = run(home, "seatrial", "-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("seatrial vess", "vessel="),
+        ("seatrial vessel=milli", "vessel=milliampere"),
+        ("seatrial -m controller.k", "controller.kp="),
+        ("seatrial -m identifier=ls,pl", "identifier=ls,plsr"),
+        ("seatrial -m disturbance=[noise,wi", "disturbance=[noise,wind"),
+        ("seatrial -m identifier=ls,plsr 'seed=range(0,3)' controller.k", "controller.ki="),
+        ("seatrial -m --variant 'identifier=ls seed=1' hydra/laun", "hydra/launcher="),
+        ("seatrial -m disturbance=[noise,wind],calm controller.k", "controller.kd="),
+    ],
+)
+def test_groups_and_options(home: Path, line: str, expected: str) -> None:
+    assert expected in completed(home, line)
+
+
+def test_options_are_those_of_the_chosen_part(home: Path) -> None:
+    assert "controller.horizon=" in completed(home, "seatrial controller=mpc_standard controller.h")
+    assert completed(home, "seatrial controller=pid_ff controller.h") == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("plo", {"plot"}),
+        ("plot tra", {"track"}),
+        ("table --metric e_pos_m", {"e_pos_mae", "e_pos_mse"}),
+        ("table --metric force_mse,e_pos_ma", {"force_mse,e_pos_mae"}),
+        ("plot bars --metric e_pos_ma", {"e_pos_mae"}),
+        ("table --statistic med", {"median"}),
+        ("table --stage depl", {"deployment"}),
+        ("table --metric ", {metric.name for metric in all_declared()}),
+    ],
+)
+def test_commands_figures_and_metrics(home: Path, words: str, expected: set[str]) -> None:
+    answer = run(
+        home, "seatrial-results", _SEATRIAL_RESULTS_COMPLETE="complete_bash",
+        COMP_WORDS=f"seatrial-results {words}", COMP_CWORD=str(len(words.split(" "))),
+    )  # fmt: skip
+    assert set(answer.stdout.split()) == expected
+
+
+def test_installed_once_it_completes_in_bash(home: Path) -> None:
+    (home / ".bashrc").write_text("PS1=here")  # without a line end
+    for _ in range(2):
+        answer = run(home, "seatrial", "--install-completion", SHELL="/bin/bash")
+        assert answer.returncode == 0, answer.stderr
+    assert (home / ".bashrc").read_text().count("source") == 1
+    line = "seatrial -m identifier=ls,pl"
+    script = (
+        f". ~/.bashrc; COMP_LINE='{line}' COMP_POINT={len(line)} COMP_CWORD=2; "
+        "hydra_bash_completion; echo $PS1 ${COMPREPLY[@]}"
+    )
+    answer = run(home, str(shutil.which("bash")), "--norc", "-c", script)
+    assert answer.stdout == "here identifier=ls,plsr\n"
+
+
+def test_fish_reads_a_file_of_its_own(home: Path) -> None:
+    assert run(home, "seatrial", "--install-completion", "fish").returncode == 0
+    file = home / ".config" / "fish" / "completions" / "seatrial.fish"
+    assert "complete -c seatrial" in file.read_text()
+
+
+def test_another_shell_and_a_checkout_are_refused(home: Path) -> None:
+    answer = run(home, "seatrial", "--install-completion", "csh")
+    assert answer.returncode == 2
+    assert "expected one of bash, zsh, fish" in answer.stderr
+    answer = run(home, sys.executable, "-m", "seatrial.runner", "--install-completion", "bash")
+    assert answer.returncode == 2
+    assert "pip install -e ." in answer.stderr

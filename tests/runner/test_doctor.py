@@ -1,0 +1,105 @@
+"""`seatrial doctor` and `--version`: what is there, what is lacking, and the exit code."""
+
+import tomllib
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import pytest
+
+from seatrial.models import source_digest
+from seatrial.runner import doctor
+from tests.runner.programs import ended, program
+
+ROOT = Path(__file__).parents[2]
+DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    """The verdict of each line, by the name of what was checked; and the number of problems."""
+    text = capsys.readouterr().out.splitlines()
+    verdicts = {line[9:].split("  ")[0].strip(): line.split()[0] for line in text[:-1]}
+    assert text[-1].startswith(f"{sum(v == 'problem' for v in verdicts.values())} problem")
+    return verdicts
+
+
+def test_this_environment_has_no_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SEATRIAL_DATABASE", raising=False)
+    monkeypatch.setenv("SEATRIAL_DATA", str(tmp_path))
+    assert doctor.main([]) == 0
+    said = lines(capsys)
+    names = {requirement.partition(">")[0] for requirement in DECLARED["dependencies"]}
+    assert names <= said.keys()
+    assert {f"extra {name}" for name in doctor.EXTRAS} <= said.keys()
+    assert not list(tmp_path.iterdir())  # it looks, and makes nothing
+
+
+def test_every_extra_of_users_is_known() -> None:
+    own = {"test", "bench", "check"}  # for work on the project
+    assert set(doctor.EXTRAS) == DECLARED["optional-dependencies"].keys() - own
+
+
+@pytest.mark.parametrize("broken", ["version", "package", "cache", "data", "database", "file"])
+def test_each_problem_is_named_and_counts(
+    broken: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SEATRIAL_DATABASE", raising=False)
+    (tmp_path / "file").write_text("no database, and no folder")
+
+    def installed(name: str) -> str:
+        if name == "numpy" and broken == "package":
+            raise PackageNotFoundError(name)
+        return "1.0" if name == "numpy" and broken == "version" else version(name)
+
+    monkeypatch.setattr(doctor, "version", installed)
+    variable, value, name = {
+        "version": ("UNUSED", "", "numpy"),
+        "package": ("UNUSED", "", "numpy"),
+        "cache": ("SEATRIAL_CACHE", str(tmp_path / "file" / "cache"), "compiled code"),
+        "data": ("SEATRIAL_DATA", str(tmp_path / "nowhere"), "SEATRIAL_DATA"),
+        "database": ("SEATRIAL_DATABASE", "postgresql://localhost:1/none", "logbook"),
+        "file": ("SEATRIAL_DATABASE", f"sqlite:///{tmp_path}/file", "logbook"),
+    }[broken]
+    monkeypatch.setenv(variable, value)
+    assert doctor.main([]) == 1
+    assert [key for key, verdict in lines(capsys).items() if verdict == "problem"] == [name]
+
+
+def test_a_missing_extra_is_no_problem(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def installed(name: str) -> str:
+        if name == "pysindy":
+            raise PackageNotFoundError(name)
+        return version(name)
+
+    monkeypatch.setattr(doctor, "version", installed)
+    doctor.main([])
+    assert lines(capsys)["extra rivals"] == "absent"
+
+
+def test_the_cache_is_where_machine_code_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SEATRIAL_CACHE", str(tmp_path / "machine code"))
+    assert doctor._cache().result == str(source_digest.cache_home()) == f"{tmp_path}/machine code"
+
+
+@pytest.mark.parametrize("module", ["runner", "runner.compare"])
+def test_version_is_that_of_the_project(module: str, tmp_path: Path) -> None:
+    code, out, err = ended(program("-m", module, "--version", folder=tmp_path))
+    name = {"runner": "seatrial", "runner.compare": "seatrial-results"}[module]
+    assert (code, err) == (0, "")
+    assert out == f"{name} {DECLARED['version']} (checkout)\n"
+
+
+def test_a_word_too_many_is_refused(tmp_path: Path) -> None:
+    code, out, err = ended(program("-m", "runner", "doctor", "numpy", folder=tmp_path))
+    assert (code, out) == (2, "")
+    assert err == "seatrial: doctor: got numpy, expected no arguments\n"

@@ -1,0 +1,119 @@
+"""`seatrial init`, as a new user types it in an empty folder."""
+
+import re
+import sqlite3
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.runner.command import Command
+
+FILE = "conf/vessel/tug.yaml"
+SHORT = ("excitation=single_ramp", "evaluation=four_corner", "identifier=none")
+
+
+def written(seatrial: Command, *options: str) -> str:
+    answer = seatrial("init", "vessel", "tug", *options)
+    assert (answer.code, answer.err) == (0, "")
+    first, second = answer.out.splitlines()
+    assert first == f"wrote {FILE}"
+    assert second.endswith(f" vessel={FILE}")
+    return (seatrial.folder / FILE).read_text()
+
+
+def metric(folder: Path, name: str) -> list[float]:
+    with sqlite3.connect(folder / "results" / "results.db") as database:
+        query = "SELECT value FROM metric WHERE model = 'nominal' AND name = ?"
+        return [value for (value,) in database.execute(query, (name,))]
+
+
+def test_a_vessel_is_written_and_sails(seatrial: Command) -> None:
+    """The default trial, and the positioning of a linear controller in noise and wind."""
+    text = written(seatrial)
+    assert len(text.splitlines()) < 60
+    assert seatrial(f"vessel={FILE}", "identifier=ls").code == 0
+    controllers = "controller=pid_ff,lqi,mpc_standard"
+    weather = "disturbance=[noise,wind]"
+    assert seatrial("-m", f"vessel={FILE}", controllers, weather, *SHORT).code == 0
+    errors = metric(seatrial.folder, "e_pos_mae")
+    assert len(errors) == 4
+    assert max(errors) < 2.5  # half of its length
+
+
+def test_the_numbers_are_those_of_the_dimensions(seatrial: Command) -> None:
+    options = ("--length", "6", "--beam", "2.5", "--draught", "0.7", "--mass", "4000")
+    text = written(seatrial, *options)
+    assert f"# tug, written by: seatrial init vessel tug {' '.join(options)}\n" in text
+    node = yaml.safe_load(text)
+    assert node["length_m"] == 6.0
+    assert node["inertia"] == [[4000.0, 0.0, 0.0], [0.0, 4000.0, 0.0], [0.0, 0.0, 9000.0]]
+    assert node["derivatives"]["Y_vdot"] == pytest.approx(-0.5 * 3.1416 * 1025 * 0.49 * 6, rel=1e-3)
+    assert all(isinstance(value, float) for value in node["derivatives"].values())
+
+
+@pytest.mark.parametrize("length", ["0.15", "5", "350"])
+def test_every_number_has_a_unit_and_says_where_to_find_it(seatrial: Command, length: str) -> None:
+    text = written(seatrial, "--length", length)
+    lines = [line.removeprefix("# ").partition("  # ")[::2] for line in text.splitlines()]
+    entries = [line for line in lines if re.match(r" *(- \[|[\w|]+: ).*\d", line[0])]
+    assert len(entries) == 17
+    assert [entry for entry, comment in entries if len(comment) < 10] == []
+    node = yaml.safe_load(text)
+    for symbol in node["derivatives"]:
+        assert re.search(rf"^  {re.escape(symbol)}: \S+  # \[kg.*\] .{{20}}", text, re.MULTILINE)
+
+
+def test_what_is_optional_is_right_once_it_is_not_commented(seatrial: Command) -> None:
+    text = written(seatrial)
+    before, mark, after = text.partition("# force_limits")
+    assert mark
+    whole = before + re.sub(r"^# ", "", mark + after, flags=re.MULTILINE)
+    (seatrial.folder / FILE).write_text(whole)
+    node = yaml.safe_load(whole)
+    assert {"force_limits", "thruster", "plant_scale", "tuning"} < set(node)
+    answer = seatrial(f"vessel={FILE}", "identifier=none", "evaluation=none")
+    assert answer.code == 0, answer.err
+
+
+def test_a_file_is_not_replaced(seatrial: Command) -> None:
+    written(seatrial)
+    (seatrial.folder / FILE).write_text("mine")
+    answer = seatrial("init", "vessel", "tug")
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err == f"seatrial: {FILE} exists, expected a new name\n"
+    assert (seatrial.folder / FILE).read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "the following arguments are required: SUBJECT"),
+        (("boat", "tug"), "argument SUBJECT: invalid choice: 'boat'"),
+        (("vessel",), "the following arguments are required: NAME"),
+        (("vessel", "../tug"), "argument NAME: got '../tug', expected letters, digits and _"),
+        (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
+        (("vessel", "tug", "--length", "long"), "argument --length: got 'long', expected a posit"),
+        (("vessel", "tug", "--mass", "nan"), "argument --mass: got 'nan', expected a positive nu"),
+        (("vessel", "tug", "--length", "1e9"), "length: got 1e+09 m, expected 0.1 to 1000"),
+        (("vessel", "tug", "seed=1"), "unrecognized arguments: seed=1"),
+    ],
+)
+def test_a_command_that_is_wrong(seatrial: Command, words: tuple[str, ...], message: str) -> None:
+    assert seatrial.refuses("init", *words).startswith(message)
+
+
+def test_a_folder_that_cannot_be_written(seatrial: Command) -> None:
+    (seatrial.folder / "conf").write_text("a file")
+    answer = seatrial("init", "vessel", "tug")
+    assert answer.code == 2
+    assert answer.err.startswith(f"seatrial: {FILE}: ")
+    assert answer.err.count("\n") == 1
+
+
+def test_the_help_names_it(seatrial: Command) -> None:
+    assert "seatrial init vessel NAME" in seatrial("--help").out
+    shown = seatrial("init", "vessel", "--help")
+    assert shown.code == 0
+    assert "--draught" in shown.out
+    assert list(seatrial.folder.iterdir()) == []

@@ -1,0 +1,134 @@
+"""Folders of configurations of the user's: which are searched, in which order, and what is said."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner import plugins
+from seatrial.runner.search_path import CONF
+from tests.runner.command import Command
+
+IDENTIFIER = "_target_: seatrial.models.identification.problem.NoIdentifier\n"
+OTHER = "_target_: seatrial.models.identification.least_squares.LeastSquares\n"
+
+
+def option(folder: Path, name: str, text: str = IDENTIFIER) -> Path:
+    """A folder of configurations with one option more."""
+    path = folder / f"{name}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return folder
+
+
+def package(folder: Path, name: str, text: str = "") -> Path:
+    """A package with a folder of configurations, installed in `folder`."""
+    (folder / name).mkdir(parents=True)
+    (folder / name / "__init__.py").write_text(text)
+    about = folder / f"{name}-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    (about / "entry_points.txt").write_text(f"[seatrial.plugins]\n{name} = {name}\n")
+    return folder / name / "conf"
+
+
+@pytest.fixture(autouse=True)
+def _no_plugins_of_before() -> Iterator[None]:
+    plugins._plugins.cache_clear()
+    yield
+    plugins._plugins.cache_clear()
+
+
+@pytest.fixture
+def four(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """A working folder with an option from each of the four places."""
+    folder = seatrial.folder
+    option(folder / "conf", "identifier/here")
+    named = [option(folder / f"named{i}", f"identifier/from_named{i}") for i in (1, 2)]
+    option(
+        folder / "given",
+        "disturbance/given",
+        "_target_: seatrial.models.weather.disturbance.Disturbance\n",
+    )
+    option(package(folder / "installed", "fleet_of_tests"), "identifier/packed")
+    monkeypatch.setenv("SEATRIAL_CONF", os.pathsep.join(map(str, named)))
+    monkeypatch.syspath_prepend(folder / "installed")
+    return seatrial
+
+
+def test_the_help_lists_the_folders_and_what_they_add(four: Command) -> None:
+    answer = four("--config-dir", "given", "--help")
+    assert answer.code == 0, answer.err
+    listed = answer.out[answer.out.index("Folders of your own:") :].splitlines()
+    assert [line.strip() for line in listed[1:6]] == [
+        "given: disturbance=given",
+        "named1: identifier=from_named1",
+        "named2: identifier=from_named2",
+        "conf: identifier=here",
+        "installed/fleet_of_tests/conf: identifier=packed",
+    ]
+    (identifiers,) = [line for line in answer.out.splitlines() if line.startswith("identifier:")]
+    assert {"from_named1", "from_named2", "here", "packed", "ls"} <= set(
+        identifiers.removeprefix("identifier: ").split(", ")
+    )
+
+
+def test_without_folders_the_help_says_how_to_have_one(seatrial: Command) -> None:
+    assert "a folder conf here, --config-dir FOLDER" in seatrial("--help").out
+
+
+def test_a_sweep_takes_options_from_every_folder(four: Command) -> None:
+    four.pretend()
+    names = ("from_named1", "from_named2", "here", "packed")
+    sweep = ("-m", "--config-dir", "given", "disturbance=given", f"identifier={','.join(names)}")
+    answer = four(*sweep, "dry_run=true")
+    assert answer.out.count("new ") == 4, answer.err
+    answer = four(*sweep)
+    assert answer.code == 0, answer.err
+    assert "4 runs: 4 finished" in answer.out
+    assert four("identifier=here", "disturbance=calm").code == 0
+
+
+def test_the_projects_option_wins_and_the_other_is_named_once(seatrial: Command) -> None:
+    option(seatrial.folder / "conf", "identifier/ls", IDENTIFIER)
+    answer = seatrial("identifier=ls", "--cfg", "job")
+    assert "problem.NoIdentifier" not in answer.out
+    seatrial.pretend()
+    answer = seatrial("-m", "identifier=ls", "seed=0,1")
+    assert "2 runs: 2 finished" in answer.out
+    assert answer.err.count("not used") == 1
+    assert answer.err.startswith("seatrial: conf: identifier/ls.yaml not used")
+
+
+def test_of_two_folders_of_the_user_the_first_wins(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    option(seatrial.folder / "conf", "identifier/twice", IDENTIFIER)
+    option(seatrial.folder / "named", "identifier/twice", OTHER)
+    monkeypatch.setenv("SEATRIAL_CONF", "named")
+    answer = seatrial("identifier=twice", "--cfg", "job")
+    assert "least_squares.LeastSquares" in answer.out
+    assert answer.err.startswith("seatrial: conf: identifier/twice.yaml not used")
+    answer = seatrial("--config-dir", "conf", "identifier=twice", "--cfg", "job")
+    assert "problem.NoIdentifier" in answer.out
+    assert answer.err.startswith("seatrial: named: identifier/twice.yaml not used")
+
+
+def test_a_copy_of_the_projects_options_needs_no_warning(seatrial: Command) -> None:
+    option(seatrial.folder / "conf", "identifier/ls", (CONF / "identifier" / "ls.yaml").read_text())
+    assert seatrial("identifier=ls", "--cfg", "job").err == ""
+
+
+def test_a_folder_that_does_not_exist_is_refused(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SEATRIAL_CONF", "nowhere")
+    assert seatrial.refuses("seed=1") == "SEATRIAL_CONF: got nowhere, expected a folder"
+
+
+def test_a_misspelt_option_of_the_users_is_suggested(seatrial: Command) -> None:
+    option(seatrial.folder / "conf", "identifier/regatta", IDENTIFIER)
+    answer = seatrial("identifier=regata")
+    assert answer.code == 2
+    assert "did you mean regatta?" in answer.err

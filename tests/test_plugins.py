@@ -1,0 +1,221 @@
+"""docs/plugins.md, done as a new user would: its files in an empty folder, and its commands."""
+
+import os
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILE = re.compile(
+    r"^```(?:python|yaml|octave)\n[#%] ([\w/]+\.(?:py|yaml|m))\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+SURGE = (
+    *("vessel=surge_linear", "excitation=prbs", "controller=none", "evaluation=none"),
+    "plant.scale=0.6",
+)
+NOTE = "over ground, of the true motion"
+SHORT = ("excitation.interval_s=5", "identifier=none")
+
+
+def written(folder: Path) -> Path:
+    """The files of the guide, in a folder."""
+    files = FILE.findall((ROOT / "docs" / "plugins.md").read_text())
+    assert len(files) == 8
+    for name, text in files:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return folder
+
+
+def call(folder: Path, *command: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """`python -m COMMAND` in a folder that holds nothing of the project."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [variables.pop("PYTHONPATH", "")])])
+    python = str(Path(sys.executable).parent)  # where `python` is
+    environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
+    environment["PATH"] = os.pathsep.join([python, os.environ["PATH"]])
+    return subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=folder, env=environment | variables, capture_output=True, text=True, timeout=250,
+        check=False,
+    )  # fmt: skip
+
+
+def run(folder: Path, *command: str, **variables: str) -> str:
+    done = call(folder, *command, **variables)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def rows(folder: Path, query: str) -> list[tuple[object, ...]]:
+    with sqlite3.connect(folder / "results" / "results.db") as database:
+        return database.execute(query).fetchall()
+
+
+def test_init_writes_an_identifier_and_a_test_that_pass(tmp_path: Path) -> None:
+    out = run(tmp_path, "seatrial.runner", "init", "plugin", "my_fit")
+    for name in ("my_fit.py", "conf/identifier/my_fit.yaml", "test_my_fit.py"):
+        assert f"wrote {name}" in out
+    out = run(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "test_my_fit.py")
+    assert "3 passed" in out
+    run(tmp_path, "seatrial.runner", *SURGE, "identifier=my_fit")
+    assert rows(tmp_path, "select identifier, status from run") == [("my_fit", "finished")]
+    true, found = (
+        dict(rows(tmp_path, f"select term, value from coefficient where model = '{model}'"))
+        for model in ("plant", "identified")
+    )
+    assert found == pytest.approx(true, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("numpy", "numpy is a module of Python"),
+        ("ls", "identifier ls is seatrial's own"),
+        ("class", "got 'class', expected small letters"),
+        ("../fit", "got '../fit', expected letters"),
+    ],
+)
+def test_init_refuses_a_name_in_one_line(tmp_path: Path, name: str, message: str) -> None:
+    done = call(tmp_path, "seatrial.runner", "init", "plugin", name)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_init_does_not_write_over_a_file(tmp_path: Path) -> None:
+    (tmp_path / "test_my_fit.py").write_text("mine")
+    done = call(tmp_path, "seatrial.runner", "init", "plugin", "my_fit")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "test_my_fit.py exists" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["test_my_fit.py"]
+
+
+def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    done = call(folder, "seatrial.runner", "-m", *SHORT, "controller=pd_python,pid_ff")
+    assert done.returncode == 0, done.stderr
+    assert "2 runs: 2 finished" in done.stdout
+    (line,) = [line for line in done.stderr.splitlines() if "not compiled" in line]
+    assert re.search(r"controller pd_python\.Pd: .* [\d.e-]+ ms a step, \d+ times as long", line)
+    query = (
+        "select run.controller, diagnostic.label, diagnostic.value from diagnostic join run"
+        " on run.id = run_id where diagnostic.name = 'uncompiled_slowdown'"
+    )
+    found = rows(folder, query)
+    assert {(name, label) for name, label, _ in found} == {
+        ("pd_python", label) for label in ("excitation", "nominal", "identified")
+    }
+    assert all(isinstance(value, float) and value > 1.0 for *_, value in found)
+
+
+def test_a_metric_and_a_figure_appear_in_tables_and_plots(tmp_path: Path) -> None:
+    folder, named = written(tmp_path), {"SEATRIAL_PLUGINS": "speeds,speed_figure"}
+    run(folder, "seatrial.runner", *SHORT, "metrics=[{_target_: speeds.LargestSpeed}]")
+    results = "seatrial.runner.compare"
+    assert "speed_max" in run(folder, results, "metrics", **named)
+    assert "speed_max" not in run(folder, results, "metrics")
+    table = run(folder, results, "table", "--metric", "speed_max", **named)
+    assert "speed_max [m/s]" in table
+    assert NOTE in table
+    assert "speeds: Largest speed of every run." in " ".join(
+        run(folder, results, "plot", "--help", **named).split()
+    )
+    paths = run(folder, results, "plot", "speeds", **named).split()
+    assert [Path(path).name for path in paths] == ["speeds.png", "speeds.svg"]
+
+
+def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    (folder / "broken.py").write_text("import no_such_module\nFIGURE = Figure(name)\n")
+    text = (folder / "speeds.py").read_text()
+    (folder / "same.py").write_text(text.replace("speed_max", "e_pos_mae"))
+    (folder / "pie.py").write_text(
+        (folder / "speed_figure.py").read_text().replace("speeds", "bars")
+    )
+    named = {"SEATRIAL_PLUGINS": "broken,nowhere,same,speeds,pie"}
+    done = call(folder, "seatrial.runner.compare", "metrics", **named)
+    assert done.returncode == 0
+    assert "speed_max" in done.stdout
+    assert done.stderr.splitlines() == [
+        "plug-in nowhere: there is no module nowhere",
+        "cannot import plug-in broken: ModuleNotFoundError: No module named 'no_such_module'",
+        "cannot import plug-in same: ValueError: metric e_pos_mae: got a second definition,"
+        " expected one",
+    ]
+    done = call(folder, "seatrial.runner.compare", "plot", "--help", **named)
+    assert done.returncode == 0
+    _, broken, pie = done.stderr.splitlines()
+    assert broken.startswith(f"{folder / 'broken.py'} is no figure: malformed node or string")
+    assert pie == "figure bars of pie is not used: seatrial.runner.compare.plots.bars has it"
+
+
+def test_an_installed_package_needs_no_variable(tmp_path: Path) -> None:
+    """An entry point adds the options, the metrics and the figures of a package."""
+    source, folder = written(tmp_path / "source"), tmp_path / "empty"
+    package, about = tmp_path / "site" / "fleet", tmp_path / "site" / "fleet-1.dist-info"
+    for path in (package, about, folder):
+        path.mkdir(parents=True)
+    (package / "__init__.py").write_text("from fleet.speeds import LargestSpeed\n")
+    for name in ("speeds.py", "speed_figure.py", "pd_python.py"):
+        shutil.copy(source / name, package)
+    options = package / "conf" / "controller" / "fleet_pd.yaml"
+    options.parent.mkdir(parents=True)
+    text = (source / "conf" / "controller" / "pd_python.yaml").read_text()
+    options.write_text(text.replace("pd_python.Pd", "fleet.pd_python.Pd"))
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: fleet\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[seatrial.plugins]\nfleet = fleet\n")
+    installed = {"PYTHONPATH": str(tmp_path / "site")}
+    assert "fleet_pd" in run(folder, "seatrial.runner", "--help", **installed)
+    metric = "metrics=[{_target_: fleet.LargestSpeed}]"
+    run(folder, "seatrial.runner", *SHORT, "controller=fleet_pd", metric, **installed)
+    results = "seatrial.runner.compare"
+    assert NOTE in run(folder, results, "table", "--metric", "speed_max", **installed)
+    assert "speeds.png" in run(folder, results, "plot", "speeds", **installed)
+
+
+def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    run(folder, "seatrial.runner", *SURGE, "identifier=fit")
+    compare(folder, "fit")
+    run(folder, "seatrial.runner", *SURGE, "identifier=fit")
+    assert rows(folder, "select count(*) from run") == [(1,)]  # known already
+    (folder / "fit.py").write_text((folder / "fit.py").read_text() + "\nprint('done')\n")
+    run(folder, "seatrial.runner", *SURGE, "identifier=fit")
+    assert rows(folder, "select count(*) from run") == [(2,)]  # the program has changed
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave-cli is not installed")
+def test_a_program_in_octave_finds_the_coefficients(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    run(folder, "seatrial.runner", *SURGE, "identifier=fit_octave")
+    compare(folder, "fit_octave")
+
+
+def compare(folder: Path, identifier: str) -> None:
+    """Without noise, least squares on the acting force give the true vessel."""
+    assert rows(folder, "select identifier, status from run") == [(identifier, "finished")]
+    true, nominal, found = (
+        dict(rows(folder, f"select term, value from coefficient where model = '{model}'"))
+        for model in ("plant", "nominal", "identified")
+    )
+    assert found == pytest.approx(true, rel=1e-6)
+    assert found != pytest.approx(nominal, rel=1e-2)
+
+
+@pytest.mark.slow
+def test_workers_find_the_parts_of_the_working_folder(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    sweep = ("-m", "identifier=fit,none", "seed=0,1", "hydra/launcher=joblib")
+    out = run(folder, "seatrial.runner", *sweep, *SURGE, "hydra.launcher.n_jobs=2")
+    assert "4 runs: 4 finished" in out
+    parts = ("-m", "controller=pd_python,pid_ff", "hydra/launcher=joblib")
+    out = run(folder, "seatrial.runner", *parts, *SHORT, "hydra.launcher.n_jobs=2")
+    assert "2 runs: 2 finished" in out

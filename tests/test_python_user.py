@@ -1,0 +1,184 @@
+"""As a new user would: a script in an empty folder, in a process of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.runner.programs import ROOT, ended, program, wait
+
+TUG = """\
+_target_: seatrial.models.vessel.parameters.VesselParameters
+name: tug
+dofs: [surge]
+inertia: [[3000.0]]
+derivatives: {X_u: -40.0}
+force_limits: [1200.0]
+sources: {inertia: a test, derivatives: a test, force_limits: a test}
+"""
+SCALING = """\
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.identification.problem import Identified, Identifier, Problem
+
+
+@dataclass(frozen=True)
+class Scaling(Identifier):
+    factor: float
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        nominal = problem.nominal
+        return Identified(self.factor * nominal, (self.factor - 1.0) * nominal)
+"""
+SCRIPT = """\
+import pandas as pd
+import seatrial as st
+from sklearn.model_selection import KFold, cross_val_score
+
+if __name__ == "__main__":  # workers import this file
+    run = st.run(vessel="surge_linear", excitation="prbs", controller="none", identifier="ls")
+    print(run.status, run.metric("force_mse", dof="surge") >= 0.0)
+    frame: pd.DataFrame = run.series("recording")
+    recording = st.Recording.from_frame(frame)
+    motion = run.model.simulate({"surge": [100.0] * 20}, period_s=0.1)
+    print(len(motion), list(motion.columns))
+    estimator = st.Estimator("ls", vessel="surge_linear", basis="physical")
+    print(len(cross_val_score(estimator, recording.blocks(4), cv=KFold(2))))
+    sweep = st.sweep(
+        ["identifier=none,ls"], launcher="joblib", seed=range(2), vessel="surge_linear",
+        excitation="prbs", controller="none",
+    )
+    print(len(sweep.runs(status="finished")))
+    print(sweep.table(metric="force_mse", columns="none").frame["identifier"].tolist())
+    sweep.plot("bars", metric="force_mse").savefig("bars.png")
+    try:
+        st.run(identifier="lss")
+    except st.SeatrialError as error:
+        print(error)
+"""
+SAID = """\
+finished True
+20 ['x', 'u', 'tau_surge']
+2
+4
+['none', 'ls']
+identifier: no option 'lss', did you mean ls? expected one of auto,"""
+
+
+OWN_PARTS = """\
+import seatrial as st
+
+if __name__ == "__main__":
+    print(st.Vessel.from_yaml("tug.yaml").inertia.loc["surge", "surge"])
+    sweep = st.sweep(
+        [{"identifier.factor": factor} for factor in (0.5, 2.0)], vessel="tug.yaml",
+        excitation="prbs", identifier="scaling", controller="none", launcher="joblib",
+    )
+    for number in sorted(sweep.runs(status="finished").index):
+        print(sweep.model(number).inertia.loc["surge", "surge"])
+"""
+
+
+def test_a_vessel_and_an_identifier_of_the_working_folder(tmp_path: Path) -> None:
+    conf = tmp_path / "conf" / "identifier"
+    conf.mkdir(parents=True)
+    (conf / "scaling.yaml").write_text("_target_: scaling.Scaling\nfactor: 1.0\n")
+    for name, text in {"tug.yaml": TUG, "scaling.py": SCALING, "script.py": OWN_PARTS}.items():
+        (tmp_path / name).write_text(text)
+    code, out, err = ended(program("script.py", folder=tmp_path))
+    assert (code, sorted(map(float, out.split()))) == (0, [1500.0, 3000.0, 6000.0]), err
+
+
+def test_a_script_runs_in_an_empty_folder(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    code, out, err = ended(program("script.py", folder=tmp_path))
+    assert (code, out[: len(SAID)]) == (0, SAID), err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bars.png", "results", "script.py"]
+    assert "Traceback" not in err
+
+
+def test_an_import_loads_nothing_slow(tmp_path: Path) -> None:
+    code = (
+        "import sys, time\n"
+        "start = set(sys.modules)\n"
+        "import seatrial as st\n"
+        "assert {'run', 'sweep', 'open', 'Vessel', 'Recording', 'Estimator'} <= set(dir(st))\n"
+        "new = {name.partition('.')[0] for name in set(sys.modules) - start}\n"
+        "print(new & {'numpy', 'scipy', 'numba', 'pandas', 'hydra', 'omegaconf', 'sqlalchemy',"
+        " 'matplotlib', 'sklearn', 'pydantic', 'typer', 'rich', 'pyarrow'})\n"
+        "st.SeatrialError\n"
+        "st.open\n"
+        "slow = {'numba.core', 'scipy.linalg', 'hydra.core', 'pandas.core', 'sklearn.base'}\n"
+        "print(slow & set(sys.modules))\n"
+    )
+    code_, out, err = ended(program("-c", code, folder=tmp_path))
+    assert (code_, out) == (0, "set()\nset()\n"), err
+
+
+def test_a_name_that_is_not_there_is_said(tmp_path: Path) -> None:
+    code, _, err = ended(program("-c", "import seatrial as st; st.sail", folder=tmp_path))
+    assert code == 1
+    assert err.rstrip().endswith("AttributeError: No seatrial attribute sail")
+
+
+INTERRUPTED = """\
+import sys
+import seatrial as st
+
+options = dict(identifier="none", evaluation="none", progress=False, launcher=sys.argv[1])
+for attempt in range(2):
+    try:
+        sweep = st.sweep(["seed=range(0,40)"] if not attempt else ["seed=0,1"], **options)
+        print("done", len(sweep.runs()), flush=True)
+    except KeyboardInterrupt:
+        print("interrupted", st.open().runs()["status"].isin(["finished", "interrupted"]).all(),
+              flush=True)
+"""
+
+
+@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: str) -> None:
+    (tmp_path / "script.py").write_text(INTERRUPTED)
+    process = program("script.py", launcher, folder=tmp_path)
+    from tests.runner.programs import finished
+
+    wait(lambda: finished(tmp_path) >= 1)
+    time.sleep(0.2)
+    os.kill(process.pid, signal.SIGINT)
+    code, out, err = ended(process)
+    assert (code, out.splitlines()) == (0, ["interrupted True", "done 2"]), err
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_a_script_of_the_user_is_typed(tmp_path: Path) -> None:
+    """mypy --strict finds nothing in the script, and finds what is wrong in a wrong one."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    wrong = SCRIPT.replace("period_s=0.1", 'period_s="fast"').replace('status="', 'state="')
+    (tmp_path / "wrong.py").write_text(wrong)
+    links = tmp_path / "links" / "seatrial"
+    links.mkdir(parents=True)
+    for part in ("seatrial/__init__.py", "models", "runner", "conf"):
+        (links / Path(part).name).symlink_to(ROOT / part)
+    pytest.importorskip("mypy", reason="mypy is not installed: it is in the extra check")
+
+    def checked(name: str) -> tuple[int, str]:
+        answer = subprocess.run(
+            [sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml",
+             "--cache-dir", tmp_path / "cache", name],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+            env={**os.environ, "MYPYPATH": str(links.parent)},
+        )  # fmt: skip
+        return answer.returncode, answer.stdout + answer.stderr
+
+    assert checked("script.py")[0] == 0, checked("script.py")
+    code, said = checked("wrong.py")
+    assert code == 1, said
+    assert 'incompatible type "str"; expected "float"' in said
+    assert 'Unexpected keyword argument "state"' in said
