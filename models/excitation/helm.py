@@ -4,6 +4,7 @@ The commands are those of the inputs. The vessel approaches on a straight course
 its inputs have at the start; then its helm, a rudder angle, is put over.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -106,9 +107,9 @@ class HelmManoeuvre(Mission):
 
     def start_velocity(self, dofs: tuple[str, ...]) -> Array:
         """The approach speed ahead [m/s], shape (n_dof,)."""
-        return self.speed_m_s * (np.array(dofs) == "surge")
+        return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
 
-    def steering(self, dofs: tuple[str, ...], period_s: float) -> Steering:
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
         """The commands of the manoeuvre."""
         pull_out = np.inf if self.pull_out_deg is None else np.radians(self.pull_out_deg)
         table = Helm(
@@ -123,7 +124,7 @@ class HelmManoeuvre(Mission):
         """Training and testing samples: the first part, and the rest."""
         return half(len(t), self.train_fraction)
 
-    def check(self, dofs: tuple[str, ...]) -> None:
+    def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel has the helm, surge and yaw."""
         if self.helm not in self.input_names or not {"surge", "yaw"} <= set(dofs):
             raise ConfigurationError(

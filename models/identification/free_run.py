@@ -120,9 +120,10 @@ def since(restart: Flags) -> NDArray[np.int64]:
 def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str | None) -> Array:
     """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-    For a steered vessel these are the inputs, (N, 3, n_inputs). By default (`kind` None) it is the command filtered by the thruster lag if that is known, else
-    the command if the thrusters are known to have no lag, else the recorded acting force, else the
-    command. An acting force is constant after the last sample.
+    For a steered vessel these are the inputs, (N, 3, n_inputs). By default (`kind` None) it is the
+    command filtered by the thruster lag if that is known, else the command if the thrusters are
+    known to have no lag, else the recorded acting force, else the command. An acting force is
+    constant after the last sample.
     """
     if thruster is None and recording.without_lag and kind is None:
         kind = "commanded"

@@ -3,12 +3,12 @@
     eta_dot = J(eta) nu,    nu_dot = M^-1 (tau + J(eta)' f - F(0, nu_r, attitude, nu_q)) + w
 
 where tau is what acts: the force on the axes or, for a vessel with inputs, the forces of its
-devices under these inputs, tau(nu_r, inputs); with the force f in NED, the velocity through the water nu_r = nu - nu_c, the velocity through the
-air nu_q = nu - nu_w, and the process noise w. A current that is constant in NED rotates in body
-axes when the vessel turns, d nu_c / dt = -S(omega) nu_c: in a uniform current a vessel moves
-relative to the water as in still water (Fossen (2011), section 8.3.1). This term is omitted for a
-table without Coriolis forces. A varying current is taken as constant over a control period; the
-forces due to accelerated water are neglected.
+devices under these inputs, tau(nu_r, inputs); f is the force in NED, nu_r = nu - nu_c the velocity
+through the water, nu_q = nu - nu_w that through the air, and w the process noise. A current that is
+constant in NED rotates in body axes when the vessel turns, d nu_c / dt = -S(omega) nu_c: in a
+uniform current a vessel moves relative to the water as in still water (Fossen (2011), section
+8.3.1). This term is omitted for a table without Coriolis forces. A varying current is taken as
+constant over a control period; the forces due to accelerated water are neglected.
 
 The kinematics J are selected by the type of a named tuple of `pose`, so that each is compiled
 without the others. The closed loop, the free run of one model and the free runs of many candidates

@@ -109,7 +109,9 @@ def _levels(helm: Array) -> list[tuple[int, float]]:
     rate = np.abs(np.gradient(helm))
     resting = rate < RESTING * np.max(rate)
     edges = pairwise([*bounds, len(helm)])
-    return [(a, _rest(helm[a:b], resting[a:b], approach if a == 0 else helm[b - 1])) for a, b in edges]
+    return [
+        (a, _rest(helm[a:b], resting[a:b], approach if a == 0 else helm[b - 1])) for a, b in edges
+    ]
 
 
 def _rest(helm: Array, resting: Mask, otherwise: float) -> float:

@@ -46,7 +46,9 @@ REST_M_S = 1e-9  # a lower speed is rest
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
 FACTORS = 5
 FEWEST_FACTORS = 3  # columns of the codes, whatever the terms
-_NAMES = "|".join(re.escape(v) for v in sorted(VARIABLES[1:], key=len, reverse=True) if "/" not in v)
+_NAMES = "|".join(
+    re.escape(v) for v in sorted(VARIABLES[1:], key=len, reverse=True) if "/" not in v
+)
 _FACTOR = re.compile(rf"\|(?P<abs>{_NAMES})\||(?P<var>{_NAMES})|1?(?P<over>/U)")
 _POWER = re.compile(r"\^([12345])")
 

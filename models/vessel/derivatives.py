@@ -14,7 +14,6 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.table import Vessel
 
-
 CoriolisForces = bool | Literal["mmg"]
 MUNK = basis.term("uv")
 

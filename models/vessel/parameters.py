@@ -11,8 +11,8 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.derivatives import CoriolisForces, RigidBody, from_derivatives
+from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.steady_speed import steady_speed

@@ -1,7 +1,7 @@
 """The pose as a state of the integration, for each kind of kinematics.
 
-`Axes`, `Planar`, `Rolling`, `Quaternion` and `Euler` name the kinematics J of eta_dot = J(eta) nu. A kernel
-is compiled for one of these types, without the code of the others.
+`Axes`, `Planar`, `Rolling`, `Quaternion` and `Euler` name the kinematics J of
+eta_dot = J(eta) nu. A kernel is compiled for one of these types, without the code of the others.
 """
 
 from collections.abc import Callable

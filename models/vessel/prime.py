@@ -87,7 +87,9 @@ class Prime:
             raise ConfigurationError(
                 f"derivatives: got {parsed} with prime.speed_m_s, expected no magnitudes beside u"
             )
-        choices = [(("u", 1.0), ("", -self.speed_m_s)) if f == "u" else ((f, 1.0),) for f in factors]
+        choices = [
+            (("u", 1.0), ("", -self.speed_m_s)) if f == "u" else ((f, 1.0),) for f in factors
+        ]
         return [
             ("".join(text for text, _ in each), prod(value for _, value in each))
             for each in product(*choices)

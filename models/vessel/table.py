@@ -263,10 +263,10 @@ class Vessel:
 
 # Powers of metre and second in the unit of each variable
 EXPONENTS = {
-    **{name: (1, -1) for name in (*VELOCITIES[:3], *AIR, SPEED[0])},
-    **{name: (0, -1) for name in (*VELOCITIES[3:], *(n for n in INPUTS if n[0] == "n"))},
-    **{name: (1, -2) for name in ACCELERATIONS[:3]},
-    **{name: (0, -2) for name in ACCELERATIONS[3:]},
+    **dict.fromkeys((*VELOCITIES[:3], *AIR, SPEED[0]), (1, -1)),
+    **dict.fromkeys((*VELOCITIES[3:], *(n for n in INPUTS if n[0] == "n")), (0, -1)),
+    **dict.fromkeys(ACCELERATIONS[:3], (1, -2)),
+    **dict.fromkeys(ACCELERATIONS[3:], (0, -2)),
     SPEED[1]: (-1, 1),
     SPEED[2]: (-2, 2),
 }

@@ -91,7 +91,8 @@ class Installed(NamedTuple):
 
 def installed(devices: Mapping[str, Device]) -> Installed:
     """Devices by name, in the order of their flow: a propeller before the rudder behind it."""
-    structures, values, labels = [], [np.zeros(0)], []
+    structures, values = [], [np.zeros(0)]
+    labels: list[str] = []
     places: dict[str, int] = {}
     if len(devices) > MOST:
         raise ConfigurationError(f"devices: got {len(devices)}, expected at most {MOST}")

@@ -67,10 +67,10 @@ class Propeller(Device):
     k_0: float
     k_1: float
     k_2: float
-    w_P0: float  # noqa: N815 - the field's symbols
-    t_P: float  # noqa: N815
+    w_P0: float
+    t_P: float
     length_m: Positive
-    x_P: float = -0.5  # noqa: N815
+    x_P: float = -0.5
     C_1: float = 4.0
     C_2_plus: float = 1.0
     C_2_minus: float = 1.0
@@ -109,7 +109,9 @@ def _step(
         flow = (1.0 - w_0) * (1.0 + (1.0 - np.exp(-c_1 * abs(beta))) * (c_2 - 1.0))
     inflow = z[U] * flow
     s = inflow / diameter
-    loading = (parameters[at + K_0] * n + parameters[at + K_1] * s) * n + parameters[at + K_2] * s * s
+    loading = (parameters[at + K_0] * n + parameters[at + K_1] * s) * n + parameters[
+        at + K_2
+    ] * s * s
     d_2 = diameter * diameter
     force[0] += (1.0 - parameters[at + T_P]) * parameters[at + RHO] * d_2 * d_2 * loading
     jet = inflow * inflow + 8.0 / np.pi * d_2 * loading  # u_P^2 (1 + 8 K_T / (pi J^2))

@@ -22,7 +22,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Positive
-from seatrial.models.vessel.basis import INDEX, Array
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, input_index
 from seatrial.models.vessel.devices.propeller import SPEED, U, drift
 
@@ -72,13 +72,13 @@ class Rudder(Device):
     eta: float = 1.0
     epsilon: Positive = 1.0
     kappa: float = 0.5
-    gamma_R_plus: float = 0.5  # noqa: N815 - the field's symbols
-    gamma_R_minus: float = 0.5  # noqa: N815
-    l_R: float = -0.71  # noqa: N815
-    t_R: float = 0.0  # noqa: N815
-    a_H: float = 0.0  # noqa: N815
-    x_H: float = -0.45  # noqa: N815
-    x_R: float = -0.5  # noqa: N815
+    gamma_R_plus: float = 0.5
+    gamma_R_minus: float = 0.5
+    l_R: float = -0.71
+    t_R: float = 0.0
+    a_H: float = 0.0
+    x_H: float = -0.45
+    x_R: float = -0.5
     neutral_rad: float = 0.0
     rho_kg_m3: Positive = 1025.0
     propeller: str | None = "propeller"
@@ -107,16 +107,16 @@ def _step(
     at, delta = structure.first, z[structure.delta]
     length = parameters[at + LENGTH]
     beta = drift(z, parameters[at + L_R], length)
-    straightening = where(
-        beta >= 0.0, parameters[at + GAMMA_PLUS], parameters[at + GAMMA_MINUS]
-    )
+    straightening = where(beta >= 0.0, parameters[at + GAMMA_PLUS], parameters[at + GAMMA_MINUS])
     v_r = z[SPEED] * straightening * beta
     inflow = jet = z[U]
     if structure.propeller >= 0:
         inflow, jet = wake[structure.propeller], wake[structure.propeller + 1]
     washed = inflow + parameters[at + KAPPA] * (jet - inflow)
     share = parameters[at + ETA]
-    u_r = parameters[at + EPSILON] * np.sqrt(share * washed * washed + (1.0 - share) * inflow * inflow)
+    u_r = parameters[at + EPSILON] * np.sqrt(
+        share * washed * washed + (1.0 - share) * inflow * inflow
+    )
     attack = delta - parameters[at + NEUTRAL] - angle_of(v_r, u_r)
     pressure = 0.5 * parameters[at + RHO] * parameters[at + A_R] * (u_r * u_r + v_r * v_r)
     normal = pressure * parameters[at + F_ALPHA] * np.sin(attack)

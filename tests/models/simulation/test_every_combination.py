@@ -76,7 +76,7 @@ def test_the_lists_are_complete() -> None:
 @pytest.mark.parametrize("vessel", VESSELS)
 def test_what_does_not_suit_is_refused_by_name(vessel: str, group: str) -> None:
     for name in options(group):
-        steered = name.startswith("rudder") or vessel in STEERED and group == "excitation"
+        steered = name.startswith("rudder") or (vessel in STEERED and group == "excitation")
         if name == "recording" or suits(vessel, group, name) or steered:
             continue
         with pytest.raises(ConfigurationError, match="needs a vessel in"):

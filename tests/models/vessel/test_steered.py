@@ -42,23 +42,22 @@ def oracle(name: str) -> dict[str, Array]:
 
 
 def vessel(name: str) -> VesselParameters:
-    return composed(f"vessel={name}", *excitation_of(name), *OPEN).vessel
-
-
-def excitation_of(name: str) -> tuple[str, ...]:
-    return ("excitation=rudder_turn",)
+    return composed(f"vessel={name}", "excitation=rudder_turn", *OPEN).vessel
 
 
 def sailed(*options: str) -> Voyage:
     trial = composed(*options, *OPEN)
     trials.check(trial)
     streams = closed_loop.Streams(0)
-    return closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail().voyage
+    return (
+        closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail().voyage
+    )
 
 
 def track(voyage: Voyage, length_m: float) -> Track:
     eta, speed = voyage.log.eta, np.hypot(*voyage.log.nu[:, :2].T)
-    return Track(voyage.t, eta[:, 0], eta[:, 1], eta[:, 2], voyage.log.tau_actual[:, 0], speed, length_m)
+    helm = voyage.log.tau_actual[:, 0]
+    return Track(voyage.t, *eta[:, :3].T, helm, speed, length_m)
 
 
 def close(actual: Array, expected: Array, tolerance: float) -> None:
@@ -143,7 +142,7 @@ def test_the_loop_has_the_accelerations_of_the_table(name: str) -> None:
     work, kinematics = scratch(len(table.codes), 3, 3), kinematics_of(ship.dofs)
     for _ in range(20):
         nu = np.array([1.5, 0.3, 0.05]) * rng.normal(size=3)
-        inputs = np.array([0.4, 12.0])[: len(ship.inputs)] * rng.uniform(-1.0, 1.0, len(ship.inputs))
+        inputs = (np.array([0.4, 12.0]) * rng.uniform(-1.0, 1.0, 2))[: len(ship.inputs)]
         eta_dot, nu_dot = np.zeros(3), np.zeros(3)
         rates(kinematics, table, np.zeros(3), nu, inputs, STILL, 0, work, eta_dot, nu_dot)
         expected = ship.forward(np.zeros((1, 3)), nu[None], inputs=inputs[None])[0]
@@ -153,7 +152,9 @@ def test_the_loop_has_the_accelerations_of_the_table(name: str) -> None:
 def test_a_rudder_is_behind_a_device_that_comes_first() -> None:
     ship = vessel("kvlcc2")
     reversed_devices = dict(reversed(ship.devices.items()))
-    with pytest.raises(ConfigurationError, match="behind 'propeller', expected a device .* before"):
+    with pytest.raises(
+        ConfigurationError, match=r"behind 'propeller', expected a device .* before"
+    ):
         replace(ship, devices=reversed_devices)
 
 
