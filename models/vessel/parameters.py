@@ -79,6 +79,7 @@ class VesselParameters:
     inputs: dict[str, Input] = field(default_factory=dict)  # what is commanded instead of forces
     devices: dict[str, Device] = field(default_factory=dict)  # in the order of their flow
     prime: Prime | None = None  # scales of derivatives without dimension
+    restoring: dict[str, float] = field(default_factory=dict)  # derivatives in SI units, as K_phi
     speed_m_s: Positive | None = None  # of an approach; None: the steady one
 
     def __post_init__(self) -> None:
@@ -139,6 +140,7 @@ class VesselParameters:
         if self.prime is not None:
             inertia = self.prime.inertia_matrix(inertia, self.dofs)
             derivatives = self.prime.dimensional(derivatives)
+        derivatives = _summed(derivatives, self.restoring)
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
         return replace(
@@ -195,6 +197,10 @@ class VesselParameters:
     def planar(self) -> bool:
         """Whether the vessel moves in surge, sway and yaw."""
         return self.dofs == PLANAR
+
+
+def _summed(derivatives: dict[str, float], more: dict[str, float]) -> dict[str, float]:
+    return derivatives | {key: derivatives.get(key, 0.0) + value for key, value in more.items()}
 
 
 def check_dofs(dofs: tuple[str, ...]) -> None:

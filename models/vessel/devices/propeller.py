@@ -10,8 +10,10 @@ The wake fraction depends on the drift at the propeller, beta_P = beta - x_P' r'
 
     exponential:  w_P = w_P0 exp(-C_1 beta_P^2)
     yasukawa:     (1 - w_P) / (1 - w_P0) = 1 + (1 - exp(-C_1 |beta_P|)) (C_2 - 1)
+    quadratic:    1 - w_P = 1 - w_P0 + C_1 (v' + x_P' r')^2
 
-with C_2 for each sign of beta_P, eq. (16). The first is that of Kose et al., C_1 = 4.
+with C_2 for each sign of beta_P, eq. (16). The first is that of Kose et al., C_1 = 4, the last that
+of Son and Nomoto (1982).
 """
 
 from collections.abc import Mapping
@@ -30,13 +32,17 @@ U, V, R, SPEED, OVER_SPEED = (INDEX[name] for name in ("u", "v", "r", "U", "1/U"
 D_P, K_0, K_1, K_2, W_P0, C_1, C_2_PLUS, C_2_MINUS, T_P, X_P, RHO, LENGTH = range(12)
 
 
+WAKES = ("exponential", "yasukawa", "quadratic")
+EXPONENTIAL, _, QUADRATIC = range(len(WAKES))
+
+
 class PropellerStructure(NamedTuple):
     """Input and parameters of a propeller in the arrays of the kernels."""
 
     n: int
     first: int  # parameter
     place: int  # in `wake`
-    exponential: bool
+    wake: int  # position in WAKES
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class Propeller(Device):
     C_2_plus: float = 1.0
     C_2_minus: float = 1.0
     rho_kg_m3: Positive = 1025.0
-    wake: Literal["exponential", "yasukawa"] = "exponential"
+    wake: Literal["exponential", "yasukawa", "quadratic"] = "exponential"
     n: str = "n"
 
     def inputs(self) -> tuple[str, ...]:
@@ -84,7 +90,7 @@ class Propeller(Device):
 
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> PropellerStructure:
         """Input and parameters in the arrays of the kernels."""
-        return PropellerStructure(input_index(self.n), first, place, self.wake == "exponential")
+        return PropellerStructure(input_index(self.n), first, place, WAKES.index(self.wake))
 
 
 @lean_kernel
@@ -102,8 +108,12 @@ def _step(
     at, n = structure.first, z[structure.n]
     diameter, w_0, c_1 = parameters[at + D_P], parameters[at + W_P0], parameters[at + C_1]
     beta = drift(z, parameters[at + X_P], parameters[at + LENGTH])
-    if structure.exponential:
+    if structure.wake == EXPONENTIAL:
         flow = 1.0 - w_0 * np.exp(-c_1 * beta * beta)
+    elif structure.wake == QUADRATIC:
+        turn = parameters[at + X_P] * z[R] * parameters[at + LENGTH]
+        aside = (z[V] + turn) * z[OVER_SPEED]
+        flow = 1.0 - w_0 + c_1 * aside * aside
     else:
         c_2 = where(beta >= 0.0, parameters[at + C_2_PLUS], parameters[at + C_2_MINUS])
         flow = (1.0 - w_0) * (1.0 + (1.0 - np.exp(-c_1 * abs(beta))) * (c_2 - 1.0))

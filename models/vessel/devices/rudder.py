@@ -90,13 +90,18 @@ class Rudder(Device):
 
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> RudderStructure:
         """Input and parameters in the arrays of the kernels."""
-        if self.propeller is not None and self.propeller not in places:
-            raise ConfigurationError(
-                f"devices: a rudder is behind {self.propeller!r}, expected a device that is given "
-                f"before it: {', '.join(places) or 'there is none'}"
-            )
-        ahead = -1 if self.propeller is None else places[self.propeller]
+        ahead = -1 if self.propeller is None else place_of(self.propeller, places)
         return RudderStructure(input_index(self.delta), first, ahead)
+
+
+def place_of(name: str, places: Mapping[str, int]) -> int:
+    """Place in `wake` of the device ahead; raises ConfigurationError if it does not come before."""
+    if name not in places:
+        raise ConfigurationError(
+            f"devices: a rudder is behind {name!r}, expected a device that is given before it: "
+            f"{', '.join(places) or 'there is none'}"
+        )
+    return places[name]
 
 
 @lean_kernel

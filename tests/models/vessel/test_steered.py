@@ -89,6 +89,28 @@ def test_mariner_accelerates_as_in_mss() -> None:
     close(found, expected, 1e-11)
 
 
+def test_container_accelerates_as_in_mss() -> None:
+    """With roll, 300 states; there the shaft speed is in revolutions a minute."""
+    rows = oracle("mss_container_xdot.csv")
+    nu = np.stack([rows[name] for name in ("u", "v", "p", "r")], axis=1)
+    inputs = np.stack([rows["delta"], rows["n"] / 60.0], axis=1)
+    attitude = np.zeros((len(nu), 3))
+    attitude[:, 0] = rows["phi"]
+    ship = vessel("container").nominal()
+    found = ship.forward(np.zeros_like(nu), nu, attitude, inputs=inputs)
+    expected = np.stack([rows[a] for a in ("udot", "vdot", "pdot", "rdot")], axis=1)
+    close(found, expected, 1e-11)
+    table = ship.plant_table()
+    work, kinematics = scratch(len(table.codes), 4, 4), kinematics_of(ship.dofs)
+    for k in range(20):
+        eta = np.array([0.0, 0.0, rows["phi"][k], rows["psi"][k]])
+        eta_dot, nu_dot = np.zeros(4), np.zeros(4)
+        rates(kinematics, table, eta, nu[k], inputs[k], STILL, 0, work, eta_dot, nu_dot)
+        moved = [rows[name][k] for name in ("xdot", "ydot", "phidot", "psidot")]
+        np.testing.assert_allclose(eta_dot, moved, rtol=1e-12)
+        np.testing.assert_allclose(nu_dot, expected[k], rtol=1e-9)
+
+
 @pytest.mark.parametrize(("helm", "file"), [(-35, "turn_p35"), (35, "turn_m35")])
 def test_mariner_turns_as_in_mss(helm: int, file: str) -> None:
     """Ten minutes; in MSS the helm has the sign of the turn."""
