@@ -23,7 +23,7 @@ import numpy as np
 from numba.extending import overload, register_jitable
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
-from seatrial.models.elementary import where
+from seatrial.models.elementary import angle_of, where
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, REST_M_S, Array, features_kernel
 from seatrial.models.vessel.devices.device import FORCES, MOST, WAKE, exert
 from seatrial.models.vessel.kinematics import (
@@ -51,7 +51,7 @@ COS_PHI, COS_THETA, COS_PSI = INDEX["cos(phi)"], INDEX["cos(theta)"], INDEX["cos
 SIN_PSI = INDEX["sin(psi)"]
 PHI, THETA = INDEX["phi"], INDEX["theta"]
 U, V, SPEED = INDEX["u"], INDEX["v"], INDEX["U"]
-OVER_SPEED, OVER_SQUARE = INDEX["1/U"], INDEX["1/U^2"]
+OVER_SPEED, OVER_SQUARE, BETA = INDEX["1/U"], INDEX["1/U^2"], INDEX["beta"]
 MATRICES = (2, 3, 12)  # of a work space; at most 12 inputs
 RATES: dict[type, Callable[..., None]] = {}
 
@@ -181,6 +181,9 @@ def _fill_velocities(plant: PlantTable, nu: Array, z: Array) -> None:
         moving = speed > REST_M_S
         over = where(moving, 1.0 / where(moving, speed, 1.0), 0.0)
         z[SPEED], z[OVER_SPEED], z[OVER_SQUARE] = speed, over, over * over
+    if plant.sideslip:
+        angle = angle_of(z[V], z[U])
+        z[BETA], z[N_VARIABLES + BETA] = angle, abs(angle)
 
 
 @lean_kernel

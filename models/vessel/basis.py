@@ -10,7 +10,8 @@ the inputs of a steered vessel. Terms are written as in the literature:
 `u`, `v`, ... are velocities through the water, which equal those over ground if there is no
 current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
 Ljungberg) and `V_q` is their norm, the relative wind speed. `U` is the speed through the water,
-sqrt(u^2 + v^2); `/U` and `/U^2` divide by it and are zero at rest. `phi` and `theta` are angles
+sqrt(u^2 + v^2); `/U` and `/U^2` divide by it and are zero at rest. `beta` is the sideslip angle
+atan2(v, u) [rad]. `phi` and `theta` are angles
 [rad]. The inputs are what is commanded on board: `delta` a rudder or fin angle, `alpha` an azimuth
 angle [rad], `n` a shaft speed [1/s], `pwm` a signal between -1 and 1.
 
@@ -40,7 +41,10 @@ INPUTS = (
     "delta", "delta_r", "delta_s", "n", "n_1", "n_2", "n_3", "n_4",
     "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2",
 )  # fmt: skip
-VARIABLES = ("1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR, *ANGLES, *SPEED, *INPUTS)
+SIDESLIP = "beta"
+VARIABLES = (
+    "1", *ACCELERATIONS, *VELOCITIES, *ATTITUDE, *AIR, *ANGLES, *SPEED, SIDESLIP, *INPUTS,
+)  # fmt: skip
 N_VARIABLES = len(VARIABLES)
 REST_M_S = 1e-9  # a lower speed is rest
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
@@ -209,6 +213,7 @@ def variables(
     speed = np.hypot(x[:, INDEX["u"]], x[:, INDEX["v"]])
     over = np.divide(1.0, speed, out=np.zeros(len(nu)), where=speed > REST_M_S)
     x[:, [INDEX[name] for name in SPEED]] = np.stack([speed, over, over * over], axis=1)
+    x[:, INDEX[SIDESLIP]] = np.arctan2(x[:, INDEX["v"]], x[:, INDEX["u"]])
     for name, values in (inputs or {}).items():
         x[:, INDEX[name]] = values
     return x

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, SPEED, Array, Codes, Term
+from seatrial.models.vessel.basis import (
+    AIR,
+    INDEX,
+    N_VARIABLES,
+    SIDESLIP,
+    SPEED,
+    Array,
+    Codes,
+    Term,
+)
 from seatrial.models.vessel.devices.device import NO_DEVICES, Installed, Structure
 
 Flags = NDArray[np.bool_]
@@ -33,6 +42,7 @@ class PlantTable(NamedTuple):
     aerodynamic: bool  # whether it has terms in the velocity through the air
     turning: bool  # whether it has Coriolis forces: a current then rotates in body axes
     speed: bool  # whether terms or devices use the speed U
+    sideslip: bool  # whether terms use the angle beta
     inputs: Codes  # (n_inputs,) variables that are the inputs; empty if forces are commanded
     axes: Codes  # (n_dof,) degrees of freedom among the six
     devices: tuple[Structure, ...]  # compiled for their types
@@ -110,6 +120,7 @@ def layout(
         turning=has_coriolis(terms, dofs, support),
         speed=bool(devices.structures)
         or bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in SPEED]))),
+        sideslip=bool(np.any(codes % N_VARIABLES == INDEX[SIDESLIP])),
         inputs=np.array([INDEX[name] for name in inputs], dtype=np.uint64),
         axes=np.array(columns, dtype=np.uint64),
         devices=devices.structures,
