@@ -299,7 +299,8 @@ def prediction_errors(
     plant = PlantTable(
         structure.codes, structure.term, structure.first, as_packs(own_entries),
         as_packs(own_inverse), structure.coupled, structure.velocity_index,
-        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed, structure.sideslip,
+        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
+        structure.sideslip,
         structure.inputs, structure.axes, structure.devices, as_packs(own_parameters),
     )  # fmt: skip
     size = scratch_size(n_terms, n_dof, n_pose)
