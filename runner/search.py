@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import ChoiceSweep, Override
 from omegaconf import OmegaConf
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import budget, console, database, search_space
+from seatrial.runner import budget, console, database
 from seatrial.runner.composition import Composer
 from seatrial.runner.config import Limits, build_as
 from seatrial.runner.database.terminal import error_line
@@ -36,20 +36,20 @@ from seatrial.runner.sweep import (
     begin_sweep,
     finished_before,
     texts,
-    values_of,
 )
 
 if TYPE_CHECKING:
     import optuna
 
-    from seatrial.runner import search_options
+    from seatrial.runner import search_options, search_space
     from seatrial.runner.compare import candidates
 else:
     import lazy_loader
 
     candidates = lazy_loader.load("seatrial.runner.compare.candidates", suppress_warning=True)
-    optuna = lazy_loader.load("optuna")
+    # These two import Optuna, which may be lacking.
     search_options = lazy_loader.load("seatrial.runner.search_options", suppress_warning=True)
+    search_space = lazy_loader.load("seatrial.runner.search_space", suppress_warning=True)
 
 log = logging.getLogger(__name__)
 
@@ -114,9 +114,10 @@ class SearchSweeper(SeatrialSweeper):
     def _options(self, overrides: Sequence[Override]) -> "search_options.SearchOptions":
         node: Any = OmegaConf.to_container(self._config.search, resolve=True)
         for override in overrides:  # a sweep is not in the configuration: search.metric=a,b
-            if _is_search(override) and override.is_sweep_override():
+            value: Any = override.value()
+            if _is_search(override) and isinstance(value, ChoiceSweep):
                 key = override.key_or_group.removeprefix(candidates.PREFIX)
-                node[key] = [text.partition("=")[2] for text in values_of(override)]
+                node[key] = [str(getattr(item, "text", item)) for item in value.list]
         if isinstance(node["metric"], str):
             node["metric"] = [node["metric"]]
         return build_as(search_options.SearchOptions, node, "search")
@@ -271,7 +272,7 @@ class SearchSweeper(SeatrialSweeper):
             return
         if attempt.state == "infeasible" and len(self._objectives) == 1:
             attempt.asked.report(math.inf, len(attempt.results[0]))
-        study.tell(attempt.asked, state=optuna.trial.TrialState.PRUNED)
+        study.tell(attempt.asked, state=search_options.PRUNED)
 
     def _values(self, attempt: Attempt) -> list[float]:
         pairs = zip(self._objectives, attempt.results, strict=True)

@@ -1,18 +1,15 @@
 """The options of a search, and the study of Optuna that they describe."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
+
+import optuna
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
 from seatrial.runner.compare.candidates import Objective, objective_of
 
-if TYPE_CHECKING:
-    import optuna
-else:
-    import lazy_loader
-
-    optuna = lazy_loader.load("optuna")
+PRUNED = optuna.trial.TrialState.PRUNED
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class SearchOptions:
         """Whether candidates may be stopped early: Optuna's pruners know one objective."""
         return self.prune and len(self.metric) == 1
 
-    def study(self) -> "optuna.Study":
+    def study(self) -> optuna.Study:
         """Return a new study; every loss is minimised."""
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         sampler = (

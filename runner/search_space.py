@@ -8,8 +8,9 @@ controller=pid_ff,lqi   'identifier.order=range(2,9)'         choices and intege
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import optuna
 from hydra.core.override_parser.types import (
     ChoiceSweep,
     Glob,
@@ -19,18 +20,11 @@ from hydra.core.override_parser.types import (
     RangeSweep,
     Sweep,
 )
+from optuna.distributions import BaseDistribution
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.sweep import values_of
-
-if TYPE_CHECKING:
-    import optuna
-    from optuna.distributions import BaseDistribution
-else:
-    import lazy_loader
-
-    optuna = lazy_loader.load("optuna")
 
 DIGITS = 6  # of a candidate's numbers, so that its command line can be read
 Values = Mapping[str, Any]  # of parameters, by name
@@ -64,7 +58,7 @@ def dimension(override: Override) -> Dimension:
     return Dimension(key, value, dict(nested_sweeps(value, key)), choices)
 
 
-def distributions(space: Sequence[Dimension]) -> "dict[str, BaseDistribution]":
+def distributions(space: Sequence[Dimension]) -> dict[str, BaseDistribution]:
     """Return Optuna's distributions by parameter; raises ConfigurationError for an empty one."""
     found: dict[str, BaseDistribution] = {}
     for one in space:
@@ -79,7 +73,7 @@ def distributions(space: Sequence[Dimension]) -> "dict[str, BaseDistribution]":
     return found
 
 
-def _distribution(sweep: Sweep) -> "BaseDistribution":
+def _distribution(sweep: Sweep) -> BaseDistribution:
     log = "log" in sweep.tags
     if isinstance(sweep, ChoiceSweep):
         return optuna.distributions.CategoricalDistribution([_plain(value) for value in sweep.list])
@@ -102,7 +96,7 @@ def _distribution(sweep: Sweep) -> "BaseDistribution":
     raise ValueError(f"got {sweep}, expected interval, range or choice")
 
 
-def described(distribution: "BaseDistribution") -> str:
+def described(distribution: BaseDistribution) -> str:
     """Return a distribution in words."""
     if isinstance(distribution, optuna.distributions.CategoricalDistribution):
         return ", ".join(map(str, distribution.choices))
@@ -114,12 +108,12 @@ def described(distribution: "BaseDistribution") -> str:
     return f"{text}, logarithmic" if distribution.log else text
 
 
-def rounded(values: Values, space: "Mapping[str, BaseDistribution]") -> dict[str, Any]:
+def rounded(values: Values, space: Mapping[str, BaseDistribution]) -> dict[str, Any]:
     """Return the parameters of a candidate with DIGITS digits, inside their intervals."""
     return {name: _rounded(values[name], space[name]) for name in space}
 
 
-def _rounded(value: Any, distribution: "BaseDistribution") -> Any:
+def _rounded(value: Any, distribution: BaseDistribution) -> Any:
     if not isinstance(distribution, optuna.distributions.FloatDistribution):
         return value
     return min(max(float(f"{value:.{DIGITS}g}"), distribution.low), distribution.high)
@@ -127,7 +121,7 @@ def _rounded(value: Any, distribution: "BaseDistribution") -> Any:
 
 def present(
     space: Sequence[Dimension],
-    known: "Mapping[str, BaseDistribution]",
+    known: Mapping[str, BaseDistribution],
     config: Mapping[str, object],
     names: Mapping[str, str],
 ) -> dict[str, Any] | None:
@@ -148,7 +142,7 @@ def present(
     return values
 
 
-def _contains(distribution: "BaseDistribution", value: object) -> bool:
+def _contains(distribution: BaseDistribution, value: object) -> bool:
     if isinstance(distribution, optuna.distributions.CategoricalDistribution):
         return value in distribution.choices
     assert isinstance(

@@ -63,7 +63,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     headed(figure, axes[: max(len(pairs), 1)], f"Search, sweep {sweep.id}: {sweep.name}")
     infeasible = sum(one.state == "infeasible" for one in found)
     notes = [f"{objectives[0].statistic} over {seeds} seeds; pruned: over those that were sailed"]
-    notes += [f"{infeasible} candidates failed or diverged"] if infeasible else []
+    notes += [f"failed or diverged: {infeasible} of {len(found)}"] if infeasible else []
     footnote(figure, notes)
     return [Drawing(f"search-sweep-{sweep.id}", figure)]
 
