@@ -24,7 +24,7 @@ from hydra.version import VersionBase
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.composition import order_of
-from seatrial.runner.database.mask import learn, without_passwords
+from seatrial.runner.database.mask import learn, without_address, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.invocation import import_from_working_folder, trial_program
@@ -60,7 +60,8 @@ class Call(Session):
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
-        return replace(collect(), command=f"{trial_program()} {shlex.join(self._words)}")
+        words = shlex.join(without_address(self._words))
+        return replace(collect(), command=f"{trial_program()} {words}")
 
 
 def run_trial(overrides: Sequence[str]) -> Call:

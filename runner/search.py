@@ -161,7 +161,7 @@ class SearchSweeper(SeatrialSweeper):
     def _run_search(self, study: "optuna.Study", arguments: list[str]) -> None:
         check(self._choice, arguments)
         first = self._ask(study)
-        (plan, *_), provenance = accepted(first.plans), collect()
+        (plan, *_), provenance = accepted(first.plans), self.session.provenance()
         stored = [text for text in arguments if not text.startswith(candidates.PREFIX)]
         stored += candidates.as_overrides(self._objectives)
         with (

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tests.runner.programs import ROOT, ended, program
 
+PAGE = ROOT / "docs" / "python.md"
 CHECKS = """
 assert run.status == "finished"
 assert (len(sweep.runs()), len(pairs.runs())) == (4, 2)
@@ -17,15 +18,19 @@ assert ferry.dofs == ("surge", "sway", "yaw")
 """
 
 
-def test_the_code_of_the_guide_runs(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "python.md").read_text()
-    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+def script() -> str:
+    """The code of the page, with the checks."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert len(blocks) == 7
-    (tmp_path / "guide.py").write_text("".join([*blocks, CHECKS]))
+    return "".join([*blocks, CHECKS])
+
+
+def test_the_code_of_the_guide_runs(tmp_path: Path) -> None:
+    (tmp_path / "guide.py").write_text(script())
     code, out, err = ended(program("guide.py", folder=tmp_path))
     assert code == 0, err
     assert out.startswith("identifier: no option 'lss', did you mean ls? expected one of")
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"guide.py", "results", "track.pdf", "ferry.c", "ferry.h"}
-    for link in re.findall(r"\((notebooks/\w+\.ipynb)\)", page):
+    for link in re.findall(r"\((notebooks/\w+\.ipynb)\)", PAGE.read_text()):
         assert (ROOT / "docs" / link).is_file()

@@ -15,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from tests.test_plugins import written
+from tests.test_python_guide import script
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -258,3 +259,11 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert versions == PROJECT["project"]["version"]
     assert "wrote conf/vessel/tug.yaml" in said("seatrial", "init", "vessel", "tug")
     said("seatrial", "vessel=conf/vessel/tug.yaml", "identifier=none", "evaluation=none")
+
+
+@pytest.mark.slow
+def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
+    (tmp_path / "guide.py").write_text(script())
+    answer = run(binaries / "python", "guide.py", folder=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")

@@ -7,6 +7,7 @@ notebook. Tables and figures are those of `seatrial-results`.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
@@ -247,7 +248,10 @@ class Logbook:
         return f"Logbook({database.display_url(self.address)!r})"
 
     def _repr_html_(self) -> str:
-        return self._run_list(None, 50, {}).text("html")
+        try:
+            return self._run_list(None, 50, {}).text("html")
+        except ConfigurationError as error:  # there is no run yet
+            return f"<p>{escape(str(error))}</p>"
 
 
 class Sweep(Logbook):
