@@ -50,7 +50,8 @@ def test_the_committed_outputs_name_no_machine(path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("ipykernel", reason="ipykernel is not installed: it is in the extra test")
+    for package in ("nbclient", "ipykernel"):
+        pytest.importorskip(package, reason=f"{package} is not installed: it is in the extra test")
     if path.stem == "own_recording" and "SEATRIAL_DATA" not in os.environ:
         pytest.skip("SEATRIAL_DATA is not set: no outside data")
     monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path / "runtime"))

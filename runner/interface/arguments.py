@@ -3,8 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import numpy as np
+from typing import Any, cast
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
@@ -44,8 +43,8 @@ def text_of(value: object) -> str:
         return text_of(choice)
     if isinstance(value, range):
         return f"range({value.start},{value.stop},{value.step})"
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
+    if type(value).__module__ == "numpy":  # which the command line does not import
+        value = cast(Any, value).tolist()
     if value is None:
         return "null"
     if isinstance(value, bool):

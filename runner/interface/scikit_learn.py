@@ -110,7 +110,9 @@ class Estimator:
         Parameters
         ----------
         X
-            A recording, or several, which are joined with gaps between them.
+            A recording, or several, which are joined with gaps between them. A known thruster lag
+            filters the command of each from rest; `recording.with_thruster(lag)` does so before it
+            is cut.
         y
             Not used.
 
@@ -217,5 +219,11 @@ def _listed(X: Recordings) -> list[recordings.Recording]:
 
 
 def _with_lag(X: Recordings, vessel: VesselParameters) -> recordings.Recording:
-    """Return the recordings as one, with the command filtered by a known thruster lag."""
-    return joined([part.with_thruster(vessel.thruster) for part in _listed(X)])
+    """Return the recordings as one, with the command filtered by a known thruster lag.
+
+    One that was filtered before it was cut stays as it is.
+    """
+    lag = vessel.thruster
+    return joined(
+        [part if part.tau_filtered is not None else part.with_thruster(lag) for part in _listed(X)]
+    )
