@@ -20,7 +20,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import budget, console, database
+from seatrial.runner import console, database
 from seatrial.runner.composition import Composer
 from seatrial.runner.config import Limits, build_as
 from seatrial.runner.database.terminal import error_line
@@ -41,11 +41,12 @@ from seatrial.runner.sweep import (
 if TYPE_CHECKING:
     import optuna
 
-    from seatrial.runner import search_options, search_space
+    from seatrial.runner import budget, search_options, search_space
     from seatrial.runner.compare import candidates
 else:
     import lazy_loader
 
+    budget = lazy_loader.load("seatrial.runner.budget", suppress_warning=True)
     candidates = lazy_loader.load("seatrial.runner.compare.candidates", suppress_warning=True)
     # These two import Optuna, which may be lacking.
     search_options = lazy_loader.load("seatrial.runner.search_options", suppress_warning=True)

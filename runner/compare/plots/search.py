@@ -93,9 +93,13 @@ def _progress(axes: Axes, found: Sequence[Candidate], objective: Objective) -> N
     axes.step(numbers, best, where="post", color=REFERENCE, label="best so far")
     axes.set_xlabel("Candidate")
     axes.set_ylabel(metric_label(objective.metric, objective.dof, objective.unit))
-    values = [one.values[0] for one in found if np.isfinite(one.values[0])]
-    if values and min(values) > 0.0 and max(values) > WIDE * min(values):
+    if _wide([one.values[0] for one in found]):
         axes.set_yscale("log")
+
+
+def _wide(values: Sequence[float]) -> bool:
+    finite = [value for value in values if np.isfinite(value)]
+    return bool(finite) and min(finite) > 0.0 and max(finite) > WIDE * min(finite)
 
 
 def _front(
@@ -118,5 +122,10 @@ def _front(
             complete[0].values[i], complete[0].values[j], "D", color=PALETTE[5], markersize=5,
             linestyle="none", label=f"candidate {complete[0].number}",
         )  # fmt: skip
-    for k, label in ((i, axes.set_xlabel), (j, axes.set_ylabel)):
+    for k, label, scale in (
+        (i, axes.set_xlabel, axes.set_xscale),
+        (j, axes.set_ylabel, axes.set_yscale),
+    ):
+        if _wide([one.values[k] for one in complete]):
+            scale("log")
         label(metric_label(objectives[k].metric, objectives[k].dof, objectives[k].unit))
