@@ -23,7 +23,13 @@ from scipy.stats import binomtest
 
 from docs.benchmarks import table
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Problem,
+    with_interval,
+)
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -71,12 +77,12 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True)
 class Share:
-    """The coverage of an identifier in a case, over the seeds."""
+    """The coverage of an identifier in a case, over the models that say the same of intervals."""
 
     case: Case
     identifier: str
-    covers: bool  # its interval is said to be one of the coefficient
-    seeds: int
+    covers: bool  # of the models whose interval is said to be one of the coefficient, or the others
+    seeds: int  # with such a model
     failed: int  # seeds without a model
     count: Count
 
@@ -136,12 +142,19 @@ def covered(identified: Identified, nominal: Vessel, truth: Vessel) -> Count:
     return Count(count(inertia), count(~inertia))
 
 
+class Model(NamedTuple):
+    """What is said of the intervals of one model, and the count of it."""
+
+    covers: bool
+    counted: Count
+
+
 def counts(
     trial: Trial, identifiers: Mapping[str, Identifier], seed: int
-) -> dict[str, Count | None]:
+) -> dict[str, Model | None]:
     """The counts of identifiers on one recording; None: there is no model."""
     problem, truth = recorded(trial, seed)
-    found: dict[str, Count | None] = {}
+    found: dict[str, Model | None] = {}
     for name, identifier in identifiers.items():
         rng = Streams(seed).generator("identifier")
         try:
@@ -149,8 +162,15 @@ def counts(
         except UNUSABLE:
             found[name] = None
         else:
-            found[name] = covered(identified, problem.nominal, truth)
+            count = covered(identified, problem.nominal, truth)
+            found[name] = Model(says_covers(with_interval(identifier, identified)), count)
     return found
+
+
+def says_covers(identified: Identified) -> bool:
+    """Whether a model says that its intervals are those of the coefficients."""
+    said = [f.value for f in identified.findings if f.name == INTERVAL_OF_ESTIMATE]
+    return said == [0.0]
 
 
 def total(found: Sequence[Count]) -> Count:
@@ -170,12 +190,20 @@ def computed(seeds: int, chosen: Sequence[Case], names: Sequence[str]) -> list[S
     shares = []
     for case in chosen:
         of_case = [one for (own, _), one in zip(jobs, found, strict=True) if own == case]
-        for name, identifier in settings[case][1].items():
-            known = [count for one in of_case if (count := one[name]) is not None]
-            failed = len(of_case) - len(known)
-            covers = identifier.interval_covers
-            shares.append(Share(case, name, covers, seeds, failed, total(known)))
+        for name in settings[case][1]:
+            known = [model for one in of_case if (model := one[name]) is not None]
+            shares += shares_of(case, name, known, len(of_case) - len(known))
     return shares
+
+
+def shares_of(case: Case, name: str, known: Sequence[Model], failed: int) -> list[Share]:
+    """One share for the models with intervals of the coefficient, one for the others, if any."""
+    shares = []
+    for covers in (True, False):
+        own = [model.counted for model in known if model.covers == covers]
+        if own:
+            shares.append(Share(case, name, covers, len(own), failed, total(own)))
+    return shares or [Share(case, name, False, 0, failed, total([]))]
 
 
 def proportion(covered_of_all: tuple[int, int]) -> str:
@@ -215,9 +243,10 @@ def read(file: Path) -> list[Share]:
 def write(shares: Sequence[Share], file: Path) -> None:
     """Store coverage, in place of that of the same cases and identifiers."""
     stored = read(file) if file.exists() else []
-    merged = {(share.case, share.identifier): share for share in (*stored, *shares)}
+    again = {(share.case, share.identifier) for share in shares}
+    kept = [share for share in stored if (share.case, share.identifier) not in again]
     file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps([record_of(share) for share in merged.values()], indent=1) + "\n")
+    file.write_text(json.dumps([record_of(share) for share in (*kept, *shares)], indent=1) + "\n")
 
 
 def share_of(held: Mapping[str, Any]) -> Share:

@@ -38,6 +38,7 @@ from seatrial.runner.plugins import failure, is_own
 from seatrial.runner.shared import once
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
+TUNE = "tune"  # the option that maps others of the same class to the values to choose among
 CLASS = "class"  # in a JSON schema: the class that the node must describe
 EXPECTED = {
     "bool_type": "true or false",
@@ -87,7 +88,10 @@ def _part(cls: type, node: object) -> object:
         raise OptionError((), f": got a {node_class.__name__}, expected a {cls.__name__}")
     values = {name: value for name, value in node.items() if name != "_target_"}
     try:
-        return node_class(**options(node_class).validate_python(values))
+        checked = options(node_class).validate_python(values)
+        if isinstance(tuned := checked.get(TUNE), dict):
+            checked[TUNE] = _tuned(node_class, values, tuned)
+        return node_class(**checked)
     except ValidationError as error:
         raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
@@ -98,6 +102,25 @@ def _part(cls: type, node: object) -> object:
         raise OptionError(
             (), f": {node_class.__module__}.{failure(node_class.__name__, error)}"
         ) from error
+
+
+def _tuned(
+    cls: type, values: Mapping[str, object], tuned: Mapping[str, tuple[object, ...]]
+) -> dict[str, tuple[object, ...]]:
+    """The values of the options of `cls` that it is to choose among; raises OptionError."""
+    known, result = {field.name for field in fields(cls)} - {TUNE}, dict(tuned)
+    for name in known & tuned.keys():
+        checked: list[object] = []
+        for i, value in enumerate(tuned[name]):
+            own = {**values, TUNE: None, name: value}
+            try:
+                checked.append(options(cls).validate_python(own)[name])
+            except ValidationError as error:
+                problem = _option_error(error, own, cls)
+                place = (TUNE, name, i, *problem.place[1:])
+                raise OptionError(place, str(problem)) from None
+        result[name] = tuple(checked)
+    return result
 
 
 def target(name: object) -> type:

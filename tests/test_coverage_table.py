@@ -10,12 +10,14 @@ from scipy.stats import norm
 from docs.coverage import (
     Case,
     Count,
+    Model,
     Share,
     cases,
     covered,
     proportion,
     read,
     setting,
+    shares_of,
     shown,
     total,
     write,
@@ -78,9 +80,21 @@ def test_a_share_is_read_as_it_was_written_and_marked(tmp_path: Path) -> None:
     assert read(file) == [ls, robust]
     again = replace(ls, seeds=100)
     write([again], file)  # the other stays
-    assert read(file) == [again, robust]
+    assert read(file) == [robust, again]
     assert "| `ferry` | wind + noise | `ls` | of the estimate | 0.90 (" in shown(read(file))
     assert "| `robust` | coefficient |" in shown(read(file))
+
+
+def test_models_are_counted_by_what_they_say_of_their_intervals() -> None:
+    """Two models of three have an interval of the coefficient; a fourth seed has no model."""
+    case, good, poor = Case("ferry", "noise"), Count((5, 5), (9, 10)), Count((0, 5), (3, 10))
+    models = [Model(True, good), Model(False, poor), Model(True, good)]
+    assert shares_of(case, "least_squares", models, 1) == [
+        Share(case, "least_squares", True, 2, 1, Count((10, 10), (18, 20))),
+        Share(case, "least_squares", False, 1, 1, poor),
+    ]
+    (failed,) = shares_of(case, "iv", [], 4)
+    assert (failed.seeds, failed.failed) == (0, 4)
 
 
 def test_only_vessels_that_take_wind_have_it() -> None:

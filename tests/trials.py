@@ -5,9 +5,13 @@ from pathlib import Path
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from seatrial.models.identification.problem import Problem
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.composition import order_of
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.job import Order
+from seatrial.runner.trial import excite
 from seatrial.runner.vessel_options import VesselOptions
 from seatrial.runner.vocabulary import GROUPS
 
@@ -40,3 +44,12 @@ def asked_for(*overrides: str) -> Trial:
     """The trial of that order."""
     order = ordered(*overrides)
     return build_trial(order.config, order.names)
+
+
+def excited(*overrides: str, seed: int = 0) -> tuple[Problem, Vessel]:
+    """A simulated recording in its two parts, and the true model; disturbances may be added up."""
+    trial = asked_for(*overrides)
+    data = excite(trial, Streams(seed))
+    training, testing = (data.recording.part(mask) for mask in (data.training, data.testing))
+    assert data.truth is not None
+    return Problem(training, testing, trial.vessel.nominal(), trial.vessel.thruster), data.truth

@@ -25,6 +25,7 @@ from seatrial.models.identification.blocked_free_run import (
     error_findings,
     first_within,
 )
+from seatrial.models.identification.guard import with_nominal_axes
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -36,7 +37,6 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.identification.validation import prediction
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
@@ -147,24 +147,9 @@ def _objection(model: Vessel, blocks: Blocks) -> str | None:
 
 def moving_axes_only(result: Identified, blocks: Blocks) -> Identified:
     """The result with the nominal equations of the degrees of freedom that did not move."""
-    dofs = blocks.problem.nominal.dofs
-    still = [k for k in range(len(dofs)) if k not in blocks.axes]
-    if not still:
-        return result
-
-    def without(table: Array, value: float) -> Array:
-        changed = table.copy()
-        changed[:, still] = value
-        return changed
-
-    residual = replace(result.residual, theta=without(result.residual.theta, 0.0))
-    return replace(
-        result,
-        model=blocks.problem.nominal + residual,
-        residual=residual,
-        std_error=None if result.std_error is None else without(result.std_error, np.nan),
-        findings=(*result.findings, *(Finding("did_not_move", dofs[k], 1.0) for k in still)),
-    )
+    nominal = blocks.problem.nominal
+    still = [k for k in range(len(nominal.dofs)) if k not in blocks.axes]
+    return with_nominal_axes(result, nominal, still, "did_not_move")
 
 
 def _fallback(problem: Problem, reason: str) -> Identified:

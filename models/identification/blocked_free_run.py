@@ -16,7 +16,7 @@ model runs away; an order or a method chosen on the test part is evaluated on th
 it: Jervan (2020), chapter 6.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -94,19 +94,25 @@ class Blocks:
         moved = np.std(training.nu, axis=0) > np.maximum(MOTION * noise, STILL)
         return np.flatnonzero(moved).tolist()
 
+    @property
+    def every_axis(self) -> list[int]:
+        """All degrees of freedom."""
+        return list(range(len(self.problem.nominal.dofs)))
+
     def worse(self, left_out: LeftOut, reference: LeftOut) -> str | None:
         """What is worse than a reference by more than one standard error; None: nothing."""
-        mean, error = left_out.excess(reference)
-        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE)
-        dofs = self.problem.nominal.dofs
         lost = [
-            f"{dofs[k]} {np.sqrt(own):.3g} instead of {np.sqrt(own - excess):.3g}"
-            for k, own, excess, most in zip(
-                self.axes, left_out.nrmse**2, mean, allowed, strict=True
-            )
-            if excess > most
+            f"{self.problem.nominal.dofs[k]} {own:.3g} instead of {other:.3g}"
+            for k, own, other in zip(self.axes, left_out.nrmse, reference.nrmse, strict=True)
+            if k in self.lost(left_out, reference)
         ]
         return f"worse than the nominal model: NRMSE in {', '.join(lost)}" if lost else None
+
+    def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
+        """The axes that are worse than a reference by more than one standard error."""
+        mean, error = left_out.excess(reference)
+        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE)
+        return [k for k, own, most in zip(self.axes, mean, allowed, strict=True) if own > most]
 
     def judge(self, identifier: Identifier) -> LeftOut:
         """Errors of an identifier on every block left out.
@@ -114,12 +120,24 @@ class Blocks:
         Raises an error of UNUSABLE when it cannot identify, or its model cannot be simulated.
         """
         identifier.check(self.problem.nominal, self.problem.thruster, measured=False)
-        training, errors = self.problem.training, []
+        training, models = self.problem.training, []
         for split in blocked_k_fold(len(training), self.folds):
             part = training.part(split.train)
             problem = replace(self.problem, training=part, validation=part)
-            model = identifier.identify(problem, np.random.default_rng(SEED)).model
-            errors.append(self.runs(model, training.part(split.test)))
+            models.append(identifier.identify(problem, np.random.default_rng(SEED)).model)
+        return self.errors(models)
+
+    def errors(self, models: Sequence[Vessel]) -> LeftOut:
+        """Errors of models on the blocks, each of one that was identified without its block.
+
+        Raises IdentificationError when one of them cannot be simulated.
+        """
+        training = self.problem.training
+        splits = blocked_k_fold(len(training), self.folds)
+        errors = [
+            self.runs(model, training.part(split.test))
+            for model, split in zip(models, splits, strict=True)
+        ]
         return LeftOut(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 
     def runs(self, model: Vessel, recording: Recording) -> LeftOut:

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.residual import NED_COLUMNS, ned_table
 from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.derivatives import coriolis
 from seatrial.models.vessel.table import Vessel, coefficient_unit
+from seatrial.models.weather.disturbance import ConstantForce
 
 ROUNDING = 1e-9  # of the largest coefficient: smaller entries are rounding errors
 NED = ("north", "east")
@@ -96,9 +96,10 @@ def free_parameters(
     """The parameters named by `labels`, or by default the nominal table's nonzero coefficients.
 
     A label is `dof.term`; the nominal table need not have the term.
-    `ned_force` adds `north` and `east`, a force on a planar vessel that is constant in NED. With
-    `symmetric` two entries of the inertia that mirror each other and are equal in the nominal table
-    are one parameter. Raises ConfigurationError for labels that are unknown or repeated.
+    `ned_force` adds `north` and `east`, a force that is constant in NED; a vessel that moves along
+    one axis only is affected by the northward component. With `symmetric` two entries of the
+    inertia that mirror each other and are equal in the nominal table are one parameter. Raises
+    ConfigurationError for labels that are unknown or repeated.
     """
     own = own_coriolis(nominal) if tie == "tied" else None
     if labels is None:
@@ -111,7 +112,8 @@ def free_parameters(
     for i, (dof, term) in enumerate(entries):
         if (dof, term) in entries[:i]:
             raise ConfigurationError(f"parameters: {dof}.{term} is given twice")
-    terms = [term for _, term in entries] + list(NED_COLUMNS if ned_force else ())
+    forces = ned_forces(nominal.dofs) if ned_force else {}
+    terms = [term for _, term in entries] + [t for force in forces.values() for t in force.terms]
     new = dict.fromkeys(term for term in terms if term not in nominal.terms)
     extended = nominal.on(nominal.terms + tuple(new))
     values = np.array([extended.coefficient(dof, str(term)) for dof, term in entries])
@@ -124,11 +126,22 @@ def free_parameters(
     ]
     names = [f"{dof}.{term}" for dof, term in entries]
     units = [coefficient_unit(term, dof) for dof, term in entries]
-    if ned_force:
-        names, units = [*names, *NED], [*units, "N", "N"]
-        values = np.concatenate([values, np.zeros(len(NED))])
-        directions += [_ned_direction(extended, force) for force in np.eye(len(NED))]
+    for name, force in forces.items():
+        names, units, values = [*names, name], [*units, "N"], np.append(values, 0.0)
+        directions.append(np.asarray(force.on(extended.terms).theta).ravel())
     return FreeParameters(extended, tuple(names), tuple(units), values, np.array(directions).T)
+
+
+def ned_forces(dofs: tuple[str, ...]) -> dict[str, Vessel]:
+    """The tables of a force of 1 N to the north and to the east, those that act on a vessel."""
+    tables = {}
+    for name, (north, east) in zip(NED, np.eye(len(NED)), strict=True):
+        table = ConstantForce(north, east, 0.0).table(dofs)
+        acts = np.any(table.theta != 0.0, axis=1)
+        terms = tuple(term for term, row in zip(table.terms, acts, strict=True) if row)
+        if terms:
+            tables[name] = table.on(terms)
+    return tables
 
 
 def parse_label(label: str, nominal: Vessel) -> tuple[str, Term]:
@@ -201,9 +214,3 @@ def _direction(extended: Vessel, dof: str, term: Term, tied: bool) -> Array:
         unit[extended.dofs.index(dof), extended.accelerations.index(term.name)] = 1.0
         change += coriolis(unit, extended.dofs).on(extended.terms).theta
     return change.ravel()
-
-
-def _ned_direction(extended: Vessel, force: Array) -> Array:
-    """Change of the table for a force (north, east) [N], shape (n_terms n_dof,)."""
-    table = Vessel("force", extended.dofs, NED_COLUMNS, ned_table(force))
-    return np.asarray(table.on(extended.terms).theta).ravel()

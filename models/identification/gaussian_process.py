@@ -15,10 +15,10 @@ from the recording, and where it says nothing, the model stays what it is believ
    weight, around them. So the equation of motion stays the compiled one. R^2 says how much of the
    posterior mean the terms follow.
 4. Every block is predicted by free runs over segments: by the nominal model, by phi' b alone and
-   by the whole table, both identified without that block. The best of the three is the result.
+   by the whole table, both identified without that block. The best of the three is the result; a
+   degree of freedom that it predicts worse than the nominal model keeps its nominal equation.
 """
 
-import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +32,8 @@ from annotated_types import Ge
 from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.guard import guarded_by
 from seatrial.models.identification.kernel_posterior import (
     CHUNK,
     LONGEST,
@@ -47,16 +49,14 @@ from seatrial.models.identification.residual import (
     smoothed,
     thruster_of,
 )
-from seatrial.models.identification.validation import prediction
 from seatrial.models.identification.velocity_projection import Projection, of_velocities
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT
-from seatrial.models.recording.recording import Recording, blocked_k_fold
+from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-log = logging.getLogger(__name__)
 LENGTHS = (0.5, 100.0)  # bounds of a length, in largest recorded velocities
 SCALES = (1e-3, 1e3)  # bounds of the process' variance over that of the lack of fit
 NOISES = (1e-8, 10.0)  # bounds of the noise's variance over that of the lack of fit
@@ -109,10 +109,12 @@ class GaussianProcess(ResidualOptions):
         lag, findings = thruster_of(self, problem)
         data = self._data(problem, lag, rng)
         tables, about = self._tables(data, problem.nominal)
-        errors = {
-            name: self._left_out_error(problem, lag, data.samples.terms, table[1:])
+        blocks = Blocks(replace(problem, thruster=lag), self.folds, self.segment_s, self.force)
+        models = {
+            name: self._left_out(problem, lag, data.samples.terms, table[1:])
             for name, table in tables.items()
         }
+        errors = {name: _error(blocks, own) for name, own in models.items()}
         for chosen in sorted(errors, key=lambda name: errors[name]):  # the simplest of equal ones
             try:
                 result = self._compiled(problem, lag, data.samples.terms, tables[chosen][0])
@@ -120,6 +122,8 @@ class GaussianProcess(ResidualOptions):
                 findings += (Finding("rejected", "all", None, label=f"{chosen}: {error}"),)
             else:
                 break
+        if (own := models[chosen]) is not None:
+            result = guarded_by(own, blocks, result)
         findings += (
             *about,
             *(
@@ -127,28 +131,28 @@ class GaussianProcess(ResidualOptions):
                 for name, e in errors.items()
             ),
             *(Finding("chosen", "all", float(name == chosen), label=name) for name in errors),
-            *(projection_warnings(about) if chosen == "process" else ()),
         )
-        return replace(result, findings=(*findings, *result.findings))
+        poor = projection_warnings(about) if chosen == "process" else ()
+        warned = (*result.warnings, *poor)
+        return replace(result, findings=(*findings, *result.findings), warnings=warned)
 
-    def _left_out_error(
+    def _left_out(
         self,
         problem: Problem,
         lag: SecondOrderLag | None,
         terms: tuple[Term, ...],
         tables: Array,
-    ) -> float:
-        """Mean error of the free runs over the blocks, of the table (n_terms, n_dof) without it."""
-        training, errors = problem.training, []
-        spread, quick = np.std(training.nu, axis=0), replace(self, refinement="none")
-        for split, theta in zip(blocked_k_fold(len(training), self.folds), tables, strict=True):
-            part = replace(problem, training=training.part(split.train))
-            try:
-                model = quick._compiled(part, lag, terms, theta).model
-            except IdentificationError:  # the physical constraints cannot be met
-                return float("inf")
-            errors.append(self._error(model, training.part(split.test), lag, spread))
-        return float(np.mean(errors))
+    ) -> list[Vessel] | None:
+        """The models without each block, of tables (folds, n_terms, n_dof); None: none hold."""
+        training, quick = problem.training, replace(self, refinement="none")
+        splits, models = blocked_k_fold(len(training), self.folds), []
+        try:
+            for split, theta in zip(splits, tables, strict=True):
+                part = replace(problem, training=training.part(split.train))
+                models.append(quick._compiled(part, lag, terms, theta).model)
+            return models
+        except IdentificationError:  # the physical constraints cannot be met
+            return None
 
     def _compiled(
         self, problem: Problem, lag: SecondOrderLag | None, terms: tuple[Term, ...], theta: Array
@@ -157,18 +161,6 @@ class GaussianProcess(ResidualOptions):
         residual = Vessel("residual", problem.nominal.dofs, terms, theta)
         identified = Identified(problem.nominal + residual, residual)
         return finished(self, problem, lag, identified) if np.any(theta) else identified
-
-    def _error(
-        self, model: Vessel, block: Recording, lag: SecondOrderLag | None, spread: Array
-    ) -> float:
-        """Error of free runs over segments, over the spread (n_dof,) of the velocities."""
-        every = max(round(self.segment_s / block.period_s), 2)
-        try:
-            ahead = prediction(model, block, lag, self.force).ahead(None, every)
-        except IdentificationError:
-            return float("inf")
-        ratio = ahead.rmse[len(spread) :] / np.maximum(spread, np.finfo(float).tiny)
-        return float("inf") if ahead.diverged else float(np.mean(ratio))
 
     def _data(
         self, problem: Problem, lag: SecondOrderLag | None, rng: np.random.Generator
@@ -266,14 +258,21 @@ def prior_findings(prior: Prior, nominal: Vessel, k: int) -> tuple[Finding, ...]
     )
 
 
-def projection_warnings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """A warning, logged too, for every degree of freedom with a poor projection."""
-    texts = [
-        f"identifier: {found.dof}: the terms follow the Gaussian process with "
+def _error(blocks: Blocks, models: list[Vessel] | None) -> float:
+    """NRMSE of models on the blocks, mean of the axes; infinite where they cannot be simulated."""
+    if not blocks.axes:
+        return 0.0
+    try:
+        return float("inf") if models is None else float(np.sqrt(blocks.errors(models).error))
+    except IdentificationError:
+        return float("inf")
+
+
+def projection_warnings(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """A warning for every degree of freedom with a poor projection."""
+    return tuple(
+        f"{found.dof}: the terms follow the Gaussian process with "
         f"R^2 = {found.value:.2f}, expected at least {POOR:g}: add terms to identifier.extra_terms"
         for found in findings
         if found.name == "projection_r2" and (found.value or 0.0) < POOR
-    ]
-    for text in texts:
-        log.warning(text)
-    return tuple(Finding("warning", "all", None, label=text) for text in texts)
+    )

@@ -15,7 +15,7 @@ import numpy as np
 
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import (
     Errors,
@@ -26,11 +26,14 @@ from seatrial.models.identification.prediction_fit import (
 )
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.uncertainty import long_run_share
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
+SLOW_S = 3.0  # [s] beyond which residuals of white noise do not depend on each other
+SLOW_SHARE = 1.3  # variance at low frequency, over that of white noise, which chance hardly exceeds
 SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell from zero
 
 
@@ -88,7 +91,10 @@ class OutputError(PredictionOptions):
 
     @property
     def interval_covers(self) -> bool:
-        """Only the output is fitted, so that measurement noise does not bias the estimate."""
+        """Only the output is fitted, so that measurement noise does not bias the estimate.
+
+        This does not hold for a fit whose residual is not the noise (`identify`).
+        """
         return True
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
@@ -117,7 +123,10 @@ class OutputError(PredictionOptions):
         findings = [Finding("condition_number", "all", condition), *covariance]
         findings += fit_findings(predictor, fit_result)
         box = self.box(predictor.free, problem.training)
-        findings += active_bounds(predictor.free, fit_result.point, box)
+        bounds = active_bounds(predictor.free, fit_result.point, box)
+        findings += bounds
+        if bounds or slow_residual(fit_result, predictor.course.step_s):
+            findings.append(Finding(INTERVAL_OF_ESTIMATE, "all", 1.0))
         return Identified(problem.nominal + residual, residual, errors, tuple(findings))
 
     def demands(self, extent: Extent) -> list[Demand]:
@@ -136,6 +145,14 @@ class OutputError(PredictionOptions):
         return fit_through(
             self, problem, free.values, box, self.horizons, sigma, self.initial_state
         )
+
+
+def slow_residual(fit_result: Fit, step_s: float) -> bool:
+    """Whether the residual has a slow part, so that it is not the noise of the measurement.
+
+    The fit has then ended in a minimum far from the truth, or a disturbance is not in the model.
+    """
+    return bool(np.any(long_run_share(fit_result.rest, SLOW_S / step_s) > SLOW_SHARE))
 
 
 def check_horizons(horizons: tuple[int, ...]) -> None:

@@ -14,15 +14,21 @@ The parameters p enter linearly, theta = theta_0 + L dp (`free_parameters`), so 
 row per velocity. The matrix inequalities are met by cutting planes: where an eigenvector x of the
 solution violates one, the linear row x' M x is added and the quadratic program is solved again
 (Kelley (1960)); a few rounds suffice for matrices of this size.
+
+Dissipation between the sampled velocities is met in the same way. Terms are products of one to
+three velocities or their moduli, so along a ray nu = s d, s > 0, the power is s^2 times a quadratic
+function of s, whose least value is known. Only directions have to be searched.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import daqp
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.free_parameters import FreeParameters
@@ -36,6 +42,11 @@ DRAWN = 100  # further ones, at each scale
 SCALES = (0.3, 1.0, 2.0, 10.0)  # of the recorded velocities; the last one: no runaway beyond them
 CUTS = 60  # rounds of cutting planes
 RIGHTING = (("roll", "sin(phi)cos(theta)"), ("pitch", "sin(theta)"))  # restoring moments
+RAYS = 4096  # directions in which dissipation is searched
+AROUND = 2.0  # times the largest velocities, as far as a ray is searched
+CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
+SMALLEST = 1e-3  # of a ray
+MARGIN = 0.02  # of the believed power that remains at a velocity that was cut
 REPEATS = 5  # of a quadratic program about its solution
 TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
 
@@ -85,13 +96,65 @@ def sampled_velocities(
     """
     step = max(len(nu) // RECORDED, 1)
     recorded = [scale * nu[::step] for scale in scales]
+    drawn = largest_velocities(nu, inertia) * _spread(nu.shape[1], DRAWN)
+    return np.vstack([*recorded, *(scale * drawn for scale in scales[1:])])
+
+
+def largest_velocities(nu: Array, inertia: Array | None) -> Array:
+    """Velocities (n_dof,) of the largest recorded kinetic energy; see `sampled_velocities`."""
     largest = np.max(np.abs(nu), axis=0)
     if inertia is not None:
         M = np.diag(inertia)
         largest = np.sqrt(np.max(largest**2 * M) / M)
-    halton = scipy.stats.qmc.Halton(nu.shape[1], scramble=False).random(DRAWN + 1)[1:]
-    drawn = [scale * largest * (2.0 * halton - 1.0) for scale in scales[1:]]
-    return np.vstack([*recorded, *drawn])
+    return np.asarray(largest)
+
+
+def _spread(n_dof: int, count: int) -> Array:
+    """A low-discrepancy sequence (count, n_dof) between -1 and 1."""
+    halton = scipy.stats.qmc.Halton(n_dof, scramble=False).random(count + 1)[1:]
+    return np.asarray(2.0 * halton - 1.0)
+
+
+class Rays(NamedTuple):
+    """Directions of the velocity space, and the terms of the damping along them."""
+
+    directions: Array  # (n, n_dof), whose largest part is that of the box of `AROUND`
+    rows: list[int]  # of the terms in the table
+    phi: Array  # (n, n_terms) at the directions
+    order: NDArray[np.int64]  # (n_terms,) factors of each term, 1 to 3
+
+    @classmethod
+    def of(cls, table: Vessel, largest: Array) -> "Rays":
+        """Rays to the sides of a box of `largest` velocities (n_dof,).
+
+        Terms such as |u|v have kinks, and the power its least values, where a velocity is zero.
+        """
+        inside = _spread(len(largest), RAYS)
+        planes = [np.where(axis, 0.0, inside[: RAYS // 4]) for axis in np.eye(len(largest))]
+        inside = np.vstack([inside, *planes, np.eye(len(largest)), -np.eye(len(largest))])
+        inside = inside[np.any(inside != 0.0, axis=1)]
+        sides = inside / np.max(np.abs(inside), axis=1, keepdims=True)
+        directions = AROUND * largest * sides
+        index = damping_terms(table)
+        terms = [table.terms[i] for i in index]
+        motion = table.variables(np.zeros_like(directions), directions)
+        order = np.array([term.order for term in terms], dtype=np.int64)
+        return cls(directions, index, basis.evaluate(terms, motion), order)
+
+    def power(self, theta: Array) -> Array:
+        """Coefficients (n, 3) of s^2, s^3, s^4 in the power of a table at s times a direction."""
+        each = self.phi * (self.directions @ theta[self.rows].T)  # (n, n_terms)
+        return np.stack([np.sum(each[:, self.order == k], axis=1) for k in (1, 2, 3)], axis=1)
+
+    def least(self, theta: Array) -> tuple[Array, Array]:
+        """s (n,) in [0, 1] of the least power over s^2 of a table, and that value (n,)."""
+        a, b, c = self.power(theta).T  # over s^2
+        vertex = np.divide(-0.5 * b, c, out=np.zeros_like(b), where=c > 0.0)
+        s = np.stack([np.full_like(b, SMALLEST), np.clip(vertex, SMALLEST, 1.0), np.ones_like(b)])
+        values = a + b * s + c * s**2
+        best = np.argmin(values, axis=0)
+        rows = np.arange(len(a))
+        return s[best, rows], values[best, rows]
 
 
 def dissipated(table: Vessel, velocities: Array) -> Array:
@@ -128,6 +191,7 @@ class PhysicalConstraints:
     velocities: Array  # (n, n_dof)
     factor: float
     scale: Array  # (m,) size of the parameters, for the tolerance
+    largest: Array  # (n_dof,) velocities [m/s, rad/s], about which dissipation is searched
 
     @cached_property
     def rows(self) -> Rows:
@@ -135,17 +199,22 @@ class PhysicalConstraints:
 
         Rows that the believed table itself violates ask nothing that it could not be.
         """
+        rows = self._dissipation(self.velocities) + self._signs(damping_terms(self.free.nominal))
+        return self._scaled(rows + self._asymmetry() + self._righting())
+
+    def _dissipation(self, velocities: Array, share: float = 0.0) -> Rows:
+        """Dissipation at velocities (n, n_dof) of at least a `share` of the believed one."""
         table = self.free.nominal
         index = damping_terms(table)
-        motion = table.variables(np.zeros_like(self.velocities), self.velocities)
+        motion = table.variables(np.zeros_like(velocities), velocities)
         phi = basis.evaluate([table.terms[i] for i in index], motion)
-        work = phi[:, :, None] * self.velocities[:, None, :]  # (n, terms, n_dof)
-        believed = dissipated(table, self.velocities)
-        directions = self.free.slopes[index]
-        slopes = np.einsum("ntd,tdm->nm", work, directions)
-        signs = self._signs(index)
-        rows = Rows(slopes, -believed, ("dissipation",) * len(slopes)) + signs
-        rows += self._asymmetry() + self._righting()
+        work = phi[:, :, None] * velocities[:, None, :]  # (n, terms, n_dof)
+        slopes = np.einsum("ntd,tdm->nm", work, self.free.slopes[index])
+        needed = (share - 1.0) * dissipated(table, velocities)
+        return Rows(slopes, needed, ("dissipation",) * len(slopes))
+
+    def _scaled(self, rows: Rows) -> Rows:
+        """Rows of size one, without those that the believed table violates or nothing changes."""
         size = np.linalg.norm(rows.A * self.scale, axis=1)
         keep = (rows.b <= 0.0) & (size > 0.0)
         names = tuple(name for name, kept in zip(rows.names, keep, strict=True) if kept)
@@ -234,6 +303,30 @@ class PhysicalConstraints:
         return values, vectors
 
     def cuts(self, change: Array) -> Rows | None:
+        """Rows that a change (m,) of the parameters violates beside `rows`; None: none."""
+        found = [cut for cut in (self.inertia_cuts(change), self.power_cuts(change)) if cut]
+        return sum(found[1:], found[0]) if found else None
+
+    def power_cuts(self, change: Array) -> Rows | None:
+        """Dissipation where damping takes hardly any of the believed power; None: nowhere."""
+        believed = self.free.nominal.theta
+        theta = believed + self.free.slopes @ change
+        s, power = self._rays.least(theta - 0.5 * MARGIN * believed)
+        worst = np.argsort(power)[:CUTS_OF_RAYS]
+        worst = worst[power[worst] < 0.0]
+        if not len(worst):
+            return None
+        velocities = s[worst, None] * self._rays.directions[worst]
+        rows = self._scaled(self._dissipation(velocities, MARGIN))
+        missed = rows.A @ change < rows.b - 2.0 * TOLERANCE
+        names = ("dissipation",) * int(np.count_nonzero(missed))
+        return Rows(rows.A[missed], rows.b[missed], names) if names else None
+
+    @cached_property
+    def _rays(self) -> Rays:
+        return Rays.of(self.free.nominal, self.largest)
+
+    def inertia_cuts(self, change: Array) -> Rows | None:
         """Rows that the inertia violates after a change (m,) of the parameters; None: none."""
         eigenvalues, vectors = self._inertia(change)
         A, b = [], []

@@ -8,11 +8,15 @@ inertia by one to two percent. W is one over the root mean square of each residu
 rounds, and the prior is that of the structured regression. Measurement noise is in the output
 alone, where it does not bias. The steps are those of Gauss and Newton with Levenberg's damping,
 each a quadratic program with the physical constraints.
+
+Segments of a third of the length come first: a long free run from a poor model has minima far from
+the true parameters, a short one has few.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.findings import Finding
 from seatrial.models.identification.attenuation import with_attenuation
@@ -22,19 +26,33 @@ from seatrial.models.identification.physical_constraints import PhysicalConstrai
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions
-from seatrial.models.identification.structured import entries_of, inflation, structure
-from seatrial.models.identification.uncertainty import stationary_variance
+from seatrial.models.identification.structured import (
+    Structure,
+    entries_of,
+    inflation,
+    structure,
+)
+from seatrial.models.identification.uncertainty import (
+    clustered_variance,
+    long_run_share,
+    stationary_variance,
+)
 from seatrial.models.identification.validation import rate_limit
+from seatrial.models.notation import DOFS
 from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.smoothing import HIGHEST, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 STEP = 1e-6  # of finite differences, relative to the prior's deviation of a parameter
 STEPS = 5  # of Gauss and Newton for one weighting
 WEIGHTINGS = 3
+SHORTER = 1.0 / 3.0  # length of the first segments over that of the last ones
 TRIES = 6  # of a step, each with ten times the damping
 DAMPING = 1e-3  # the first
 ENOUGH = 1e-4  # relative decrease below which the steps end
+SLOW = 0.1  # of a segment, at which the residual's slow part is looked for
+SLOW_SHARE = 1.1  # variance at low frequency, over that of white noise, from which there is one
 ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
 
 
@@ -114,9 +132,49 @@ def segments(
     segment_s: float,
 ) -> Predictor:
     """The predictor of a recording in segments of `segment_s` [s]."""
+    recording = with_smooth_angles(recording)
     table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
     course = course_of(recording, lag, force, every, rate_limit(recording), table.attitude)
     return Predictor(free, predicted_layout(table.terms, table.dofs, free.support), course, "rk4")
+
+
+def with_smooth_angles(recording: Recording) -> Recording:
+    """The recording with a low-pass filter of its angles, at the frequency where noise begins.
+
+    A segment keeps the attitude at which it begins: noise in it turns restoring and constant forces
+    for as long as the segment lasts.
+    """
+    angles = [k for k, dof in enumerate(recording.dofs) if dof in DOFS[3:]]
+    if not angles:
+        return recording
+    turned = np.unwrap(recording.eta[:, angles], axis=0)
+    floor = noise_floor(turned, recording.piece_starts, recording.period_s)
+    if floor.cutoff_hz is None or floor.cutoff_hz >= HIGHEST * 0.5 / recording.period_s:
+        return recording
+    eta = recording.eta.copy()
+    eta[:, angles] = recording.lowpassed(turned, floor.cutoff_hz)
+    return replace(recording, eta=eta)
+
+
+def refined_by_segments(
+    options: ResidualOptions,
+    recording: Recording,
+    lag: SecondOrderLag | None,
+    model: Structure,
+    change: Array,
+    prior: float,
+) -> Refined:
+    """Refine the parameters from `change` (m,), over short segments and then over whole ones.
+
+    `prior` is the standard deviation of a parameter over its size.
+    """
+    evaluations, deviation = 0, prior * model.size
+    for length, weightings in ((SHORTER, 1), (1.0, WEIGHTINGS)):
+        duration_s = length * options.segment_s
+        predictor = segments(recording, model.free, lag, options.force, duration_s)
+        refined = refine(predictor, change, deviation, model.constraints, weightings)
+        change, evaluations = refined.change, evaluations + refined.evaluations
+    return replace(refined, evaluations=evaluations)
 
 
 def refine(
@@ -124,6 +182,7 @@ def refine(
     change: Array,
     deviation: Array,
     constraints: PhysicalConstraints | None,
+    weightings: int = WEIGHTINGS,
 ) -> Refined:
     """Refine the parameters from `change` (m,), or from the believed ones if they predict better.
 
@@ -134,11 +193,11 @@ def refine(
     point = min(starts, key=lambda p: _squares(p.rest, 1.0 / runs.spread))
     rms, tau = _scale(point, runs), inflation(point.rest)
     active: tuple[str, ...] = ()
-    for _ in range(WEIGHTINGS):
+    for _ in range(weightings):
         prior = tau / deviation**2
         point, active = _converge(runs, point, active, 1.0 / rms, prior, constraints)
         rms, tau = _scale(point, runs), inflation(point.rest)
-    covariance = _covariance(runs, point, 1.0 / rms, tau / deviation**2)
+    covariance = _covariance(runs, point, 1.0 / rms, tau, tau / deviation**2)
     return Refined(point.change, active, covariance, runs.evaluations)
 
 
@@ -193,24 +252,42 @@ def _converge(
     return point, active
 
 
-def _covariance(runs: _Segments, point: _Point, weight: Array, prior: Array) -> Array:
-    """cov(p) (m, m): the stationary variance of the residuals through the gains, and the prior's.
+def _covariance(runs: _Segments, point: _Point, weight: Array, tau: float, prior: Array) -> Array:
+    """cov(p) (m, m): the variance of the residuals through the gains, and the prior's.
 
-    The correlations are those for white residuals. An active constraint does not narrow it.
+    `prior` (m,) is tau over the variances of the parameters. The correlations are those for white
+    residuals. An active constraint does not narrow it.
     """
     J, S = (weight[:, None] * slopes for slopes in runs.slopes(point))
     left, _ = runs.project(S, J)
     information = left.T @ left
     inverse = np.linalg.inv(information + np.diag(prior))
     gains = (left @ inverse).reshape(J.shape)
-    variance = np.zeros(len(inverse))
-    for d in range(runs.n_dof):
-        variance += stationary_variance(gains[:, d], weight[d] * point.rest[:, d])
+    variance = _residual_variance(gains, weight * point.rest, runs.begin)
     unknowns = len(point.change) + point.start.size
     variance *= point.rest.size / max(point.rest.size - unknowns, 1)
-    variance += np.einsum("ij,j,ij->i", inverse, prior, inverse)
+    variance += tau * np.einsum("ij,j,ij->i", inverse, prior, inverse)
     deviation = np.sqrt(variance / np.diag(inverse))  # H^-1 = H^-1 (information + prior) H^-1
     return np.asarray(inverse * np.outer(deviation, deviation))
+
+
+def _residual_variance(gains: Array, rest: Array, begin: NDArray[np.int64]) -> Array:
+    """Variance (m,) of sum_k G_k e_k for gains (N, n_dof, m) and weighted residuals (N, n_dof).
+
+    Residuals with a slow part, such as those of a wind that was measured with noise, may depend on
+    each other throughout a segment; `begin` are the first samples of the segments.
+    """
+    dofs, length = range(rest.shape[1]), len(rest) / len(begin)
+
+    def total(width: float | None) -> Array:
+        each = [stationary_variance(gains[:, d], rest[:, d], width) for d in dofs]
+        return np.asarray(np.sum(each, axis=0))
+
+    short = total(None)
+    if np.all(long_run_share(rest, SLOW * length) <= SLOW_SHARE):
+        return short
+    influence = np.einsum("ndm,nd->nm", gains, rest)
+    return np.asarray(np.max([short, total(length), clustered_variance(influence, begin)], axis=0))
 
 
 def finished(
@@ -232,8 +309,7 @@ def finished(
         return result
     errors = result.std_error
     if options.refinement == "free_run":
-        predictor = segments(training, free, lag, options.force, options.segment_s)
-        refined = refine(predictor, change, model.size, model.constraints)
+        refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         rows = [terms.index(term) for term in result.residual.terms]
         errors = free.std_error(refined.covariance)[rows]

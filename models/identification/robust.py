@@ -20,7 +20,7 @@ from seatrial.models.identification.free_parameters import (
     nonzero_labels,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
-from seatrial.models.identification.refinement import refine, segments
+from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, thruster_of
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
@@ -55,7 +55,7 @@ class Robust(ResidualOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
-        if self.disturbance in DISTURBANCES[1:] and nominal.dofs != PLANAR:
+        if self.disturbance in DISTURBANCES[2:] and nominal.dofs != PLANAR:
             raise ConfigurationError(
                 f"identifier.disturbance={self.disturbance} needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(nominal.dofs)}"
@@ -74,11 +74,8 @@ class Robust(ResidualOptions):
         tuned = super().alternatives(problem)
         if self.disturbance != "auto":
             return tuned
-        names = DISTURBANCES
-        if problem.nominal.dofs != PLANAR:
-            names = DISTURBANCES[:1]
-        elif problem.training.wind is None:
-            names = DISTURBANCES[:2]
+        windy = problem.nominal.dofs == PLANAR and problem.training.wind is not None
+        names = DISTURBANCES if windy else DISTURBANCES[:2]
         return {
             f"{variant}[{name}]": replace(base, disturbance=name)
             for variant, base in (tuned or {"": self}).items()
@@ -96,8 +93,7 @@ class Robust(ResidualOptions):
         findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
         errors = None
         if self.refinement == "free_run":
-            predictor = segments(training, free, lag, self.force, self.segment_s)
-            refined = refine(predictor, change, self.prior * model.size, model.constraints)
+            refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             errors = free.std_error(refined.covariance)
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)

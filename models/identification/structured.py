@@ -19,6 +19,7 @@ import numpy as np
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.physical_constraints import (
     PhysicalConstraints,
+    largest_velocities,
     sampled_velocities,
     solve,
 )
@@ -130,8 +131,9 @@ def structure(
     size = prior_deviation(free, samples.phi, samples.force)
     constraints = None
     if inertia_factor is not None:
-        velocities = sampled_velocities(nu, free.nominal.inertia)
-        constraints = PhysicalConstraints(free, velocities, inertia_factor, size)
+        inertia = free.nominal.inertia
+        velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
+        constraints = PhysicalConstraints(free, velocities, inertia_factor, size, largest)
     return Structure(free, samples, size, constraints)
 
 

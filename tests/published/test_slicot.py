@@ -15,6 +15,14 @@ import pytest
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.variant_selection import NAMES, select_variant
 
+COLUMNS = ("name", "inputs", "outputs", "order", "L", "J")
+RECORDS = [
+    ("cstr", slice(1, 2), slice(2, 4), 5, 10, 10),
+    ("CD_player_arm", slice(0, 2), slice(2, 4), 8, 6, 20),
+    ("robot_arm", slice(0, 1), slice(1, 2), 4, 10, 20),
+]
+EVAPORATOR = ("evaporator", slice(0, 3), slice(3, 6), 4, 10, 10)  # of the toolbox's cmp_ident.m
+
 
 def printed(dataset: str, quantity: str) -> np.ndarray:
     with (Path(__file__).parent / "slicot.csv").open() as file:
@@ -79,14 +87,7 @@ def test_ib01ad_is_explained_by_either_variant(variant: str) -> None:
     assert np.all(free_run_vaf(found, y, u) >= printed("IB01AD", "variance_accounted_for") - 0.5)
 
 
-@pytest.mark.parametrize(
-    ("name", "inputs", "outputs", "order", "L", "J"),
-    [
-        ("cstr", slice(1, 2), slice(2, 4), 5, 10, 10),
-        ("CD_player_arm", slice(0, 2), slice(2, 4), 8, 6, 20),
-        ("robot_arm", slice(0, 1), slice(1, 2), 4, 10, 20),
-    ],
-)
+@pytest.mark.parametrize(COLUMNS, RECORDS)
 def test_daisy_records_are_explained(
     name: str, inputs: slice, outputs: slice, order: int, L: int, J: int
 ) -> None:
@@ -99,15 +100,7 @@ def test_daisy_records_are_explained(
     assert np.all(one_step >= vaf)  # past outputs help the predictor
 
 
-@pytest.mark.parametrize(
-    ("name", "inputs", "outputs", "order", "L", "J"),
-    [
-        ("evaporator", slice(0, 3), slice(3, 6), 4, 10, 10),  # of the toolbox's cmp_ident.m
-        ("cstr", slice(1, 2), slice(2, 4), 5, 10, 10),
-        ("CD_player_arm", slice(0, 2), slice(2, 4), 8, 6, 20),
-        ("robot_arm", slice(0, 1), slice(1, 2), 4, 10, 20),
-    ],
-)
+@pytest.mark.parametrize(COLUMNS, [EVAPORATOR, *RECORDS])
 def test_the_variant_that_the_data_choose_loses_no_point(
     name: str, inputs: slice, outputs: slice, order: int, L: int, J: int
 ) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive
 from seatrial.runner.config import build_as
+from tests.trials import composed
 
 
 @dataclass(frozen=True)
@@ -130,3 +131,23 @@ def test_only_ever_refuses_by_name(value: Any, annotation: Any) -> None:
         said = str(error)
     assert said.startswith("key")
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("tune", "message"),
+    [
+        ("{penalty: [abc]}", "identifier.tune.penalty[0]: got 'abc', expected a number or null"),
+        ("{penalty: [1, -1]}", "identifier.tune.penalty[1] must not be negative or null, got -1"),
+        ("{basis: [full, [3]]}", "identifier.tune.basis[1][0]: got 3, expected text"),
+        ("{ned_force: [true, 1]}", "identifier.tune.ned_force[1]: got 1, expected true or false"),
+    ],
+)
+def test_values_to_choose_among_are_checked_as_the_option_itself(tune: str, message: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        composed("identifier=ridge", f"identifier.tune={tune}")
+    assert str(caught.value) == message
+
+
+def test_lists_to_choose_among_become_what_the_option_is() -> None:
+    trial = composed("identifier=ls", "identifier.tune={basis: [physical, [u_dot, u]]}")
+    assert trial.identifier.tune == {"basis": ("physical", ("u_dot", "u"))}

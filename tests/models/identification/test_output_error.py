@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.output_error import fit_through
@@ -115,6 +116,17 @@ def test_autocorrelated_noise_has_larger_standard_errors(identifier, make, signa
     )
     assert np.all(white < 0.5)
     assert np.all((right > 0.5) & (right < 2.0))
+
+
+@pytest.mark.parametrize(("term", "values"), [(None, []), ("|u|u", [1.0])])
+def test_an_interval_is_of_the_coefficient_only_if_the_residual_is_noise(
+    identifier, make, signal, term, values
+):
+    """A drag that the model does not have leaves a slow residual, and biases the rest."""
+    truth, believed = make.surge(60.0, 20.0, term, 30.0 if term else 0.0), make.surge(50.0, 15.0)
+    problem = make.problem(truth, believed, signal("many_sine"), noise=0.01)
+    found = identifier("least_squares", **EULER).identify(problem, None)
+    assert [f.value for f in found.findings if f.name == INTERVAL_OF_ESTIMATE] == values
 
 
 def six(coefficients):

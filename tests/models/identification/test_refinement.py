@@ -9,11 +9,20 @@ from seatrial.models.identification.blocked_free_run import Blocks
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.physical_constraints import (
     PhysicalConstraints,
+    largest_velocities,
     sampled_velocities,
 )
-from seatrial.models.identification.refinement import refine, segments
+from seatrial.models.identification.refinement import (
+    refine,
+    refined_by_segments,
+    segments,
+    with_smooth_angles,
+)
+from seatrial.models.identification.structured import structure
+from tests.trials import excited
 
 SEGMENT_S = 30.0
+DIAGONAL = ("surge.u_dot", "sway.v_dot", "heave.w_dot", "roll.p_dot", "pitch.q_dot", "yaw.r_dot")
 WIDE = 100.0  # standard deviation of the prior, over the believed size: hardly any prior
 
 
@@ -58,8 +67,9 @@ def test_constraints_hold_after_every_step(calm) -> None:
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)
-    velocities = sampled_velocities(problem.training.nu, problem.nominal.inertia)
-    constraints = PhysicalConstraints(free, velocities, 1.5, size)
+    nu, inertia = problem.training.nu, problem.nominal.inertia
+    velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
+    constraints = PhysicalConstraints(free, velocities, 1.5, size, largest)
     predictor = segments(problem.training, free, problem.thruster, None, SEGMENT_S)
     refined = refine(predictor, np.zeros(len(free)), size, constraints)
     assert "inertia" in refined.active
@@ -94,6 +104,45 @@ def test_least_squares_is_better_in_free_runs_after_refinement(lap, identifier, 
     blocks = Blocks(problem)
     runs = [blocks.runs(model, problem.validation).error for model in (plain, refined)]
     assert runs[1] < 0.8 * runs[0]
+
+
+def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
+    """Beluga, 30 s from rest with a noisy attitude: from here whole segments end in a minimum."""
+    problem, truth = excited(
+        "vessel=beluga_diagonal", "disturbance=[constant,noise]", "excitation=multisine",
+        "controller=none", "plant.scale=0.8",
+    )  # fmt: skip
+    option = identifier("robust", disturbance="ned_force")
+    free, training = option.free(problem.nominal), problem.training
+    samples = option.samples(training, free.nominal, None, terms=free.nominal.terms)
+    model = structure(free, samples, training.nu, option.inertia_factor)
+    change, _ = model.regress(1.0)
+    predictor = segments(training, free, None, None, SEGMENT_S)
+    direct = refine(predictor, change, model.size, model.constraints)
+    grown = refined_by_segments(option, training, None, model, change, 1.0)
+    inertia = [label in DIAGONAL for label in free.labels]
+    assert sum(inertia) == 6
+    true = free.change(truth.on(free.nominal.terms).theta - free.nominal.theta)
+    errors = [
+        np.max(np.abs((refined.change - true)[inertia] / (free.values + true)[inertia]))
+        for refined in (direct, grown)
+    ]
+    assert errors[0] > 0.02
+    assert errors[1] < 0.003
+
+
+def test_noise_of_the_angles_is_filtered_piece_by_piece(calm) -> None:
+    """The heading passes pi; its noise of 0.01 rad is more than halved, the rest stays."""
+    training, rng = calm.problem.training, np.random.default_rng(0)
+    eta = training.eta.copy()
+    eta[:, 2] = (training.eta[:, 2] + 0.01 * rng.standard_normal(len(eta)) + np.pi) % (2.0 * np.pi)
+    noisy = replace(training, eta=eta - np.array([0.0, 0.0, np.pi]))
+    smooth = with_smooth_angles(noisy)
+    np.testing.assert_array_equal(smooth.eta[:, :2], training.eta[:, :2])
+    error = np.angle(np.exp(1j * (smooth.eta[:, 2] - training.eta[:, 2])))
+    assert np.std(error) < 0.005
+    still = with_smooth_angles(training)
+    np.testing.assert_allclose(still.eta, training.eta, atol=1e-4)
 
 
 @pytest.mark.slow

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
-from tests.trials import composed
+from tests.trials import excited
+
+SWEPT = ("excitation=multisine", "controller=none", "plant.scale=0.8")
 
 
 def chosen(found: Identified) -> str:
@@ -38,16 +38,11 @@ def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
         np.testing.assert_allclose(force, truth, rtol=1e-4, atol=1e-6)
 
 
-def test_a_wind_is_chosen_and_recovered() -> None:
+def test_a_wind_is_chosen_and_recovered(identifier) -> None:
     """Wind areas to a thousandth; damping to what a lap shows beside a wind of its own noise."""
-    trial = composed("disturbance=wind", "identifier=robust")
-    excited = trials.excite(trial, closed_loop.Streams(0))
-    parts = (excited.recording.part(mask) for mask in (excited.training, excited.testing))
-    problem = Problem(*parts, trial.vessel.nominal(), trial.vessel.thruster)
-    found = trial.identifier.identify(problem, np.random.default_rng(0))
+    problem, truth = excited("disturbance=wind")
+    found = identifier("robust").identify(problem, np.random.default_rng(0))
     assert chosen(found) == "[windage]"
-    truth = excited.truth
-    assert truth is not None
     for dof, term in (("surge", "V_qu_q"), ("sway", "V_qv_q"), ("yaw", "u_qv_q")):
         expected = truth.coefficient(dof, term)
         assert expected != 0.0
@@ -80,9 +75,32 @@ def test_nothing_that_is_not_measured_is_estimated(lap, identifier) -> None:
     assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
 
 
-def test_a_disturbance_needs_a_planar_vessel(identifier, vessel) -> None:
+def test_a_force_from_ahead_is_recovered_in_surge(identifier) -> None:
+    problem, truth = excited("vessel=surge_nonlinear", "disturbance=constant", *SWEPT)
+    option = identifier("robust")
+    assert list(option.alternatives(problem)) == ["[none]", "[ned_force]"]
+    found = option.identify(problem, np.random.default_rng(0))
+    assert chosen(found) == "[ned_force]"
+    assert truth.coefficient("surge", "1") == -5.0
+    assert_recovered(found.model, truth, 1e-3)
+
+
+def test_a_force_constant_in_ned_is_recovered_in_six_degrees_of_freedom(identifier) -> None:
+    """The attitude turns it into the body: ten coefficients that two parameters hold."""
+    problem, truth = excited("vessel=beluga_diagonal", "disturbance=constant", *SWEPT)
+    option = identifier("robust", disturbance="ned_force", refinement="none", lowpass_hz=None)
+    found = option.identify(problem, np.random.default_rng(0)).model
+    forces = [t for t in truth.terms if "(psi)" in t.name]
+    assert np.count_nonzero(truth.on(forces).theta) == 10
+    np.testing.assert_allclose(found.on(forces).theta, truth.on(forces).theta, rtol=0.01, atol=1e-9)
+    inertia, expected = (np.diag(table.inertia) for table in (found, truth))
+    np.testing.assert_allclose(inertia, expected, rtol=0.02)
+
+
+def test_windage_needs_a_planar_vessel(identifier, vessel) -> None:
     beluga = vessel("beluga_linear")
-    for name in ("ned_force", "windage", "both"):
+    identifier("robust", disturbance="ned_force").check(beluga, None, False)
+    for name in ("windage", "both"):
         with pytest.raises(ConfigurationError, match=f"disturbance={name} needs a vessel in surge"):
             identifier("robust", disturbance=name).check(beluga, None, False)
     identifier("robust").check(beluga, None, False)
@@ -93,7 +111,7 @@ def test_a_disturbance_needs_a_planar_vessel(identifier, vessel) -> None:
     [
         ({"pryor": [1.0]}, "tune: got 'pryor', expected options of the identifier: "),
         ({"tune": [{}]}, "tune: got 'tune', expected options"),
-        ({"prior": [1.0, -1.0]}, "prior must be"),
+        ({"prior": [1.0, -1.0]}, r"tune.prior\[1\] must be positive, got -1"),
     ],
 )
 def test_wrong_names_and_values_in_tune_are_refused_in_one_line(identifier, tune, message) -> None:

@@ -11,7 +11,9 @@ from seatrial.models.identification.uncertainty import (
     bandwidth,
     bartlett_weights,
     block_bootstrap,
+    clustered_variance,
     hac_variance,
+    long_run_share,
     residual_blocks,
     stationary_variance,
 )
@@ -50,6 +52,29 @@ def test_error_of_the_contrast_of_two_halves_of_an_autoregression(kind, rho) -> 
         else:
             found.append(block_bootstrap(lambda rest: np.sum(gain * rest), e, 400, 200, rng))
     assert np.mean(found) == pytest.approx(1.0 / (1.0 - rho) / np.sqrt(n), rel=0.15)
+
+
+def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
+    """Hardly correlated neighbours, var = 0.05 / (1 - rho)^2 + 1 for sums: 21 times white noise."""
+    n, length, rho = 6000, 500, 0.95
+    gain, truth = np.ones((n, 1)) / n, (0.05 / (1.0 - rho) ** 2 + 1.0) / n
+    usual, clustered, shares = [], [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        slow = autoregression(rng, n, rho)
+        e = (np.sqrt(0.05) * slow + rng.standard_normal(n))[:, None]
+        usual.append(stationary_variance(gain, e[:, 0])[0])
+        clustered.append(clustered_variance(gain * e, np.arange(0, n, length))[0])
+        shares.append(long_run_share(e, 200.0)[0])
+        assert long_run_share(rng.standard_normal((n, 2)), 50.0) == pytest.approx(1.0, abs=0.4)
+    student = (2.2010 / 1.9600) ** 2  # of 11 degrees of freedom
+    assert np.mean(usual) < 0.7 * truth
+    assert np.mean(clustered) == pytest.approx(student * truth, rel=0.2)
+    assert np.mean(shares) == pytest.approx(21.0 / (1.0 + 0.05 / (1.0 - rho**2)), rel=0.25)
+
+
+def test_one_cluster_says_nothing() -> None:
+    assert clustered_variance(np.ones((10, 2)), np.array([0])) == pytest.approx(0.0)
 
 
 def test_blocks_keep_columns_together_and_are_centred() -> None:

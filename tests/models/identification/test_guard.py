@@ -1,0 +1,69 @@
+"""What free runs over blocks left out predict worse than the nominal model does not stay."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.guard import guarded, mixed_table
+from seatrial.models.identification.physical_constraints import unphysical
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.vessel.table import Vessel
+
+
+def identified(model: Vessel, nominal: Vessel) -> Identified:
+    residual = model - nominal
+    return Identified(model, residual, np.ones_like(residual.theta))
+
+
+def kept(result: Identified) -> list[str]:
+    return [f.dof for f in result.findings if f.name == "worse_than_nominal"]
+
+
+def braked(table: Vessel, axis: int, factor: float) -> Vessel:
+    """A table with another force in one equation."""
+    theta = table.theta.copy()
+    theta[:, axis] *= factor
+    return replace(table, theta=theta)
+
+
+def test_the_truth_stays(calm) -> None:
+    result = identified(calm.truth, calm.problem.nominal)
+    again = guarded(Blocks(calm.problem), lambda part: calm.truth, result)
+    assert kept(again) == []
+    assert again is result
+
+
+def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
+    """The plant is half the nominal model; a yaw of five times as much is further off than that."""
+    nominal, axis = calm.problem.nominal, 2
+    model = braked(calm.truth, axis, 5.0)
+    again = guarded(Blocks(calm.problem), lambda part: model, identified(model, nominal))
+    own = [k for k, dof in enumerate(nominal.dofs) if dof not in kept(again)]
+    assert own
+    assert axis not in own
+    theta, believed, truth = (t.on(nominal.terms).theta for t in (again.model, nominal, calm.truth))
+    np.testing.assert_allclose(theta[:, axis], believed[:, axis])
+    np.testing.assert_allclose(theta[:, own], truth[:, own])
+    assert again.std_error is not None
+    assert np.all(np.isnan(again.std_error[:, axis]))
+    assert unphysical(again.model, nominal, calm.problem.training.nu) is None
+
+
+def test_what_cannot_be_identified_without_a_block_is_not_believed(calm) -> None:
+    def fails(part: Problem) -> Vessel:
+        raise IdentificationError("too short")
+
+    nominal = calm.problem.nominal
+    again = guarded(Blocks(calm.problem), fails, identified(calm.truth, nominal))
+    assert kept(again) == list(nominal.dofs)
+    np.testing.assert_array_equal(again.residual.theta, 0.0)
+
+
+def test_a_mixed_table_has_each_equation_of_one_model(milliampere) -> None:
+    mixed = mixed_table(2.0 * milliampere, milliampere, [1])
+    ratio = mixed.on(milliampere.terms).theta / np.where(milliampere.theta, milliampere.theta, 1.0)
+    for k, factor in enumerate((2.0, 1.0, 2.0)):
+        own = milliampere.theta[:, k] != 0.0
+        np.testing.assert_allclose(ratio[own, k], factor)
