@@ -89,7 +89,7 @@ def with_attenuation(
 ) -> Identified:
     """The result with a finding for each coefficient that noise attenuates, and a warning."""
     training, dofs = problem.training, problem.nominal.dofs
-    if not options.noise_remedies:
+    if problem.compared or not options.noise_remedies:
         return result
     velocity, acceleration = noise_like(training, np.random.default_rng(0))
     if not (np.any(velocity) or np.any(acceleration)):

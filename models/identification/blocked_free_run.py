@@ -123,7 +123,7 @@ class Blocks:
         training, models = self.problem.training, []
         for split in blocked_k_fold(len(training), self.folds):
             part = training.part(split.train)
-            problem = replace(self.problem, training=part, validation=part)
+            problem = replace(self.problem, training=part, validation=part, compared=True)
             models.append(identifier.identify(problem, np.random.default_rng(SEED)).model)
         return self.errors(models)
 

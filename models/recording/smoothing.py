@@ -8,6 +8,7 @@ force at 0.75 f_c. A filter that acts on both sides of a linear equation leaves 
 acts on the velocities alone, below about 0.3 Hz, biases nonlinear terms.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -102,5 +103,11 @@ def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
 
 def lowpass(values: Array, cutoff_hz: float, period_s: float) -> Array:
     """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward."""
+    return np.asarray(scipy.signal.sosfiltfilt(_sections(cutoff_hz, period_s), values, axis=0))
+
+
+@lru_cache(maxsize=64)
+def _sections(cutoff_hz: float, period_s: float) -> Array:
+    """The filter; designing it takes as long as filtering a few thousand samples."""
     sections = scipy.signal.butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
-    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))
+    return np.asarray(sections, dtype=np.float64)
