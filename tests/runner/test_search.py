@@ -14,10 +14,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.runner import search_space
 from seatrial.runner import trial as trials
-from seatrial.runner.compare.candidates import candidates, front, objectives_in, search_sweep
 from seatrial.runner.compare.plots import draw
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.search_candidates import candidates, front, objectives_in, search_sweep
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Metric, Results
@@ -189,7 +189,7 @@ def test_several_objectives_have_a_front(
 
 
 def test_higher_and_target_are_known_from_the_catalogue() -> None:
-    from seatrial.runner.compare.candidates import objective_of
+    from seatrial.runner.compare.search_candidates import objective_of
     from seatrial.runner.record.catalogue import all_declared
 
     for metric in all_declared():
