@@ -42,12 +42,14 @@ if TYPE_CHECKING:
     import optuna
 
     from seatrial.runner import budget, search_options, search_space
-    from seatrial.runner.compare import candidates
+    from seatrial.runner.compare import search_candidates
 else:
     import lazy_loader
 
     budget = lazy_loader.load("seatrial.runner.budget", suppress_warning=True)
-    candidates = lazy_loader.load("seatrial.runner.compare.candidates", suppress_warning=True)
+    search_candidates = lazy_loader.load(
+        "seatrial.runner.compare.search_candidates", suppress_warning=True
+    )
     # These two import Optuna, which may be lacking.
     search_options = lazy_loader.load("seatrial.runner.search_options", suppress_warning=True)
     search_space = lazy_loader.load("seatrial.runner.search_space", suppress_warning=True)
@@ -117,7 +119,7 @@ class SearchSweeper(SeatrialSweeper):
         for override in overrides:  # a sweep is not in the configuration: search.metric=a,b
             value: Any = override.value()
             if _is_search(override) and isinstance(value, ChoiceSweep):
-                key = override.key_or_group.removeprefix(candidates.PREFIX)
+                key = override.key_or_group.removeprefix(search_candidates.PREFIX)
                 node[key] = [str(getattr(item, "text", item)) for item in value.list]
         if isinstance(node["metric"], str):
             node["metric"] = [node["metric"]]
@@ -163,8 +165,8 @@ class SearchSweeper(SeatrialSweeper):
         check(self._choice, arguments)
         first = self._ask(study)
         (plan, *_), provenance = accepted(first.plans), self.session.provenance()
-        stored = [text for text in arguments if not text.startswith(candidates.PREFIX)]
-        stored += candidates.as_overrides(self._objectives)
+        stored = [text for text in arguments if not text.startswith(search_candidates.PREFIX)]
+        stored += search_candidates.as_overrides(self._objectives)
         with (
             database.Logbook.open(plan.database_url, results_dir=plan.results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
@@ -286,11 +288,11 @@ class SearchSweeper(SeatrialSweeper):
     def _best(self, done: Sequence[Attempt]) -> list[Attempt]:
         """Return the complete candidates that no other dominates, in their order."""
         found = [
-            candidates.Candidate(i, (), tuple(self._values(one)), "complete")
+            search_candidates.Candidate(i, (), tuple(self._values(one)), "complete")
             for i, one in enumerate(done)
             if one.state == "open"
         ]
-        return [done[one.number] for one in candidates.front(found, self._objectives)]
+        return [done[one.number] for one in search_candidates.front(found, self._objectives)]
 
     def _summary(self, done: Sequence[Attempt], sweep_id: int, url: str) -> list[str]:
         counts = {s: sum(one.state == s for one in done) for s in ("open", "pruned", "infeasible")}
@@ -321,4 +323,4 @@ class SearchSweeper(SeatrialSweeper):
 
 
 def _is_search(override: Override) -> bool:
-    return override.key_or_group.startswith(candidates.PREFIX)
+    return override.key_or_group.startswith(search_candidates.PREFIX)

@@ -7,7 +7,7 @@ import optuna
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
-from seatrial.runner.compare.candidates import Objective, objective_of
+from seatrial.runner.compare.search_candidates import Objective, objective_of
 
 PRUNED = optuna.trial.TrialState.PRUNED
 

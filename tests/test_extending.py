@@ -3,47 +3,18 @@
 They are written to an empty folder, and a trial runs with each of them from the command line.
 """
 
-import os
-import re
-import sqlite3
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-FILE = re.compile(
-    r"^```(?:python|yaml)\n# ([\w/]+\.(?:py|yaml))\n(.*?)^```$", re.MULTILINE | re.DOTALL
-)
+from tests.test_plugins import call, rows, run, written
+
 SHORT = ("excitation=waypoints", "excitation.interval_s=20")
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    files = FILE.findall((ROOT / "CONTRIBUTING.md").read_text())
-    assert len(files) == 11
-    for name, text in files:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    return tmp_path
-
-
-def run(folder: Path, module: str, *arguments: str) -> str:
-    """What a program prints in a folder that holds nothing of the project."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-m", module, *arguments],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=280,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def rows(folder: Path, query: str) -> list[tuple[object, ...]]:
-    with sqlite3.connect(folder / "results" / "results.db") as database:
-        return database.execute(query).fetchall()
+    return written(tmp_path, "CONTRIBUTING.md", 11)
 
 
 def test_a_trial_runs_with_each(folder: Path) -> None:
@@ -74,23 +45,13 @@ def test_a_trial_runs_with_each(folder: Path) -> None:
 
 
 def test_the_options_of_a_part_are_checked_and_listed(folder: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for option, message in (
         ("disturbance.others.squalls.length_s=-1", "must be positive, got -1"),
         ("identifier=scalin", "scaling"),
         ("identifier=none identifier._target_=seatrial.models.excitation.setpoints.Step", "Step"),
     ):
-        command = [
-            "seatrial.runner",
-            "--config-dir",
-            "conf",
-            "disturbance=squalls",
-            *option.split(),
-        ]
-        done = subprocess.run(
-            [sys.executable, "-m", *command],
-            cwd=folder, env=environment, capture_output=True, text=True, timeout=100,
-        )  # fmt: skip
+        command = ("seatrial.runner", "--config-dir", "conf", "disturbance=squalls")
+        done = call(folder, *command, *option.split())
         assert done.returncode == 2
         assert done.stderr.count("\n") == 1, done.stderr
         assert message in done.stderr

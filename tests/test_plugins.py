@@ -23,10 +23,10 @@ NOTE = "over ground, of the true motion"
 SHORT = ("excitation.interval_s=5", "identifier=none")
 
 
-def written(folder: Path) -> Path:
-    """The files of the guide, in a folder."""
-    files = FILE.findall((ROOT / "docs" / "plugins.md").read_text())
-    assert len(files) == 8
+def written(folder: Path, page: str = "docs/plugins.md", count: int = 8) -> Path:
+    """The files of a page, in a folder."""
+    files = FILE.findall((ROOT / page).read_text())
+    assert len(files) == count
     for name, text in files:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

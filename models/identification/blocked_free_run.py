@@ -16,7 +16,7 @@ model runs away; an order or a method chosen on the test part is evaluated on th
 it: Jervan (2020), chapter 6.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -120,12 +120,19 @@ class Blocks:
         Raises an error of UNUSABLE when it cannot identify, or its model cannot be simulated.
         """
         identifier.check(self.problem.nominal, self.problem.thruster, measured=False)
-        training, models = self.problem.training, []
+        return self.errors(
+            [
+                identifier.identify(problem, np.random.default_rng(SEED)).model
+                for problem in self.problems()
+            ]
+        )
+
+    def problems(self) -> Iterator[Problem]:
+        """The problem without each of the blocks, of which only the model is wanted."""
+        training = self.problem.training
         for split in blocked_k_fold(len(training), self.folds):
             part = training.part(split.train)
-            problem = replace(self.problem, training=part, validation=part, compared=True)
-            models.append(identifier.identify(problem, np.random.default_rng(SEED)).model)
-        return self.errors(models)
+            yield replace(self.problem, training=part, validation=part, compared=True)
 
     def errors(self, models: Sequence[Vessel]) -> LeftOut:
         """Errors of models on the blocks, each of one that was identified without its block.

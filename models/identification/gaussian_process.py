@@ -51,7 +51,6 @@ from seatrial.models.identification.residual import (
 )
 from seatrial.models.identification.velocity_projection import Projection, of_velocities
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT
-from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -111,7 +110,7 @@ class GaussianProcess(ResidualOptions):
         tables, about = self._tables(data, problem.nominal)
         blocks = Blocks(replace(problem, thruster=lag), self.folds, self.segment_s, self.force)
         models = {
-            name: self._left_out(problem, lag, data.samples.terms, table[1:])
+            name: self._left_out(blocks, data.samples.terms, table[1:])
             for name, table in tables.items()
         }
         errors = {name: _error(blocks, own) for name, own in models.items()}
@@ -137,20 +136,15 @@ class GaussianProcess(ResidualOptions):
         return replace(result, findings=(*findings, *result.findings), warnings=warned)
 
     def _left_out(
-        self,
-        problem: Problem,
-        lag: SecondOrderLag | None,
-        terms: tuple[Term, ...],
-        tables: Array,
+        self, blocks: Blocks, terms: tuple[Term, ...], tables: Array
     ) -> list[Vessel] | None:
         """The models without each block, of tables (folds, n_terms, n_dof); None: none hold."""
-        training, quick = problem.training, replace(self, refinement="none")
-        splits, models = blocked_k_fold(len(training), self.folds), []
+        quick, lag = replace(self, refinement="none"), blocks.problem.thruster
         try:
-            for split, theta in zip(splits, tables, strict=True):
-                part = replace(problem, training=training.part(split.train))
-                models.append(quick._compiled(part, lag, terms, theta).model)
-            return models
+            return [
+                quick._compiled(problem, lag, terms, theta).model
+                for problem, theta in zip(blocks.problems(), tables, strict=True)
+            ]
         except IdentificationError:  # the physical constraints cannot be met
             return None
 

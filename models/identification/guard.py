@@ -14,7 +14,6 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import UNUSABLE, Blocks, LeftOut
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -28,13 +27,10 @@ def guarded(
 
     `estimate` returns the model of a part of the recording.
     """
-    problem, models = blocks.problem, []
-    for split in blocked_k_fold(len(problem.training), blocks.folds):
-        part = problem.training.part(split.train)
-        try:
-            models.append(estimate(replace(problem, training=part, validation=part)))
-        except UNUSABLE:
-            return with_nominal_axes(result, problem.nominal, blocks.every_axis, LOST)
+    try:
+        models = [estimate(problem) for problem in blocks.problems()]
+    except UNUSABLE:
+        return with_nominal_axes(result, blocks.problem.nominal, blocks.every_axis, LOST)
     return guarded_by(models, blocks, result)
 
 

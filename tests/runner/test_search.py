@@ -14,10 +14,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.runner import search_space
 from seatrial.runner import trial as trials
-from seatrial.runner.compare.candidates import candidates, front, objectives_in, search_sweep
 from seatrial.runner.compare.plots import draw
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.search_candidates import candidates, front, objectives_in, search_sweep
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Metric, Results
@@ -96,6 +96,7 @@ def test_the_command_of_the_best_repeats_it(
     assert "4 finished (4 already in the logbook)" in again.out
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_where_it_was_stopped(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +117,7 @@ def test_a_search_goes_on_where_it_was_stopped(
     assert "35 candidates" in longer.out
 
 
+@pytest.mark.slow
 def test_bad_candidates_are_stopped_after_some_seeds(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,6 +135,7 @@ def test_bad_candidates_are_stopped_after_some_seeds(
     assert set(Counter(kp for kp, _ in free.ran).values()) == {4}
 
 
+@pytest.mark.slow
 def test_what_fails_or_diverges_is_infeasible(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,7 +189,7 @@ def test_several_objectives_have_a_front(
 
 
 def test_higher_and_target_are_known_from_the_catalogue() -> None:
-    from seatrial.runner.compare.candidates import objective_of
+    from seatrial.runner.compare.search_candidates import objective_of
     from seatrial.runner.record.catalogue import all_declared
 
     for metric in all_declared():
@@ -204,6 +207,7 @@ def test_higher_and_target_are_known_from_the_catalogue() -> None:
             assert sorted(away) == [away[1], away[2], away[0]], metric.name
 
 
+@pytest.mark.slow
 def test_the_figure_shows_the_best_so_far(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,8 +16,9 @@ from tests.trials import composed
 
 ROOT = Path(__file__).parents[3]
 DATA = os.environ.get("SEATRIAL_DATA")
-TIMED = {"prediction_times"}  # it identifies nothing, and takes its time with every vessel
-IDENTIFIERS = sorted({path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml")} - TIMED)
+# The first identifies nothing, and takes its time with every vessel; the other runs a program.
+APART = {"prediction_times", "command"}
+IDENTIFIERS = sorted({path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml")} - APART)
 VESSELS = sorted(path.stem for path in (ROOT / "conf" / "vessel").glob("*.yaml"))
 SMALL = {
     "grid": ["parameters=[surge.u_dot,surge.u]", "points=5", "ned_force=false"],

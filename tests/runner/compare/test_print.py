@@ -41,7 +41,7 @@ def test_every_kind_fits_the_paper(voyages: Results, tmp_path: Path, kind: str, 
     assert b"/FontFile2" in content  # an embedded TrueType font
     assert b"/Type3" not in content
     assert b"CreationDate" not in content
-    with drawn(millimetres):
+    with drawn(width_mm=millimetres):
         for drawing in drawings_of(kind)(voyages, PlotRequest()):
             paper.fit(drawing.figure)
             texts = [text for text in drawing.figure.findobj(Text) if shown(text)]
@@ -79,7 +79,7 @@ def apart(labels: list[Text]) -> bool:
 def test_a_narrow_paper_shows_the_same_panels(voyages: Results) -> None:
     counts = []
     for width in (None, 60.0):
-        with drawn(width):
+        with drawn(width_mm=width):
             (drawing,) = drawings_of("response")(voyages, PlotRequest())
             counts.append([(a.get_ylabel(), len(a.lines)) for a in drawing.figure.axes])
     assert counts[0] == counts[1]

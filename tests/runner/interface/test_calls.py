@@ -75,12 +75,13 @@ def test_nothing_of_hydra_is_left_behind(
     seatrial.pretend()
     plugins, path = dict(Plugins.instance().class_name_to_class), list(sys.path)
     handlers, level = logging.getLogger().handlers[:], logging.getLogger().level
+    config = HydraConfig.instance().cfg
     st.run(seed=1)
     st.sweep(["seed=1,2"], progress=False)
     with pytest.raises(st.ConfigurationError):
         st.run(seed="one")
     assert not GlobalHydra.instance().is_initialized()
-    assert not HydraConfig.initialized()
+    assert HydraConfig.instance().cfg is config
     assert Plugins.instance().class_name_to_class == plugins
     assert (sys.path, Path.cwd()) == (path, tmp_path)
     assert (logging.getLogger().handlers, logging.getLogger().level) == (handlers, level)

@@ -9,14 +9,6 @@ from itertools import combinations
 import numpy as np
 from matplotlib.axes import Axes
 
-from seatrial.runner.compare.candidates import (
-    Candidate,
-    Objective,
-    candidates,
-    front,
-    objectives_in,
-    search_sweep,
-)
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import (
@@ -30,6 +22,14 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.search_candidates import (
+    Candidate,
+    Objective,
+    candidates,
+    front,
+    objectives_in,
+    search_sweep,
+)
 
 FIGURE = Figure(
     "search",
