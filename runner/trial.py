@@ -232,8 +232,8 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )
-    predicted, reasons = validation_metrics.prediction_metrics(problem, identified, excited.truth)
-    for reason in reasons:
+    predicted = validation_metrics.predictions(problem, identified, excited.truth)
+    for reason in predicted.findings:
         log.warning("prediction: %s", reason.label)
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
@@ -241,7 +241,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     user_defined = own_metrics.validation_rows(trial.metrics, problem.validation, models)
     mix = excitation_results.mix_results(trial.excitation, excited)
     results = Results(
-        metrics=[*validation, *predicted, *unreached(excited), *mix.metrics, *user_defined],
+        metrics=[*validation, *predicted.metrics, *unreached(excited), *mix.metrics, *user_defined],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
             *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
@@ -249,7 +249,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         ],
         diagnostics=[
             *identified.findings,
-            *reasons,
+            *predicted.findings,
             *excitation_report(problem, excited.recording),
             *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,
@@ -257,6 +257,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
             time_series.residual_series(excited, problem.nominal, identified),
+            time_series.prediction_series(problem.validation, predicted.free_runs),
             *mix.series,
         ],
         note=skipped(trial),

@@ -135,7 +135,11 @@ class Auto(Identifier):
 def _objection(model: Vessel, blocks: Blocks) -> str | None:
     """Why a model is worse than the nominal one on the training part; None: it is not."""
     problem = blocks.problem
-    if prediction(model, problem.training, problem.thruster, blocks.force).ahead(None).diverged:
+    if (
+        prediction(model, problem.training, problem.thruster, blocks.force)
+        .over("free_run")
+        .diverged
+    ):
         return "its free run diverges"
     run = blocks.runs(model, problem.training)
     try:

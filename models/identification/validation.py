@@ -14,6 +14,8 @@ y has a FIT of 0. Ljung (1999), System Identification, section 16.4.
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +32,9 @@ from seatrial.models.identification.free_run import (
 )
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import euler_zyx
 from seatrial.models.vessel.plant_table import Flags, PlantTable
+from seatrial.models.vessel.pose import Quaternion
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
@@ -99,10 +103,39 @@ class Prediction:
         Attitudes differ by rotation vectors. Predictions begin where `restart` (N,) is true, by
         default where the course restarts.
         """
-        course = self.course if restart is None else self.course._replace(restart=restart)
-        states = np.empty_like(course.reached)
-        count = predict(self.plant, course, False, states)
-        return deviations(course.kinematics, course.reached, states), count / (4.0 * states.size)
+        states, limited = self._states(self.course.restart if restart is None else restart)
+        return deviations(self.course.kinematics, self.course.reached, states), limited
+
+    def _states(self, restart: Flags) -> tuple[Array, float]:
+        """Predicted states (N, n_pose + n_dof), and the share of rates that had to be limited."""
+        states = np.empty_like(self.course.reached)
+        count = predict(self.plant, self.course._replace(restart=restart), False, states)
+        return states, count / (4.0 * states.size)
+
+    @cached_property
+    def free_run(self) -> tuple[Array, float]:
+        """States (N, n_pose + n_dof) of the free run, and the share of limited rates."""
+        return self._states(self.course.restart)
+
+    def motion(self) -> Array:
+        """Predicted pose and velocity (N, 2 n_dof) of the free run; NaN from where it diverges."""
+        states, limited = self.free_run
+        pose, n_dof = states, self.course.measured.shape[1] // 2
+        if isinstance(self.course.kinematics, Quaternion):
+            pose = np.hstack([states[:, :3], euler_zyx(states[:, 3:7])])
+        motion = np.hstack([pose[:, :n_dof], states[:, -n_dof:]])
+        if limited:
+            motion[self.lost()] = np.nan
+        return motion
+
+    def lost(self) -> Flags:
+        """True (N,) from the first limited rate of each piece of the free run on."""
+        edges = [*np.flatnonzero(self.course.restart).tolist(), len(self.course.reached)]
+        lost = np.zeros(len(self.course.reached), dtype=bool)
+        for first, last in pairwise(edges):
+            held = _held(self.plant, _part(self.course, slice(first, last)))
+            lost[first + held : last] = True
+        return lost
 
     def over(self, horizon: str) -> Ahead:
         """Errors over one of the HORIZONS."""
@@ -112,54 +145,66 @@ class Prediction:
             case "ten_step":
                 return self.ahead(TEN)
             case "restarts":
-                return self.ahead(None, max(round(RESTART_S / self.course.step_s), 2))
+                return self.restarted(max(round(RESTART_S / self.course.step_s), 2))
             case _:
-                return self.ahead(None)
+                return self._whole()
 
-    def ahead(self, steps: int | None, every: int | None = None) -> Ahead:
-        """Errors `steps` samples after every measured state; None: those of the free run.
+    def _whole(self) -> Ahead:
+        states, limited = self.free_run
+        errors = deviations(self.course.kinematics, self.course.reached, states)
+        return _ahead(errors[~self.course.restart], limited)
 
-        A free run begins anew every `every` samples, by default only where the course restarts.
+    def restarted(self, every: int) -> Ahead:
+        """Errors of a free run that begins anew every `every` samples."""
+        restart = self.course.restart | (since(self.course.restart) % every == 0)
+        errors, limited = self.deviations(restart)
+        return _ahead(errors[~restart], limited)
+
+    def ahead(self, steps: int, grids: int | None = None) -> Ahead:
+        """Errors `steps` samples after measured states: after all of them, or on `grids` grids.
+
+        The states of a grid follow each other at steps + 1 samples.
         """
-        restart = self.course.restart
-        elapsed = since(restart)
-        if steps is None:
-            if every is not None:
-                restart = restart | (elapsed % every == 0)
-            errors, limited = self.deviations(restart)
-            return _ahead(errors[~restart], limited)
+        elapsed = since(self.course.restart)
         error_parts, limited = [], 0.0
-        for first in range(steps + 1):  # the samples that are `steps` after such a restart
-            errors, share = self.deviations(restart | ((elapsed - first) % (steps + 1) == 0))
+        shifts = range(0, steps + 1, max((steps + 1) // (grids or steps + 1), 1))
+        for first in shifts:  # the samples that are `steps` after such a restart
+            errors, share = self.deviations(
+                self.course.restart | ((elapsed - first) % (steps + 1) == 0)
+            )
             reached = (elapsed >= first + steps) & ((elapsed - first) % (steps + 1) == steps)
             error_parts.append(errors[reached])
             limited += share
-        return _ahead(np.vstack(error_parts), limited / (steps + 1))
+        return _ahead(np.vstack(error_parts), limited / len(shifts))
 
     def held_s(self) -> float:
         """Time [s] that the free run held until a rate had to be limited; its length if none."""
-        states = np.empty_like(self.course.reached)
-
-        def lost(n: int) -> bool:
-            """Whether a rate of the first n samples had to be limited."""
-            return bool(predict(self.plant, _first(self.course, n), False, states[:n]))
-
-        if not lost(len(states)):  # the usual case, without the search
-            return self.course.step_s * (len(states) - 1)
-        held = bisect_left(range(1, len(states) + 1), True, key=lost)
-        return self.course.step_s * max(held - 1, 0)
+        if not self.free_run[1]:  # the usual case, without the search
+            return self.course.step_s * (len(self.course.reached) - 1)
+        return self.course.step_s * max(_held(self.plant, self.course) - 1, 0)
 
     def mean_motion(self) -> Array:
         """RMSE (2 n_dof,) of a model that always predicts the mean of the measured motion."""
         return spread(self.course)
 
 
-def _first(course: Course, n: int) -> Course:
-    """The first n samples of a course."""
-    weather = Weather(*(part[:n] for part in course.weather))
+def _held(plant: PlantTable, course: Course) -> int:
+    """Number of samples that a free run holds until a rate has to be limited."""
+    states = np.empty_like(course.reached)
+
+    def lost(n: int) -> bool:
+        """Whether a rate of the first n samples had to be limited."""
+        return bool(predict(plant, _part(course, slice(0, n)), False, states[:n]))
+
+    return bisect_left(range(1, len(states) + 1), True, key=lost)
+
+
+def _part(course: Course, rows: slice) -> Course:
+    """Consecutive samples of a course."""
+    weather = Weather(*(part[rows] for part in course.weather))
     return course._replace(
-        acting=course.acting[:n], weather=weather, measured=course.measured[:n],
-        reached=course.reached[:n], start=course.start[:n], restart=course.restart[:n],
+        acting=course.acting[rows], weather=weather, measured=course.measured[rows],
+        reached=course.reached[rows], start=course.start[rows], restart=course.restart[rows],
     )  # fmt: skip
 
 

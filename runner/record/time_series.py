@@ -1,6 +1,6 @@
 """Time series of a trial: the recording, the residual force and the deployments."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,7 +51,7 @@ def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
 
 def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     """Return the unit of each series column, by its name."""
-    units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
+    units = {"t": "s", "train": "", "start": "", "e_pos": "m", "e_psi": "rad"}
     units |= {
         f"{medium}_{axis}": "m/s" for medium in ("wind", "current") for axis in ("north", "east")
     }
@@ -175,6 +175,23 @@ def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identi
         residual = lack_of_fit(recording, model, "commanded")
         columns |= _columns([f"residual_{name}_{dof}" for dof in dofs], residual)
     return Series("residual", columns, _units(dofs, columns))
+
+
+def prediction_series(held_out: Recording, free_runs: Mapping[str, Array]) -> Series:
+    """Return the held-out motion, and the free run of every model over it; NaN where it diverges.
+
+    `start` is 1 at the measured states from which the free runs begin. `free_runs` holds pose and
+    velocity by model, shape (N, 2 n_dof) each.
+    """
+    dofs, names = held_out.dofs, (*poses_of(held_out.dofs), *velocities_of(held_out.dofs))
+    columns = {"t": held_out.t, "start": held_out.piece_starts.astype(np.float64)}
+    columns |= _columns(names, np.hstack([held_out.eta, held_out.nu]))
+    units = _units(dofs, columns)
+    for model, motion in free_runs.items():
+        own = {f"{name}_{model}": name for name in names}
+        columns |= _columns(own, motion)
+        units |= {column: units[name] for column, name in own.items()}
+    return Series("prediction", columns, units)
 
 
 def deployment_series(voyage: Voyage, model: str) -> Series:

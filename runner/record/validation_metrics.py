@@ -1,5 +1,7 @@
 """Validation metrics on the held-out part: force residuals, coefficients and predictions."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
@@ -83,9 +85,16 @@ def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
     return [metric("coefficient_error_median", "validation", name, "all", median)]
 
 
-def prediction_metrics(
-    problem: Problem, identified: Identified, truth: Vessel | None
-) -> tuple[list[Metric], list[Finding]]:
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Predictions of the held-out part: their metrics, what prevented them, and the free runs."""
+
+    metrics: list[Metric]
+    findings: list[Finding]
+    free_runs: dict[str, Array]  # by model: pose and velocity (N, 2 n_dof); NaN where it diverges
+
+
+def predictions(problem: Problem, identified: Identified, truth: Vessel | None) -> Predicted:
     """Compute errors and scores of the predictions of every model on the held-out part.
 
     A horizon over which a model diverges has its share of limited rates but no errors, nor has a
@@ -95,22 +104,24 @@ def prediction_metrics(
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
-    metrics: list[Metric] = []
-    reasons: list[Finding] = []
+    predicted = Predicted([], [], {})
     spread: Array | None = None
     for model, table in models.items():
         try:
             predictor = prediction(table, problem.validation, problem.thruster)
         except IdentificationError as error:
-            reasons.append(Finding("no_prediction", "all", 1.0, label=f"{model} model: {error}"))
+            label = f"{model} model: {error}"
+            predicted.findings.append(Finding("no_prediction", "all", 1.0, label=label))
             lost = 1.0 if isinstance(error, InertiaError) else np.nan
-            metrics += _without_prediction(model, problem.validation.dofs, lost)
+            predicted.metrics.extend(_without_prediction(model, problem.validation.dofs, lost))
             continue
         if spread is None:
             spread = predictor.mean_motion()
-            metrics += _mean_motion(spread, problem.validation.dofs)
-        metrics += _predictions(model, predictor, spread, problem.validation.dofs)
-    return metrics, reasons
+            predicted.metrics.extend(_mean_motion(spread, problem.validation.dofs))
+        rows = _predictions(model, predictor, spread, problem.validation.dofs)
+        predicted.metrics.extend(rows)
+        predicted.free_runs[model] = predictor.motion()
+    return predicted
 
 
 def _predictions(

@@ -87,7 +87,7 @@ def error(chosen: list[int], believed: Vessel) -> float:
     problem = Problem(recording, recording, believed, None)
     try:
         found = low_wind().identifier.identify(problem, np.random.default_rng(0))
-        ahead = prediction(found.model, validation(), None).ahead(None)
+        ahead = prediction(found.model, validation(), None).over("free_run")
     except SeatrialError:
         return np.inf
     return float(np.linalg.norm(ahead.rmse[3:]))

@@ -53,7 +53,7 @@ def test_without_evaluation_nothing_is_deployed() -> None:
     results = trials.run(composed("evaluation=none", "identifier=ls"))
     assert results.note == "no evaluation (evaluation=none): deployment is skipped"
     assert {row.stage for row in results.metrics} == {"validation"}
-    assert {series.kind for series in results.series} == {"recording", "residual"}
+    assert {series.kind for series in results.series} == {"recording", "residual", "prediction"}
 
 
 def test_a_deployment_that_diverges_keeps_what_holds() -> None:

@@ -22,7 +22,7 @@ def values(found, name: str) -> dict:
 
 def free_run(problem, model) -> np.ndarray:
     """Errors of the velocities (n_dof,) over the part held out."""
-    return prediction(model, problem.validation, problem.thruster, None).ahead(None).rmse[3:]
+    return prediction(model, problem.validation, problem.thruster, None).over("free_run").rmse[3:]
 
 
 def test_all_products_of_three_velocities() -> None:

@@ -42,7 +42,7 @@ def test_counts_shares_and_errors_are_stored() -> None:
               if m.name == "velocity_rmse_free_run"}  # fmt: skip
     assert errors["identified", "sway"] == pytest.approx(0.0, abs=1e-4)  # exact without noise
     assert errors["nominal", "sway"] > 0.01  # it is 15 % heavier than the plant
-    assert {one.kind for one in results.series} == {"recording", "residual"}
+    assert {one.kind for one in results.series} == {"recording", "residual", "prediction"}
 
 
 def test_a_random_mix_has_no_shares() -> None:

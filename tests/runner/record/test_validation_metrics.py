@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.runner.record.validation_metrics import prediction_metrics
+from seatrial.runner.record.validation_metrics import predictions
 from tests.models.identification.conftest import driven, surge
 
 
@@ -14,7 +15,8 @@ def test_a_model_that_cannot_be_simulated_has_every_row_without_a_value() -> Non
     recording = driven(nominal, 10.0 * np.sin(0.1 * np.arange(300)))
     problem = Problem(recording, recording, nominal, None)
     impossible = replace(nominal, theta=-nominal.theta)
-    rows, reasons = prediction_metrics(problem, Identified(impossible, impossible), None)
+    predicted = predictions(problem, Identified(impossible, impossible), None)
+    rows, reasons = predicted.metrics, predicted.findings
     named = {
         model: {(row.name, row.dof): row.value for row in rows if row.model == model}
         for model in ("nominal", "identified")
@@ -25,3 +27,27 @@ def test_a_model_that_cannot_be_simulated_has_every_row_without_a_value() -> Non
     assert known == {f"limited_share_{name}": 1.0 for name in horizons}
     assert named["identified"]["held_free_run", "all"] == 0.0
     assert [reason.name for reason in reasons] == ["no_prediction"]
+    assert set(predicted.free_runs) == {"nominal"}
+
+
+def test_a_free_run_ends_where_it_diverges_and_begins_again_after_a_gap() -> None:
+    nominal = surge(60.0, 20.0)
+    recording = driven(nominal, 10.0 * np.sin(0.1 * np.arange(300)), "rk4")
+    late = replace(recording, t=recording.t + 100.0 * (np.arange(300) >= 200))
+    unstable = replace(nominal, theta=nominal.theta * [[1.0], [-20.0]])
+    problem = Problem(late, late, nominal, None)
+    predicted = predictions(problem, Identified(unstable, unstable), None)
+    np.testing.assert_allclose(predicted.free_runs["nominal"][:, 1], late.nu[:, 0], atol=1e-6)
+    lost = np.isnan(predicted.free_runs["identified"][:, 1])
+    first, second = np.flatnonzero(lost[:200])[0], 200 + np.flatnonzero(lost[200:])[0]
+    assert np.all(lost[first:200])
+    assert np.all(lost[second:])
+    assert np.array_equal(
+        predicted.free_runs["identified"][200], [late.eta[200, 0], late.nu[200, 0]]
+    )
+    (held,) = [
+        row.value
+        for row in predicted.metrics
+        if (row.name, row.model) == ("held_free_run", "identified")
+    ]
+    assert held == pytest.approx(late.period_s * (first - 1))

@@ -1,0 +1,99 @@
+"""Measured velocities over time, and those that the models predict in a free run."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS, velocities_of
+from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    REFERENCE,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
+
+FIGURE = Figure(
+    "prediction",
+    "Velocities of one run, measured and predicted in a free run over the held-out part.",
+    "series prediction",
+    caption="Free run of the newest run's models over the held-out part",
+    place=16,
+)
+
+MODELS = (("nominal", "nominal"), ("identified", "identified"))
+ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """Draw one figure of one run (with --facet, for each level), one panel for each DOF."""
+    return [
+        _drawing(results, request, run) for run, _ in each_run(results, request, ["prediction"])
+    ]
+
+
+def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
+    series = results.reader.series(run.id, "prediction")
+    dofs = request.shown(lambda dof: dof in DOFS and velocities_of((dof,))[0] in series.columns)
+    if not dofs:
+        raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
+    figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
+    for panel, dof in zip(axes, dofs, strict=True):
+        _panel(panel, series, dof)
+    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
+    headed(figure, axes, f"Free run, {subtitle(run)}")
+    begins = "the first measured state"
+    if np.sum(series.columns["start"]) > 1:
+        begins += " of each piece"
+    footnote(figure, [f"predictions begin at {begins}; FIT at the right: 100 % is perfect"])
+    return Drawing(f"prediction-run-{run.id}", figure)
+
+
+def _panel(axes: Axes, series: Series, dof: str) -> None:
+    (name,) = velocities_of((dof,))
+    measured, starts = series.columns[name], np.flatnonzero(series.columns["start"])
+    lines = [("measured", measured, REFERENCE)]
+    for model, label in MODELS:
+        values = series.columns.get(f"{name}_{model}")
+        if values is not None:
+            lines.append((label, values, MODEL_COLOURS[model]))
+    for label, values, colour in lines:
+        t, shown = _broken(starts, series.columns["t"], values)
+        axes.plot(t, shown, color=colour, label=label, linewidth=0.9, alpha=0.9)
+    margin = ROOM * float(np.std(measured)) or 1.0  # a free run that runs away leaves the panel
+    axes.set_ylim(
+        *np.clip(axes.get_ylim(), np.min(measured) - margin, np.max(measured) + margin).tolist()
+    )
+    for height, (_, values, colour) in zip((0.88, 0.06), lines[1:], strict=False):
+        axes.text(
+            1.005, height, f"FIT {fit_text(measured, values)}", transform=axes.transAxes,
+            color=colour, fontsize=8.5, va="center",
+        )  # fmt: skip
+    axes.set_ylabel(with_unit(dof.capitalize(), series.units[name]))
+    axes.margins(x=0)
+
+
+def _broken(starts: Sequence[int] | Sample, t: Sample, values: Sample) -> tuple[Sample, Sample]:
+    """Times and values with a gap before each piece, so that no line joins two pieces."""
+    rows = np.asarray(starts, dtype=np.int64)[1:]
+    return np.insert(t, rows, np.nan), np.insert(values, rows, np.nan)
+
+
+def fit_text(measured: Sample, predicted: Sample) -> str:
+    """Return the FIT of a prediction, or that it diverges."""
+    if np.any(np.isnan(predicted)):
+        return "diverges"
+    spread = float(np.std(measured))
+    if not spread:
+        return "-"
+    nrmse = float(np.sqrt(np.mean(np.square(predicted - measured)))) / spread
+    return f"{100.0 * (1.0 - nrmse):.0f} %"
