@@ -1,9 +1,8 @@
 """Measured velocities over time, and those that the models predict in a free run."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, velocities_of
@@ -60,7 +59,7 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
 
 def _panel(axes: Axes, series: Series, dof: str) -> None:
     (name,) = velocities_of((dof,))
-    measured, starts = series.columns[name], np.flatnonzero(series.columns["start"])
+    measured, starts = series.columns[name], series.columns["start"] > 0.0
     lines = [("measured", measured, REFERENCE)]
     for model, label in MODELS:
         values = series.columns.get(f"{name}_{model}")
@@ -82,9 +81,9 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
     axes.margins(x=0)
 
 
-def _broken(starts: Sequence[int] | Sample, t: Sample, values: Sample) -> tuple[Sample, Sample]:
+def _broken(starts: NDArray[np.bool_], t: Sample, values: Sample) -> tuple[Sample, Sample]:
     """Times and values with a gap before each piece, so that no line joins two pieces."""
-    rows = np.asarray(starts, dtype=np.int64)[1:]
+    rows = np.flatnonzero(starts)[1:]
     return np.insert(t, rows, np.nan), np.insert(values, rows, np.nan)
 
 

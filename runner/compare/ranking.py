@@ -1,0 +1,111 @@
+"""Ranks of entrants over many cases: mean ranks, paired tests with Holm's correction, and groups.
+
+Scores are losses, shape (n_cases, n_entrants): smaller is better, inf is worst (an entrant that
+diverged or failed). Demsar (2006), Statistical comparisons of classifiers over multiple data sets;
+Holm (1979); Benavoli, Corani and Mangili (2016) for pairwise tests instead of mean ranks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import scipy  # its subpackages are loaded at their first use
+
+from seatrial.runner.compare.statistics import LEAST_PAIRS, Sample
+
+LEVEL = 0.05
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair after Holm's correction.
+
+    A p-value is NaN where fewer than LEAST_PAIRS cases tell the pair apart.
+    """
+
+    mean_ranks: Sample
+    p_values: dict[Pair, float]
+
+    def differ(self, i: int, j: int, level: float = LEVEL) -> bool:
+        """Whether two entrants differ significantly."""
+        return self.p_values[min(i, j), max(i, j)] < level
+
+    def order(self) -> list[int]:
+        """Entrants from the best mean rank to the worst."""
+        return [int(i) for i in np.argsort(self.mean_ranks, kind="stable")]
+
+    def best(self, level: float = LEVEL) -> set[int]:
+        """The entrant of the best mean rank, and those not significantly different from it."""
+        first = self.order()[0]
+        others = range(len(self.mean_ranks))
+        return {first, *(i for i in others if i != first and not self.differ(first, i, level))}
+
+    def groups(self, level: float = LEVEL) -> list[list[int]]:
+        """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
+        order, groups = self.order(), list[list[int]]()
+        for first in range(len(order)):
+            last = first
+            while last + 1 < len(order) and not any(
+                self.differ(order[k], order[last + 1], level) for k in range(first, last + 1)
+            ):
+                last += 1
+            group = order[first : last + 1]
+            if len(group) > 1 and not any(set(group) <= set(known) for known in groups):
+                groups.append(group)
+        return groups
+
+
+def ranking(losses: Sample) -> Ranking:
+    """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
+
+    Ties share the mean of their ranks. Pairs are compared by the two-sided signed-rank test of
+    Wilcoxon on the ranks within a case, since losses of different cases have different scales.
+    """
+    if np.any(np.isnan(losses)):
+        raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
+    ranks = np.array([scipy.stats.rankdata(row) for row in losses])
+    pairs = list(combinations(range(losses.shape[1]), 2))
+    p_values = holm([_signed_rank(ranks[:, i] - ranks[:, j]) for i, j in pairs])
+    return Ranking(ranks.mean(axis=0), dict(zip(pairs, p_values, strict=True)))
+
+
+def _signed_rank(differences: Sample) -> float:
+    if np.count_nonzero(differences) < LEAST_PAIRS:
+        return float("nan")
+    return float(scipy.stats.wilcoxon(differences, zero_method="zsplit").pvalue)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
+    values = np.asarray(p_values, dtype=np.float64)
+    known = np.flatnonzero(~np.isnan(values))
+    adjusted, largest = np.full(len(values), np.nan), 0.0
+    for place, k in enumerate(known[np.argsort(values[known], kind="stable")]):
+        largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
+        adjusted[k] = largest
+    return adjusted.tolist()
+
+
+def block_bootstrap(
+    errors: Sequence[Sample], length: int, rng: np.random.Generator, resamples: int = 1000
+) -> Sample:
+    """Mean squares (resamples, n) of resampled errors, to give intervals of pooled scores.
+
+    `errors` holds (N, n) for every file. Files are drawn with replacement, then blocks of `length`
+    samples within each (circular, so that every sample is as likely): neighbouring errors depend on
+    each other, and so do those of a file. Politis and Romano (1992).
+    """
+    drawn = np.empty((resamples, errors[0].shape[1]))
+    for k in range(resamples):
+        total, count = np.zeros(errors[0].shape[1]), 0
+        for file in rng.integers(0, len(errors), len(errors)):
+            squares = np.square(errors[file])
+            blocks = -(-len(squares) // length)
+            starts = rng.integers(0, len(squares), blocks)
+            rows = (starts[:, None] + np.arange(length)) % len(squares)
+            total += squares[rows.ravel()[: len(squares)]].sum(axis=0)
+            count += len(squares)
+        drawn[k] = total / count
+    return drawn
