@@ -87,6 +87,7 @@ class Trial:
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
     limits: Limits = Limits()  # of work and memory
+    horizons_s: tuple[float, ...] = ()  # of predictions that are stored beside the free run
     deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
 
     def __post_init__(self) -> None:
@@ -160,6 +161,7 @@ class Settings:
     database: Database
     update: object = None
     metrics: tuple[object, ...] = ()
+    horizons_s: tuple[Positive, ...] = ()
     limits: Limits = Limits()
     deploy_unphysical: bool = False
     rerun: bool = False
@@ -192,6 +194,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
         limits=settings.limits,
+        horizons_s=settings.horizons_s,
         deploy_unphysical=settings.deploy_unphysical,
         seed=settings.seed,
         results_dir=settings.results_dir,

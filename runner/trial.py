@@ -232,7 +232,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     validation = validation_metrics.validation(
         problem.validation, problem.nominal, identified, excited.truth
     )
-    predicted = validation_metrics.predictions(problem, identified, excited.truth)
+    predicted = validation_metrics.predictions(problem, identified, excited.truth, trial.horizons_s)
     for reason in predicted.findings:
         log.warning("prediction: %s", reason.label)
     models = {"nominal": problem.nominal, "identified": identified.model}
@@ -257,7 +257,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
             time_series.residual_series(excited, problem.nominal, identified),
-            time_series.prediction_series(problem.validation, predicted.free_runs),
+            time_series.prediction_series(problem.validation, predicted),
             *mix.series,
         ],
         note=skipped(trial),

@@ -40,6 +40,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 
 TEN = 10
+GRIDS = 5  # of starts, for predictions over a time
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
 RESTART_S = 30.0  # between the restarts of the horizon `restarts`
 HIDES_BIAS = "one step ahead hides bias: judge by free_run"
@@ -165,17 +166,42 @@ class Prediction:
 
         The states of a grid follow each other at steps + 1 samples.
         """
-        elapsed = since(self.course.restart)
         error_parts, limited = [], 0.0
-        shifts = range(0, steps + 1, max((steps + 1) // (grids or steps + 1), 1))
-        for first in shifts:  # the samples that are `steps` after such a restart
-            errors, share = self.deviations(
-                self.course.restart | ((elapsed - first) % (steps + 1) == 0)
-            )
-            reached = (elapsed >= first + steps) & ((elapsed - first) % (steps + 1) == steps)
-            error_parts.append(errors[reached])
+        shifts = self._shifts(steps, grids)
+        for first in shifts:
+            states, reached, share = self._from(first, steps)
+            course = self.course
+            error_parts.append(deviations(course.kinematics, course.reached, states)[reached])
             limited += share
         return _ahead(np.vstack(error_parts), limited / len(shifts))
+
+    def velocity_after(self, seconds: float) -> Array:
+        """Velocity (N, n_dof) predicted from the state measured `seconds` before.
+
+        Starts are on GRIDS grids; NaN at the other samples, and on a grid that diverges.
+        """
+        steps, n_dof = (
+            max(round(seconds / self.course.step_s), 1),
+            self.course.measured.shape[1] // 2,
+        )
+        velocity = np.full((len(self.course.reached), n_dof), np.nan)
+        for first in self._shifts(steps, GRIDS):
+            states, reached, limited = self._from(first, steps)
+            if not limited:
+                velocity[reached] = states[reached, -n_dof:]
+        return velocity
+
+    @staticmethod
+    def _shifts(steps: int, grids: int | None) -> range:
+        """First samples of the grids, each with a start every steps + 1 samples."""
+        return range(0, steps + 1, max((steps + 1) // (grids or steps + 1), 1))
+
+    def _from(self, first: int, steps: int) -> tuple[Array, Flags, float]:
+        """States predicted on one grid, which of them are `steps` after a start, limited share."""
+        elapsed = since(self.course.restart)
+        place = (elapsed - first) % (steps + 1)
+        states, limited = self._states(self.course.restart | (place == 0))
+        return states, (elapsed >= first + steps) & (place == steps), limited
 
     def held_s(self) -> float:
         """Time [s] that the free run held until a rate had to be limited; its length if none."""

@@ -1,6 +1,6 @@
 """Time series of a trial: the recording, the residual force and the deployments."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import ExcitationData, SimulatedMission
 from seatrial.runner.database.records import Series
 from seatrial.runner.record.deployment_metrics import is_allocated
+from seatrial.runner.record.validation_metrics import Predicted
 
 
 def voyage_series(sailed: SimulatedMission, model: str) -> Series:
@@ -177,20 +178,25 @@ def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identi
     return Series("residual", columns, _units(dofs, columns))
 
 
-def prediction_series(held_out: Recording, free_runs: Mapping[str, Array]) -> Series:
-    """Return the held-out motion, and the free run of every model over it; NaN where it diverges.
+def prediction_series(held_out: Recording, predicted: Predicted) -> Series:
+    """Return the held-out motion and its predictions; NaN where they diverge.
 
-    `start` is 1 at the measured states from which the free runs begin. `free_runs` holds pose and
-    velocity by model, shape (N, 2 n_dof) each.
+    `start` is 1 at the measured states from which the free runs begin. `u_identified` is the free
+    run, `u_identified_10s` the velocity predicted from the state measured 10 s before.
     """
-    dofs, names = held_out.dofs, (*poses_of(held_out.dofs), *velocities_of(held_out.dofs))
+    dofs, velocities = held_out.dofs, velocities_of(held_out.dofs)
+    names = (*poses_of(dofs), *velocities)
     columns = {"t": held_out.t, "start": held_out.piece_starts.astype(np.float64)}
     columns |= _columns(names, np.hstack([held_out.eta, held_out.nu]))
     units = _units(dofs, columns)
-    for model, motion in free_runs.items():
-        own = {f"{name}_{model}": name for name in names}
-        columns |= _columns(own, motion)
-        units |= {column: units[name] for column, name in own.items()}
+    parts = [(names, model, motion) for model, motion in predicted.free_runs.items()]
+    parts += [
+        (velocities, f"{model}_{seconds:g}s", values)
+        for (model, seconds), values in predicted.after.items()
+    ]
+    for of, suffix, values in parts:
+        columns |= _columns([f"{name}_{suffix}" for name in of], values)
+        units |= {f"{name}_{suffix}": units[name] for name in of}
     return Series("prediction", columns, units)
 
 

@@ -1,5 +1,6 @@
 """Validation metrics on the held-out part: force residuals, coefficients and predictions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,9 +93,16 @@ class Predicted:
     metrics: list[Metric]
     findings: list[Finding]
     free_runs: dict[str, Array]  # by model: pose and velocity (N, 2 n_dof); NaN where it diverges
+    # by model and horizon [s]: velocity (N, n_dof); NaN where no prediction ends
+    after: dict[tuple[str, float], Array]
 
 
-def predictions(problem: Problem, identified: Identified, truth: Vessel | None) -> Predicted:
+def predictions(
+    problem: Problem,
+    identified: Identified,
+    truth: Vessel | None,
+    horizons_s: Sequence[float] = (),
+) -> Predicted:
     """Compute errors and scores of the predictions of every model on the held-out part.
 
     A horizon over which a model diverges has its share of limited rates but no errors, nor has a
@@ -104,7 +112,7 @@ def predictions(problem: Problem, identified: Identified, truth: Vessel | None) 
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
-    predicted = Predicted([], [], {})
+    predicted = Predicted([], [], {}, {})
     spread: Array | None = None
     for model, table in models.items():
         try:
@@ -121,6 +129,8 @@ def predictions(problem: Problem, identified: Identified, truth: Vessel | None) 
         rows = _predictions(model, predictor, spread, problem.validation.dofs)
         predicted.metrics.extend(rows)
         predicted.free_runs[model] = predictor.motion()
+        for seconds in horizons_s:
+            predicted.after[model, seconds] = predictor.velocity_after(seconds)
     return predicted
 
 

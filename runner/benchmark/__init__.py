@@ -1,0 +1,1 @@
+"""An open benchmark: tasks on measured and simulated ships, entrants, scores and their ranks."""

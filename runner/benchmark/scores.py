@@ -1,0 +1,104 @@
+"""Scores of a trial's predictions: normalised errors of the free run and over given times.
+
+The error of an output is its root mean square over the standard deviation of what was measured
+(NRMSE); FIT = 100 (1 - NRMSE) %. A model that predicts the mean of the measured motion has 1, one
+that diverges has inf. The loss of a case is the mean over the outputs. nonlinearbenchmark.org.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.notation import velocities_of
+from seatrial.runner.compare.ranking import block_bootstrap
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.database.records import Series
+
+PERSISTENCE = "persistence"  # the first measured velocity, held
+MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
+LEVEL = 0.9
+BLOCK_S = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """NRMSE of each output (n,) of a free run, its errors over the spread (N, n), by time.
+
+    `after` is the NRMSE of each output by horizon [s]; `starts` (N,) marks the measured states from
+    which the free run begins.
+    """
+
+    nrmse: Sample
+    errors: Sample
+    starts: Sample
+    period_s: float
+    after: dict[float, Sample]
+
+    @property
+    def loss(self) -> float:
+        """Mean NRMSE over the outputs."""
+        return float(np.mean(self.nrmse))
+
+    def pieces(self) -> list[Sample]:
+        """Errors of each piece, such as a file."""
+        return np.split(self.errors, np.flatnonzero(self.starts)[1:])
+
+
+def score(
+    series: Series, model: str, outputs: Sequence[str], horizons_s: Sequence[float] = ()
+) -> Score:
+    """Score the free run of a model, or of PERSISTENCE or MEAN_MOTION, on the series `prediction`.
+
+    `outputs` are degrees of freedom. A model without a prediction scores inf.
+    """
+    names = velocities_of(outputs)
+    measured = _columns(series, names)
+    starts, t = series.columns["start"], series.columns["t"]
+    spread = np.std(measured, axis=0)
+    after = {}
+    for seconds in horizons_s:
+        values = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in names])
+        reached = ~np.isnan(values[:, 0])
+        error = (values - measured)[reached]
+        after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(names), np.inf)
+    errors = (_free_run(series, model, names, measured, starts) - measured) / spread
+    ones = np.ones(len(names))
+    period_s = float(np.median(np.diff(t)))
+    return Score(_nrmse(errors, ones), errors, starts, period_s, after)
+
+
+def _free_run(
+    series: Series, model: str, names: Sequence[str], measured: Sample, starts: Sample
+) -> Sample:
+    if model == MEAN_MOTION:
+        return np.broadcast_to(measured.mean(axis=0), measured.shape)
+    if model == PERSISTENCE:
+        first = np.flatnonzero(starts)
+        return measured[first[np.searchsorted(first, np.arange(len(measured)), side="right") - 1]]
+    return _columns(series, [f"{name}_{model}" for name in names])
+
+
+def _columns(series: Series, names: Sequence[str]) -> Sample:
+    """Columns (N, n); NaN for one that is not stored."""
+    unknown = np.full(len(series.columns["t"]), np.nan)
+    return np.column_stack([series.columns.get(name, unknown) for name in names])
+
+
+def _nrmse(errors: Sample, spread: Sample) -> Sample:
+    values = np.sqrt(np.mean(np.square(errors), axis=0)) / spread
+    return np.where(np.isnan(values), np.inf, values)
+
+
+def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
+    """Return the 90 % interval of the pooled loss, by a bootstrap of files and blocks.
+
+    (inf, inf) where a trial diverges.
+    """
+    if any(not np.isfinite(score.loss) for score in scores):
+        return np.inf, np.inf
+    pieces = [piece for score in scores for piece in score.pieces()]
+    length = max(round(BLOCK_S / scores[0].period_s), 1)
+    drawn = np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed))).mean(axis=1)
+    low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return float(low), float(high)

@@ -1,0 +1,134 @@
+"""A task of the benchmark: where its data come from, the files of each case, and what is scored.
+
+A task is a file of `conf/benchmark`. It ships no data: it names their source, how to get them, and
+the SHA-256 of each file. A file is looked for in SEATRIAL_DATA, then in DATA_FOLDER.
+"""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import yaml
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import DOFS
+from seatrial.runner import search_path
+from seatrial.runner.config import build_as
+from seatrial.runner.yaml_files import check_file
+
+GROUP = "benchmark"
+VARIABLE = "SEATRIAL_DATA"
+DATA_FOLDER = Path("~/.local/share/seatrial")
+CHUNK = 1 << 20  # bytes
+
+State = Literal["found", "damaged", "missing"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the data of a task come from, under which licence, and how to get them."""
+
+    name: str
+    url: str
+    licence: str
+    get: str
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is trained on and tested on: files relative to the folder of data, or further options.
+
+    A file that `apart` names is not in public hands: the case waits for who has it.
+    """
+
+    train: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files of the case."""
+        return (*self.train, *self.test)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task; its trials have the options `trial` and those of a case and an entrant.
+
+    `outputs` are the degrees of freedom whose velocities are scored, `horizons_s` [s] the times
+    over which predictions are scored beside the free run. `entrants` are those of this task alone.
+    """
+
+    title: str
+    trial: tuple[str, ...]
+    cases: dict[str, Case]
+    outputs: tuple[str, ...]
+    source: Source | None = None  # None: simulated
+    files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
+    seeds: int = 1
+    horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
+    entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    without: tuple[str, ...] = ()  # entrants that cannot take part
+
+    def __post_init__(self) -> None:
+        for dof in self.outputs:
+            if dof not in DOFS:
+                raise ConfigurationError(
+                    f"outputs: got {dof!r}, expected some of {', '.join(DOFS)}"
+                )
+        if not self.cases:
+            raise ConfigurationError("cases: got none, expected at least one")
+        for name, case in self.cases.items():
+            for path in case.files:
+                if path not in self.files:
+                    raise ConfigurationError(f"cases.{name}: {path} has no SHA-256 under `files`")
+
+
+@dataclass(frozen=True)
+class Located:
+    """A file of a task: where it is, or where it is expected."""
+
+    name: str
+    path: Path
+    state: State
+
+
+def task_of(name: str) -> Task:
+    """Read a task; raises ConfigurationError for an unknown one or a file that is none."""
+    names = search_path.options(GROUP)
+    if name not in names:
+        raise ConfigurationError(f"--task: got {name!r}, expected one of {', '.join(names)}")
+    for folder in (search_path.CONF, *search_path.user_folders()):
+        path = folder / GROUP / f"{name}.yaml"
+        if path.is_file():
+            break
+    check_file(path)
+    node = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if not isinstance(node, Mapping):
+        raise ConfigurationError(f"{path}: got no mapping, expected the keys of a task")
+    return build_as(Task, node, f"{GROUP}/{name}")
+
+
+def located(task: Task) -> list[Located]:
+    """Where the files of a task are, each verified by its SHA-256."""
+    return [_located(name, digest) for name, digest in task.files.items()]
+
+
+def _located(name: str, digest: str) -> Located:
+    folders = [Path(text).expanduser() for text in (os.environ.get(VARIABLE), DATA_FOLDER) if text]
+    for folder in folders:
+        path = folder / name
+        if path.is_file():
+            return Located(name, path, "found" if _sha256(path) == digest else "damaged")
+    return Located(name, folders[0] / name, "missing")
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
