@@ -161,7 +161,7 @@ class Settings:
     database: Database
     update: object = None
     metrics: tuple[object, ...] = ()
-    horizons_s: tuple[Positive, ...] = ()
+    horizons_s: tuple[Positive, ...] | None = None
     limits: Limits = Limits()
     deploy_unphysical: bool = False
     rerun: bool = False
@@ -194,7 +194,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
         limits=settings.limits,
-        horizons_s=settings.horizons_s,
+        horizons_s=settings.horizons_s or (),
         deploy_unphysical=settings.deploy_unphysical,
         seed=settings.seed,
         results_dir=settings.results_dir,

@@ -60,8 +60,8 @@ def test_a_changed_source_begins_an_empty_cache(tmp_path: Path, checkout: Path) 
     folder, _, force = finish(start(tmp_path, checkout))
     callee = checkout / "models" / "vessel" / "thruster.py"
     text = callee.read_text()
-    assert "lag.b[0] * target" in text
-    callee.write_text(text.replace("lag.b[0] * target", "0.0 * target"))
+    assert "lag.b[i, 0] * target" in text
+    callee.write_text(text.replace("lag.b[i, 0] * target", "0.0 * target"))
     changed, missed, other = finish(start(tmp_path, checkout))
     assert changed != folder
     assert int(missed) > 0

@@ -14,7 +14,12 @@ from seatrial.runner.vocabulary import GROUPS
 from tests.trials import composed
 
 # An option that only works beside others, and those.
-NEEDS = {"excitation/recording": ["vessel=surge_linear", "excitation.path=surge.csv"]}
+STEERED = ["vessel=kvlcc2", "controller=none", "evaluation=none"]
+NEEDS = {
+    "excitation/recording": ["vessel=surge_linear", "excitation.path=surge.csv"],
+    "excitation/rudder_turn": STEERED,
+    "excitation/rudder_zigzag": STEERED,
+}
 OPTIONS = sorted(
     path.relative_to(CONF).with_suffix("").as_posix()
     for group in GROUPS
