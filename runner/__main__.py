@@ -46,10 +46,11 @@ from seatrial.runner.stop_signals import StopSignals
 from seatrial.runner.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner import completion, doctor
+    from seatrial.runner import benchmark, completion, doctor
 else:
     import lazy_loader
 
+    benchmark = lazy_loader.load("seatrial.runner.benchmark", suppress_warning=True)
     completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
 
@@ -62,6 +63,7 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "--version": lambda words: _show_version(),
     "--install-completion": lambda words: completion.install(words),
+    "benchmark": lambda words: benchmark.main(words),
     "doctor": lambda words: doctor.main(words),
     "init": lambda words: init.run(words),
 }

@@ -36,7 +36,16 @@ def test_every_number_of_a_vessel_has_a_source(name: str) -> None:
     """Each entry of its YAML that holds a number, and no other, is named under `sources`."""
     vessel = parameters_of(name)
     # `prime` are the scales of the derivatives, whose source names the system
-    without = ("name", "dofs", "coriolis", "attitude", "integrator", "parameters", "sources", "prime")
+    without = (
+        "name",
+        "dofs",
+        "coriolis",
+        "attitude",
+        "integrator",
+        "parameters",
+        "sources",
+        "prime",
+    )
     held = {field: value for field, value in vars(vessel).items() if field not in without}
     given = {field for field, value in held.items() if value and value != Tuning()}
     if vessel.plant_scale == 1.0:  # unless the file says so

@@ -67,6 +67,19 @@ def show(
             show_grids(compare.runs.run_details(results, run), form)
 
 
+@app.command(name="leaderboard")
+def benchmark_ranks(
+    task: Annotated[list[str] | None, typer.Option(help="A task; by default all.")] = None,
+    entrant: Annotated[
+        list[str] | None, typer.Option(help="An entrant, beside those of the task.")
+    ] = None,
+    database: Database = "sqlite:///results/benchmark/results.db",
+    form: Form = Format.RICH,
+) -> None:
+    """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
+    show_grids(compare.leaderboard.leaderboards(database, task or (), entrant or ()), form)
+
+
 @app.command()
 @taking(TableOptions)
 def table(options: TableOptions) -> None:

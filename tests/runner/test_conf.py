@@ -76,7 +76,7 @@ def test_a_database_composes(database: str) -> None:
 
 def test_the_groups_are_those_that_are_named() -> None:
     folders = {path.name for path in CONF.iterdir() if path.is_dir()}
-    assert folders <= {*GROUPS, "database", "experiment", "hydra"}
+    assert folders <= {*GROUPS, "benchmark", "database", "experiment", "hydra"}
 
 
 def test_nothing_composed_is_left_out_of_the_trial() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.benchmark.scores import MEAN_MOTION, PERSISTENCE, interval, score
+from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, interval, score
 from seatrial.runner.database.records import Series
 
 N = 2000

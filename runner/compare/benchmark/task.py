@@ -39,14 +39,12 @@ class Source:
 
 @dataclass(frozen=True)
 class Case:
-    """What is trained on and tested on: files relative to the folder of data, or further options.
-
-    A file that `apart` names is not in public hands: the case waits for who has it.
-    """
+    """What is trained on and tested on: files relative to the folder of data, or further options."""
 
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
+    seeds: int | None = None  # null: as many as the task has; 1 where nothing is random
 
     @property
     def files(self) -> tuple[str, ...]:

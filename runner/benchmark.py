@@ -1,0 +1,68 @@
+"""The command `seatrial benchmark`: runs the cells of the benchmark that are not in the logbook."""
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+from seatrial.models.errors import SeatrialError
+from seatrial.runner import in_process, search_path
+from seatrial.runner.compare.benchmark.cells import Cell, Lacking, cells, entrants_of, lacking
+from seatrial.runner.compare.benchmark.task import GROUP, task_of
+from seatrial.runner.console import terminal_view
+from seatrial.runner.invocation import trial_program
+
+RESULTS = Path("results/benchmark")
+
+
+def main(words: Sequence[str]) -> int:
+    """Run the cells; returns 0, or 1 if a trial failed or an entrant cannot take part."""
+    options = _parser().parse_args(words)
+    code = 0
+    for name in options.task or search_path.options(GROUP):
+        task = task_of(name)
+        for lack in lacking(task):
+            print(_absent(name, lack))
+        listed = cells(name, task, entrants_of(task, options.entrant or ()))
+        for entrant, own in groupby(listed, key=lambda cell: cell.entrant):
+            code = max(code, _run(f"{name}, {entrant}", list(own), options))
+    return code
+
+
+def _run(label: str, own: Sequence[Cell], options: argparse.Namespace) -> int:
+    """Run the cells of one entrant in one task as a sweep."""
+    words = [f"results_dir={options.results_dir}", f"sweep.name=benchmark_{own[0].task}"]
+    words.append(f"hydra/launcher={options.launcher}")
+    if options.dry_run:
+        for cell in own:
+            print(shlex.join([*trial_program().split(), *cell.options, *words[:2]]))
+        return 0
+    variants = [list(cell.options) for cell in own]
+    shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
+    call = in_process.Call(["-m", *words, *shown])
+    call.variants, call.view = variants, terminal_view
+    try:
+        in_process.run_sweep(call, words)
+    except SeatrialError as error:
+        print(f"{label}: cannot take part: {error}")
+        return 1
+    print(f"{label}: {call.lines[0]}")
+    return call.exit_code
+
+
+def _absent(task: str, lack: Lacking) -> str:
+    files = ", ".join(f"{file.name} is {file.state}" for file in lack.files)
+    return f"{task}: {lack.case} is left out: {files}; see seatrial data get {task}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="seatrial benchmark", description=main.__doc__)
+    parser.add_argument("--task", action="append", help="a file of conf/benchmark; default: all")
+    parser.add_argument(
+        "--entrant", action="append", help="of the task, or an identifier; default: all of the task"
+    )
+    parser.add_argument("--results-dir", type=Path, default=RESULTS)
+    parser.add_argument("--launcher", default="joblib")
+    parser.add_argument("--dry-run", action="store_true", help="print the commands of the trials")
+    return parser

@@ -1,0 +1,69 @@
+"""Cells of the benchmark: what an entrant does in a case of a task, as options of a trial."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.benchmark.task import Case, Located, Task, located
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One trial of the benchmark; `options` are all that its command gives."""
+
+    task: str
+    case: str
+    entrant: str
+    seed: int
+    options: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A case whose files are not all there, each as it was found."""
+
+    case: str
+    files: tuple[Located, ...]
+
+
+def entrants_of(task: Task, chosen: Sequence[str] = ()) -> Mapping[str, tuple[str, ...]]:
+    """Return the options of the chosen entrants, by default all of the task.
+
+    One that the task does not name is an option of the group `identifier`, such as one's own.
+    """
+    if not chosen:
+        return task.entrants
+    return {name: task.entrants.get(name, (f"identifier={name}",)) for name in chosen}
+
+
+def cells(name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]) -> Iterator[Cell]:
+    """Yield the cells of a task, entrant by entrant, of those cases whose files are there."""
+    files = {file.name: file for file in located(task)}
+    absent = {lack.case for lack in lacking(task)}
+    for entrant, options in entrants.items():
+        for label, case in task.cases.items():
+            if label not in absent:
+                given = (*task.trial, *case.options, *_recordings(case, files), *options)
+                given += (f"horizons_s={list(task.horizons_s)}",)
+                for seed in range(case.seeds or task.seeds):
+                    yield Cell(name, label, entrant, seed, (*given, f"seed={seed}"))
+
+
+def lacking(task: Task) -> list[Lacking]:
+    """Return the cases whose files are missing or damaged."""
+    files = {file.name: file for file in located(task)}
+    wrong = {
+        label: tuple(files[path] for path in case.files if files[path].state != "found")
+        for label, case in task.cases.items()
+    }
+    return [Lacking(label, files) for label, files in wrong.items() if files]
+
+
+def _recordings(case: Case, files: Mapping[str, Located]) -> Iterator[str]:
+    for key, names in (("train", case.train), ("test", case.test)):
+        if names:
+            paths = [str(files[name].path) for name in names]
+            if any(set(path) & set("'\"\\") for path in paths):
+                raise ConfigurationError(f"{paths[0]}: got a quote or backslash in a path of data")
+            yield f"excitation.{key}={json.dumps(paths)}"
