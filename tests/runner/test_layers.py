@@ -32,6 +32,7 @@ FLOORS = (
     "models.control",
     "runner.invocation",
     "runner.plugins",
+    "runner.search_path",
     "runner.vocabulary",
     "runner.shared",
     "runner.options",
@@ -42,7 +43,8 @@ FLOORS = (
     "runner.compare",
     "runner",
 )
-# The comparison reads the database alone; the database holds rows, whatever they mean.
+# The comparison reads the database, and the tasks of the benchmark, alone; the database holds rows,
+# whatever they mean.
 GROUND = ("models.errors", "models.notation", "models.findings", "runner.vocabulary")
 NAMES = (*GROUND, "runner.record.catalogue")
 ONLY = {
@@ -53,6 +55,8 @@ ONLY = {
         *NAMES,
         "runner.invocation",
         "runner.plugins",
+        "runner.search_path",
+        "runner.options",
         "runner.database",
         "runner.export",
     ),

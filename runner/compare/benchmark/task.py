@@ -15,9 +15,7 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
-from seatrial.runner import search_path
-from seatrial.runner.config import build_as
-from seatrial.runner.yaml_files import check_file
+from seatrial.runner import options, search_path
 
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
@@ -39,7 +37,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Case:
-    """What is trained on and tested on: files relative to the folder of data, or further options."""
+    """What is trained and tested on: files relative to the folder of data, or further options."""
 
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
@@ -103,11 +101,18 @@ def task_of(name: str) -> Task:
         path = folder / GROUP / f"{name}.yaml"
         if path.is_file():
             break
-    check_file(path)
-    node = yaml.safe_load(path.read_text(encoding="utf-8"))
+    try:
+        node = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: {' '.join(str(error).split())}") from error
     if not isinstance(node, Mapping):
         raise ConfigurationError(f"{path}: got no mapping, expected the keys of a task")
-    return build_as(Task, node, f"{GROUP}/{name}")
+    try:
+        task = options.part(Task, node)
+    except options.OptionError as error:
+        raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
+    assert isinstance(task, Task)
+    return task
 
 
 def located(task: Task) -> list[Located]:
