@@ -203,7 +203,8 @@ def adrift(name: str, start: Array) -> Array:
 
 
 def kinetic_energy(name: str, nu: Array) -> Array:
-    return 0.5 * np.einsum("ki,ij,kj->k", nu, parameters_of(name).nominal().inertia, nu)
+    inertia = parameters_of(name).nominal().inertia
+    return np.asarray(0.5 * np.einsum("ki,ij,kj->k", nu, inertia, nu))
 
 
 @pytest.mark.parametrize("name", FORCED)
