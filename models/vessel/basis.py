@@ -39,7 +39,7 @@ ANGLES = ("phi", "theta")
 SPEED = ("U", "1/U", "1/U^2")
 INPUTS = (
     "delta", "delta_r", "delta_s", "n", "n_1", "n_2", "n_3", "n_4",
-    "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2",
+    "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2", "pwm_3", "pwm_4",
 )  # fmt: skip
 SIDESLIP = "beta"
 VARIABLES = (
