@@ -21,7 +21,6 @@ from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device
 
 V, W, Q, R = (INDEX[name] for name in ("v", "w", "q", "r"))
 LENGTH, HEIGHT, DRAG, RHO = range(4)
-RULES = ("middles", "ends")
 
 
 class CrossFlowStructure(NamedTuple):
@@ -31,7 +30,6 @@ class CrossFlowStructure(NamedTuple):
     strips: int
     ends: bool
     submerged: bool
-    pitch: float  # sign of x q in the flow across in the vertical plane
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,6 @@ class CrossFlow(Device):
 
     `rule`: `ends` sums the flow at both ends of every strip once, which are one more than there are
     strips, as MSS did until 2026; the drag is then that of a hull longer by one strip.
-    `vertical_flow`: `w+xq` is the sign in MSS, where the bow's downward velocity is w - x q.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Bounds]] = {
@@ -57,7 +54,6 @@ class CrossFlow(Device):
     strips: Annotated[int, Ge(2)] = 20
     rule: Literal["middles", "ends"] = "middles"
     submerged: bool = False
-    vertical_flow: Literal["w-xq", "w+xq"] = "w-xq"
 
     def inputs(self) -> tuple[str, ...]:
         """None."""
@@ -65,8 +61,7 @@ class CrossFlow(Device):
 
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> CrossFlowStructure:
         """Parameters in the arrays of the kernels."""
-        sign = -1.0 if self.vertical_flow == "w-xq" else 1.0
-        return CrossFlowStructure(first, self.strips, self.rule == "ends", self.submerged, sign)
+        return CrossFlowStructure(first, self.strips, self.rule == "ends", self.submerged)
 
 
 @lean_kernel
@@ -84,10 +79,10 @@ def _step(
         force[1] -= drag
         force[5] -= x * drag
         if structure.submerged:
-            across = z[W] + structure.pitch * x * z[Q]
+            across = z[W] - x * z[Q]
             drag = scale * abs(across) * across
             force[2] -= drag
-            force[4] -= structure.pitch * x * drag
+            force[4] += x * drag
 
 
 DEVICES[CrossFlowStructure] = _step

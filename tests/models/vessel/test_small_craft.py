@@ -14,7 +14,8 @@ from seatrial.models.notation import DOFS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import coriolis
 from seatrial.models.vessel.devices.cross_flow import CrossFlow
-from seatrial.models.vessel.devices.device import device_forces
+from seatrial.models.vessel.devices.device import Device, device_forces
+from seatrial.models.vessel.devices.fin import Fin
 from seatrial.models.vessel.devices.thruster import Thruster
 from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.parameters import VesselParameters
@@ -118,7 +119,7 @@ def test_the_otter_of_the_configuration_is_that_of_mss() -> None:
     np.testing.assert_allclose(*flows, rtol=1e-12)
 
 
-def forces(device: CrossFlow | Thruster, nu: Array, inputs: Array) -> Array:
+def forces(device: Device, nu: Array, inputs: Array) -> Array:
     """Forces (N, 6) of one device at velocities (N, 3) in the plane and inputs (N, n)."""
     dofs = tuple(DOFS[i] for i in PLANE)
     vessel = Vessel(
@@ -141,6 +142,19 @@ def test_cross_flow_takes_energy_from_any_motion() -> None:
     nu = np.random.default_rng(0).normal(size=(500, 3))
     made = forces(CrossFlow(2.0, 0.2, 1.1), nu, np.zeros((500, 0)))
     assert np.all(np.sum(made[:, PLANE] * nu, axis=1) < 0.0)
+
+
+def test_a_submerged_hull_has_the_same_drag_up_and_down_as_sideways() -> None:
+    """The bow goes to starboard with r > 0, and up with q > 0."""
+    device = CrossFlow(1.6, 0.2, 1.1, submerged=True)
+    vessel = Vessel("one", DOFS, (), np.zeros((0, 6)), devices={"it": device})
+    nu = np.zeros((2, 6))
+    nu[0, [1, 5]] = nu[1, [2, 4]] = 0.4, 0.7
+    nu[1, 4] *= -1.0
+    made = device_forces(vessel.installed, vessel.variables(np.zeros_like(nu), nu))
+    assert made[1, 2] == pytest.approx(made[0, 1])
+    assert made[1, 4] == pytest.approx(-made[0, 5])
+    assert made[0, 2] == made[0, 4] == made[1, 1] == made[1, 5] == 0.0
 
 
 def test_a_turned_azimuth_has_the_thrust_of_a_fixed_thruster_in_its_direction() -> None:
@@ -236,3 +250,40 @@ def test_the_blueboat_reaches_its_recorded_speed() -> None:
         np.zeros((1, 3)), np.zeros((1, 3)), inputs=np.array([[0.5, 0.0]])
     )
     assert turned[0, 2] > 0.0  # the left one alone turns it to starboard
+
+
+def test_the_remus_accelerates_as_in_python_vehicle_simulator() -> None:
+    """All six degrees of freedom, at its limits of the inputs.
+
+    There the drag of cross flow is summed over 21 stations, of a hull longer by a strip.
+    """
+    rows, remus = oracle("pvs_remus100_nudot.csv"), configured("remus100")
+    flow = remus.devices["cross_flow"]
+    assert isinstance(flow, CrossFlow)
+    devices = {**remus.devices, "cross_flow": replace(flow, rule="ends")}
+    vessel = replace(remus, devices=devices).nominal()
+    inputs = columns(rows, "delta_r", "delta_s", "n") / np.array([1.0, 1.0, 60.0])
+    limits = remus.inputs.values()
+    inputs = np.clip(inputs, [each.low for each in limits], [each.high for each in limits])
+    nu, attitude = columns(rows, *VELOCITIES), columns(rows, "phi", "theta", "psi")
+    found = vessel.forward(np.zeros_like(nu), nu, attitude, inputs=inputs)
+    close(found, columns(rows, *(f"{name}dot" for name in VELOCITIES)), 1e-9)
+
+
+def test_the_remus_makes_its_published_speed() -> None:
+    """2.5 m/s at 1525 rpm."""
+    speed = steady_speed(configured("remus100").nominal(), np.array([0.0, 0.0, 1525 / 60]), 10.0)
+    assert speed == pytest.approx(2.5, rel=0.1)
+
+
+def test_fins_turn_to_their_side() -> None:
+    """Aft, delta > 0 turns to starboard, and bow down; ahead of the origin to the other side."""
+    nu = np.array([[2.0, 0.0, 0.0]])
+    turns = []
+    for x in (-0.8, 0.8):
+        rudder = forces(Fin("delta_r", "rudder", 0.01, 0.5, x), nu, np.array([[0.1]]))[0]
+        plane = forces(Fin("delta_s", "plane", 0.01, 0.5, x), nu, np.array([[0.1]]))[0]
+        assert rudder[0] < 0.0
+        assert plane[0] < 0.0
+        turns.append((rudder[5] > 0.0, plane[4] < 0.0))
+    assert turns == [(True, True), (False, False)]
