@@ -50,7 +50,7 @@ from seatrial.models.weather.weather import Weather
 COS_PHI, COS_THETA, COS_PSI = INDEX["cos(phi)"], INDEX["cos(theta)"], INDEX["cos(psi)"]
 SIN_PSI = INDEX["sin(psi)"]
 PHI, THETA = INDEX["phi"], INDEX["theta"]
-U, V, SPEED = INDEX["u"], INDEX["v"], INDEX["U"]
+U, V, W, SPEED = INDEX["u"], INDEX["v"], INDEX["w"], INDEX["U"]
 OVER_SPEED, OVER_SQUARE, BETA = INDEX["1/U"], INDEX["1/U^2"], INDEX["beta"]
 MATRICES = (2, 3, 12)  # of a work space; at most 12 inputs
 RATES: dict[type, Callable[..., None]] = {}
@@ -177,7 +177,7 @@ def _fill_velocities(plant: PlantTable, nu: Array, z: Array) -> None:
     for place in plant.magnitudes:
         z[N_VARIABLES + plant.velocity_index[place]] = abs(nu[place])
     if plant.speed:
-        speed = np.sqrt(z[U] * z[U] + z[V] * z[V])
+        speed = np.sqrt(z[U] * z[U] + z[V] * z[V] + z[W] * z[W])
         moving = speed > REST_M_S
         over = where(moving, 1.0 / where(moving, speed, 1.0), 0.0)
         z[SPEED], z[OVER_SPEED], z[OVER_SQUARE] = speed, over, over * over

@@ -10,10 +10,10 @@ the inputs of a steered vessel. Terms are written as in the literature:
 `u`, `v`, ... are velocities through the water, which equal those over ground if there is no
 current; `u_q` and `v_q` are the velocities through the air in body axes (nu_q = nu - nu_w of
 Ljungberg) and `V_q` is their norm, the relative wind speed. `U` is the speed through the water,
-sqrt(u^2 + v^2); `/U` and `/U^2` divide by it and are zero at rest. `beta` is the sideslip angle
-atan2(v, u) [rad]. `phi` and `theta` are angles
-[rad]. The inputs are what is commanded on board: `delta` a rudder or fin angle, `alpha` an azimuth
-angle [rad], `n` a shaft speed [1/s], `pwm` a signal between -1 and 1.
+sqrt(u^2 + v^2 + w^2); `/U` and `/U^2` divide by it and are zero at rest. `beta` is the sideslip
+angle atan2(v, u) [rad]. `phi` and `theta` are angles [rad]. The inputs are what is commanded on
+board: `delta` a rudder or fin angle, `alpha` an azimuth angle [rad], `n` a shaft speed [1/s], `pwm`
+a signal between -1 and 1.
 
 With z = [x, |x|] and the codes (a, b, ...) of a term, phi = z_a z_b .... The kernel evaluates the
 codes; two spellings of one function (`v|r|` and `|r|v`, `rrr` and `r^3`) have the same codes.
@@ -39,7 +39,7 @@ ANGLES = ("phi", "theta")
 SPEED = ("U", "1/U", "1/U^2")
 INPUTS = (
     "delta", "delta_r", "delta_s", "n", "n_1", "n_2", "n_3", "n_4",
-    "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2",
+    "alpha_1", "alpha_2", "alpha_3", "alpha_4", "pwm_1", "pwm_2", "pwm_3", "pwm_4",
 )  # fmt: skip
 SIDESLIP = "beta"
 VARIABLES = (
@@ -210,7 +210,7 @@ def variables(
     x[:, INDEX["u_q"]], x[:, INDEX["v_q"]] = through.T
     x[:, INDEX["V_q"]] = np.hypot(*through.T)
     x[:, [INDEX[name] for name in ANGLES]] = attitude[:, :2]
-    speed = np.hypot(x[:, INDEX["u"]], x[:, INDEX["v"]])
+    speed = np.hypot(np.hypot(x[:, INDEX["u"]], x[:, INDEX["v"]]), x[:, INDEX["w"]])
     over = np.divide(1.0, speed, out=np.zeros(len(nu)), where=speed > REST_M_S)
     x[:, [INDEX[name] for name in SPEED]] = np.stack([speed, over, over * over], axis=1)
     x[:, INDEX[SIDESLIP]] = np.arctan2(x[:, INDEX["v"]], x[:, INDEX["u"]])

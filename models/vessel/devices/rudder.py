@@ -9,12 +9,13 @@
 
 with u_P the velocity that reaches the propeller and u_inf = u_P sqrt(1 + 8 K_T / (pi J^2)) that
 far behind it. Yasukawa and Yoshimura (2015), eqs. (18) to (30). `delta` > 0 turns the ship to
-starboard.
+starboard. Without a propeller, u_R = epsilon u, or epsilon U in a flow that is taken to be along
+the hull, as in Fossen (2021), section 9.5.1.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,9 +23,9 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Positive
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import INDEX, Array
 from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, input_index
-from seatrial.models.vessel.devices.propeller import SPEED, U, drift
+from seatrial.models.vessel.devices.propeller import SPEED, drift
 
 (
     A_R, F_ALPHA, ETA, EPSILON, KAPPA, GAMMA_PLUS, GAMMA_MINUS, L_R, T_R, A_H, X_H, X_R,
@@ -38,6 +39,7 @@ class RudderStructure(NamedTuple):
     delta: int
     first: int  # parameter
     propeller: int  # place in `wake` of the propeller ahead of it; -1: none
+    flow: int  # the variable that is its inflow without a propeller
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,7 @@ class Rudder(Device):
     neutral_rad: float = 0.0
     rho_kg_m3: Positive = 1025.0
     propeller: str | None = "propeller"
+    flow: Literal["u", "U"] = "u"  # without a propeller
     delta: str = "delta"
 
     def inputs(self) -> tuple[str, ...]:
@@ -91,7 +94,7 @@ class Rudder(Device):
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> RudderStructure:
         """Input and parameters in the arrays of the kernels."""
         ahead = -1 if self.propeller is None else place_of(self.propeller, places)
-        return RudderStructure(input_index(self.delta), first, ahead)
+        return RudderStructure(input_index(self.delta), first, ahead, INDEX[self.flow])
 
 
 def place_of(name: str, places: Mapping[str, int]) -> int:
@@ -114,7 +117,7 @@ def _step(
     beta = drift(z, parameters[at + L_R], length)
     straightening = where(beta >= 0.0, parameters[at + GAMMA_PLUS], parameters[at + GAMMA_MINUS])
     v_r = z[SPEED] * straightening * beta
-    inflow = jet = z[U]
+    inflow = jet = z[structure.flow]
     if structure.propeller >= 0:
         inflow, jet = wake[structure.propeller], wake[structure.propeller + 1]
     washed = inflow + parameters[at + KAPPA] * (jet - inflow)

@@ -1,0 +1,45 @@
+"""Tables that other programs computed, in `oracles` of the outside data."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seatrial.models.vessel.basis import Array
+
+
+def oracle_file(name: str) -> Path:
+    """A file of another program; the test is skipped where there is no outside data."""
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    return Path(folder) / "oracles" / name
+
+
+def oracle(name: str) -> dict[str, Array]:
+    """Columns of a table, by name without the unit."""
+    lines = [line for line in oracle_file(name).read_text().splitlines() if line[0] != "#"]
+    names = [column.partition("[")[0] for column in lines[0].split(",")]
+    rows = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    return dict(zip(names, rows.T, strict=True))
+
+
+def constants(name: str) -> dict[str, Any]:
+    """The constants that a program used, by name."""
+    record: dict[str, Any] = json.loads(oracle_file(name).read_text())
+    groups = ("values_constant_over_state", "attributes_of_the_constructed_object")
+    return next(record[group] for group in groups if group in record)
+
+
+def columns(table: dict[str, Array], *names: str) -> Array:
+    """Some columns as an array (N, n)."""
+    return np.column_stack([table[name] for name in names])
+
+
+def close(actual: Array, expected: Array, tolerance: float) -> None:
+    """Compare columns, relative to the root mean square of each."""
+    size = np.sqrt(np.mean(np.square(expected), axis=0))
+    assert np.max(np.abs(actual - expected) / size) < tolerance
