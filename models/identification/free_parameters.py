@@ -23,7 +23,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.derivatives import coriolis
+from seatrial.models.vessel.derivatives import coriolis, without_munk_moment
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.models.weather.disturbance import ConstantForce
 
@@ -159,21 +159,37 @@ def parse_label(label: str, nominal: Vessel) -> tuple[str, Term]:
 
 
 def own_coriolis(nominal: Vessel) -> Vessel | None:
-    """C(nu) nu of the nominal inertia; None unless the nominal table has all of its entries."""
-    force = coriolis(nominal.inertia, nominal.dofs)
+    """C(nu) nu of the nominal inertia; None unless the nominal table has all of its entries.
+
+    That of a vessel with inputs has no Munk moment if the table has none (method of MMG), and is
+    not tied if no device gives a force that would determine the inertia.
+    """
+    if not nominal.forces_known:
+        return None
+    force = _coriolis_like(nominal, nominal.inertia)
     if not force.terms:
         return None
     entries = nominal.on(force.terms).theta
     return force if np.all(entries[force.theta != 0.0] != 0.0) else None
 
 
+def _coriolis_like(nominal: Vessel, inertia: Array) -> Vessel:
+    """C(nu) nu of an inertia (n_dof, n_dof), without the Munk moment where there is none."""
+    force = coriolis(inertia, nominal.dofs)
+    mmg = nominal.inputs and "yaw" in nominal.dofs and nominal.coefficient("yaw", "uv") == 0.0
+    return without_munk_moment(force) if mmg else force
+
+
 def nonzero_labels(nominal: Vessel, tie: Coriolis) -> list[tuple[str, Term]]:
     """Label and term of every coefficient of a table above rounding, inertia first.
 
-    Without its Coriolis forces where they are tied to the inertia.
+    Without its Coriolis forces where they are tied to the inertia, and without the inertia where
+    no force is known.
     """
     own = own_coriolis(nominal) if tie == "tied" else None
     entries = _nonzero(nominal if own is None else nominal - own)
+    if not nominal.forces_known:
+        entries = tuple(e for e in entries if e[1].name not in nominal.accelerations)
     return [(f"{dof}.{term}", term) for dof, term in entries]
 
 
@@ -212,5 +228,5 @@ def _direction(extended: Vessel, dof: str, term: Term, tied: bool) -> Array:
     if tied and term.name in extended.accelerations:
         unit = np.zeros((len(extended.dofs), len(extended.dofs)))
         unit[extended.dofs.index(dof), extended.accelerations.index(term.name)] = 1.0
-        change += coriolis(unit, extended.dofs).on(extended.terms).theta
+        change += _coriolis_like(extended, unit).on(extended.terms).theta
     return change.ravel()

@@ -16,6 +16,7 @@ import numpy as np
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import NED, FreeParameters, parse_label
 from seatrial.models.identification.physical_constraints import dissipates
+from seatrial.models.identification.problem import reference_force
 from seatrial.models.identification.structured import prior_deviation
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
@@ -30,7 +31,7 @@ def believed_sizes(free: FreeParameters, recording: Recording | None, force: str
     if recording is None:
         return np.where(free.values != 0.0, np.abs(free.values), np.inf)
     phi = basis.evaluate(free.nominal.terms, recording.variables())
-    return prior_deviation(free, phi, recording.force(force))
+    return prior_deviation(free, phi, reference_force(recording, free.nominal, force))
 
 
 def physical_bounds(free: FreeParameters, sizes: Array, factor: float) -> tuple[Array, Array]:
@@ -49,7 +50,7 @@ def physical_bounds(free: FreeParameters, sizes: Array, factor: float) -> tuple[
             other = table.dofs[table.accelerations.index(term.name)]
             upper[i] = np.sqrt(diagonal[dof] * diagonal[other])
             lower[i] = -upper[i]
-        elif value > 0.0 and dissipates(term, table.velocities[k]):
+        elif value > 0.0 and not table.inputs and dissipates(term, table.velocities[k]):
             lower[i] = 0.0
     return lower, upper
 
