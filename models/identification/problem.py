@@ -1,7 +1,7 @@
 """The interface of an identifier: the problem, the result and the options' checks."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -57,6 +57,7 @@ class Identified:
     state_space: StateSpace | None = None  # linear model with all its inputs
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
     warnings: tuple[str, ...] = ()  # one line each, what is wrong and what to try
+    device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
 
 
 FEWEST = 2  # samples of a recording
