@@ -4,8 +4,8 @@ A kernel compiled for arrays of packs computes WIDTH candidates at once with the
 instructions of the processor. Its source is the same equation that is compiled for arrays of
 numbers. Packs support addition, subtraction, multiplication, division and comparison; a number
 combined with a pack is broadcast to WIDTH equal numbers. A comparison gives a mask, and
-`where(mask, a, b)` replaces a branch. `abs`, `np.sqrt`, `np.floor`, `np.cos`, `np.sin` and
-`np.arctan2` accept packs.
+`where(mask, a, b)` replaces a branch. `abs`, `np.sqrt`, `np.floor`, `np.exp`, `np.cos`, `np.sin`
+and `np.arctan2` accept packs.
 
 Packs exist in compiled code only, where `as_packs` views an array of numbers, shape (..., WIDTH),
 as an array of packs, shape (...).
@@ -139,7 +139,7 @@ for _name, _instruction in {"add": "fadd", "sub": "fsub", "mul": "fmul", "truedi
 for _name, _sign in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}.items():
     _define(getattr(operator, _name), MASK, 2, _comparison(_sign))
 _define(operator.neg, PACK, 1, lambda builder, value: builder.fneg(value))
-for _function, _name in ((abs, "fabs"), (np.sqrt, "sqrt"), (np.floor, "floor")):
+for _function, _name in ((abs, "fabs"), (np.sqrt, "sqrt"), (np.floor, "floor"), (np.exp, "exp")):
     _define(_function, PACK, 1, _of_llvm(_name))
 
 

@@ -26,6 +26,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.manoeuvring import each_product_once
 from seatrial.models.vessel.table import Vessel
 
 Integers = NDArray[np.int64]
@@ -144,7 +145,7 @@ class Persistence:
     inseparable: tuple[tuple[str, ...], ...]  # groups of terms, the least separable first
     condition: float  # of the scaled regressors that are excited
     rank: int
-    lines: int  # spectral lines of the force
+    lines: int  # spectral lines of the force, or of the inputs
 
     @property
     def unknowns(self) -> int:
@@ -177,12 +178,18 @@ def persistence(
     `whole` is the experiment that the recording is a part of, if any.
     """
     x = recording.variables()
-    tau = (whole or recording).tau
-    return tuple(_of_dof(tau[:, i], model, i, x) for i in range(len(model.dofs)))
+    driven = whole or recording
+    if driven.inputs is None:
+        lines = [spectral_lines(force) for force in driven.tau.T]
+    else:  # all inputs act on every degree of freedom
+        lines = [sum(spectral_lines(values) for values in driven.inputs.T)] * len(model.dofs)
+    return tuple(_of_dof(count, model, i, x) for i, count in enumerate(lines))
 
 
-def _of_dof(force: Array, model: Vessel, column: int, x: Array) -> Persistence:
+def _of_dof(lines: int, model: Vessel, column: int, x: Array) -> Persistence:
     terms = [term for term, row in zip(model.terms, model.theta, strict=True) if row[column] != 0.0]
+    if not model.forces_known:  # nor is the scale of the coefficients
+        terms = [t for t in each_product_once(terms) if t.name not in model.accelerations]
     phi = basis.evaluate(terms, x)
     size = np.linalg.norm(phi, axis=0)
     excited = size > 0.0
@@ -198,7 +205,7 @@ def _of_dof(force: Array, model: Vessel, column: int, x: Array) -> Persistence:
         inseparable=tuple(dict.fromkeys(groups)),
         condition=float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else np.inf,
         rank=rank,
-        lines=spectral_lines(force),
+        lines=lines,
     )
 
 

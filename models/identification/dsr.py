@@ -24,7 +24,13 @@ from seatrial.models.demand import FINDING, FLOPS, NUMBER, Demand, Extent, amoun
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
-from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Needs,
+    Problem,
+    check_forces,
+)
 from seatrial.models.identification.sampled_data import Output, Sampled, sampled
 from seatrial.models.identification.state_space_findings import (
     axes_of,
@@ -116,6 +122,7 @@ class Dsr(Identifier):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for unknown signals, a wrong order or an unknown force."""
+        check_forces("dsr", nominal)
         check_signals(self.inputs, self.outputs, nominal)
         states = 2 * len(nominal.dofs)
         if self._has_form(nominal.dofs):

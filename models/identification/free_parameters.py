@@ -10,10 +10,13 @@ itself linear in the inertia), that force changes with the inertia parameters: `
 Then nu' C(nu) nu = 0 holds, so no candidate can create energy, and there are fewer parameters:
 20 for milliAmpere (5 inertia, 15 damping). With `coriolis: free` every nonzero entry is a
 parameter, 26 for milliAmpere.
+
+Parameters of devices, such as `rudder.gamma_R_plus`, follow those of the table.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from typing import Literal
 
 import numpy as np
@@ -23,7 +26,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
-from seatrial.models.vessel.derivatives import coriolis
+from seatrial.models.vessel.derivatives import coriolis, without_munk_moment
+from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.models.weather.disturbance import ConstantForce
 
@@ -34,13 +38,15 @@ Coriolis = Literal["tied", "free"]
 
 @dataclass(frozen=True, eq=False)
 class FreeParameters:
-    """The free coefficients of a nominal model; SI units."""
+    """The free coefficients of a nominal model, then the free parameters of devices; SI units."""
 
     nominal: Vessel  # with a row for every free term
     labels: tuple[str, ...]  # such as `surge.u_dot`, `yaw.|r|r`, and `north` and `east`
     units: tuple[str, ...]
     values: Array  # nominal values, shape (m,)
-    directions: Array  # L, shape (n_terms n_dof, m)
+    directions: Array  # L, shape (n_terms n_dof, m), zero for parameters of devices
+    places: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # among the parameters of all devices, those that are free
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -49,6 +55,36 @@ class FreeParameters:
         """theta of many design points (n_points, m); shape (n_points, n_terms, n_dof)."""
         change = (points - self.values) @ self.directions.T
         return np.asarray(self.nominal.theta + change.reshape(len(points), *self.shape))
+
+    @property
+    def of_devices(self) -> slice:
+        """The parameters of devices, which are the last ones."""
+        return slice(len(self) - len(self.places), len(self))
+
+    @property
+    def dofs(self) -> tuple[str, ...]:
+        """Degree of freedom of each parameter; `all` for a force in NED and for devices."""
+        known = (label.partition(".")[0] for label in self.labels)
+        return tuple(dof if dof in self.nominal.dofs else "all" for dof in known)
+
+    def device_parameters(self, points: Array) -> Array:
+        """Parameters of all devices (n_parameters, n) at design points (n, m)."""
+        values = np.repeat(self.nominal.installed.parameters[:, None], len(points), axis=1)
+        values[self.places] = points[:, self.of_devices].T
+        return values
+
+    def model(self, nominal: Vessel, point: Array) -> Vessel:
+        """The nominal model with the parameters of a design point (m,)."""
+        model = nominal + self.residual(point)
+        if not len(self.places):
+            return model
+        values = self.device_parameters(point[None])[:, 0].tolist()
+        return replace(model, devices=with_parameters(nominal.devices, values))
+
+    def device_errors(self, errors: Array) -> dict[str, float]:
+        """Standard errors of the devices' parameters by label, of those of all (m,)."""
+        own = self.of_devices
+        return dict(zip(self.labels[own], errors[own].tolist(), strict=True))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,8 +143,6 @@ def free_parameters(
     entries = tuple(parse_label(label, nominal) for label in labels)
     pairs = _mirrored(nominal, entries) if symmetric else {}
     entries = tuple(entry for entry in entries if entry not in pairs.values())
-    if not entries:
-        raise ConfigurationError(f"parameters: {nominal.name} has no coefficient to identify")
     for i, (dof, term) in enumerate(entries):
         if (dof, term) in entries[:i]:
             raise ConfigurationError(f"parameters: {dof}.{term} is given twice")
@@ -129,7 +163,38 @@ def free_parameters(
     for name, force in forces.items():
         names, units, values = [*names, name], [*units, "N"], np.append(values, 0.0)
         directions.append(np.asarray(force.on(extended.terms).theta).ravel())
-    return FreeParameters(extended, tuple(names), tuple(units), values, np.array(directions).T)
+    L = np.array(directions).reshape(len(names), extended.theta.size).T
+    return FreeParameters(extended, tuple(names), tuple(units), values, L)
+
+
+TABLE = "table"  # in a list of what is free: the coefficients of the table
+
+
+def with_devices(free: FreeParameters, patterns: Sequence[str]) -> FreeParameters:
+    """The free parameters with those of devices whose labels match one of the patterns.
+
+    A pattern is a label or has wildcards, as `rudder.*`. Raises ConfigurationError for a pattern
+    without a match.
+    """
+    devices = free.nominal.installed
+    for pattern in patterns:
+        if not any(fnmatchcase(label, pattern) for label in devices.labels):
+            raise ConfigurationError(
+                f"identifier.free: got {pattern!r}, expected {TABLE}, a coefficient such as "
+                f"{free.nominal.dofs[0]}.{free.nominal.terms[0]}, or parameters of devices: "
+                f"{', '.join(devices.labels) or free.nominal.name + ' has none'}"
+            )
+    chosen = [
+        i for i, label in enumerate(devices.labels) if any(fnmatchcase(label, p) for p in patterns)
+    ]
+    return replace(
+        free,
+        labels=free.labels + tuple(devices.labels[i] for i in chosen),
+        units=free.units + tuple(devices.bounds[i].unit for i in chosen),
+        values=np.append(free.values, devices.parameters[chosen]),
+        directions=np.pad(free.directions, ((0, 0), (0, len(chosen)))),
+        places=np.array(chosen, dtype=np.int64),
+    )
 
 
 def ned_forces(dofs: tuple[str, ...]) -> dict[str, Vessel]:
@@ -159,21 +224,37 @@ def parse_label(label: str, nominal: Vessel) -> tuple[str, Term]:
 
 
 def own_coriolis(nominal: Vessel) -> Vessel | None:
-    """C(nu) nu of the nominal inertia; None unless the nominal table has all of its entries."""
-    force = coriolis(nominal.inertia, nominal.dofs)
+    """C(nu) nu of the nominal inertia; None unless the nominal table has all of its entries.
+
+    That of a vessel with inputs has no Munk moment if the table has none (method of MMG), and is
+    not tied if no device gives a force that would determine the inertia.
+    """
+    if not nominal.forces_known:
+        return None
+    force = _coriolis_like(nominal, nominal.inertia)
     if not force.terms:
         return None
     entries = nominal.on(force.terms).theta
     return force if np.all(entries[force.theta != 0.0] != 0.0) else None
 
 
+def _coriolis_like(nominal: Vessel, inertia: Array) -> Vessel:
+    """C(nu) nu of an inertia (n_dof, n_dof), without the Munk moment where there is none."""
+    force = coriolis(inertia, nominal.dofs)
+    mmg = nominal.inputs and "yaw" in nominal.dofs and nominal.coefficient("yaw", "uv") == 0.0
+    return without_munk_moment(force) if mmg else force
+
+
 def nonzero_labels(nominal: Vessel, tie: Coriolis) -> list[tuple[str, Term]]:
     """Label and term of every coefficient of a table above rounding, inertia first.
 
-    Without its Coriolis forces where they are tied to the inertia.
+    Without its Coriolis forces where they are tied to the inertia, and without the inertia where
+    no force is known.
     """
     own = own_coriolis(nominal) if tie == "tied" else None
     entries = _nonzero(nominal if own is None else nominal - own)
+    if not nominal.forces_known:
+        entries = tuple(e for e in entries if e[1].name not in nominal.accelerations)
     return [(f"{dof}.{term}", term) for dof, term in entries]
 
 
@@ -212,5 +293,5 @@ def _direction(extended: Vessel, dof: str, term: Term, tied: bool) -> Array:
     if tied and term.name in extended.accelerations:
         unit = np.zeros((len(extended.dofs), len(extended.dofs)))
         unit[extended.dofs.index(dof), extended.accelerations.index(term.name)] = 1.0
-        change += coriolis(unit, extended.dofs).on(extended.terms).theta
+        change += _coriolis_like(extended, unit).on(extended.terms).theta
     return change.ravel()

@@ -279,13 +279,13 @@ def _aligned(rows: int) -> Array:
 
 @kernel
 def prediction_errors(
-    structure: PlantTable, entries: Array, inverse: Array, course: Course, euler: bool,
-    metric: int, errors: Array, limited: Array,
+    structure: PlantTable, entries: Array, inverse: Array, parameters: Array, course: Course,
+    euler: bool, metric: int, errors: Array, limited: Array,
 ) -> None:  # fmt: skip
     """Write errors (n, 2 n_dof) and limited (n,), the number of limited rates, of n candidates.
 
-    entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables. The metric
-    `mean_error` is the magnitude of the mean.
+    entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables, parameters
+    (n_parameters, n) those of their devices. The metric `mean_error` is the magnitude of the mean.
     """
     n_entries, n_dof, n = entries.shape[0], inverse.shape[0], inverse.shape[2]
     n_pose, n_terms = course.reached.shape[1] - n_dof, structure.codes.shape[0]
@@ -293,9 +293,7 @@ def prediction_errors(
         _aligned(n_entries),
         _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH)),
     )
-    own_parameters = _aligned(structure.parameters.shape[0])
-    for i in range(structure.parameters.shape[0]):
-        own_parameters[i] = structure.parameters[i]
+    own_parameters = _aligned(parameters.shape[0])
     plant = PlantTable(
         structure.codes, structure.term, structure.first, as_packs(own_entries),
         as_packs(own_inverse), structure.coupled, structure.velocity_index,
@@ -313,6 +311,7 @@ def prediction_errors(
         size = min(WIDTH, n - begin)
         own_entries[:, :size] = entries[:, begin : begin + size]
         own_inverse[:, :, :size] = inverse[:, :, begin : begin + size]
+        own_parameters[:, :size] = parameters[:, begin : begin + size]
         sums[:] = 0.0
         work.limited[0] = 0.0
         for k in range(course.measured.shape[0]):

@@ -21,6 +21,7 @@ from seatrial.models.identification.problem import (
     Needs,
     Problem,
     check_force,
+    check_forces,
 )
 from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
 from seatrial.models.identification.state_space_findings import fit, model_findings
@@ -60,6 +61,7 @@ class Linearised(Identifier):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for a velocity that the vessel does not have."""
+        check_forces("linearised", nominal)
         unknown = [dof for dof in self.velocity or {} if dof not in nominal.dofs]
         if unknown:
             raise ConfigurationError(

@@ -179,7 +179,7 @@ class Nsga2(PredictionOptions):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
-        free = self.free(nominal)
+        free = self.unknowns(nominal)
         self.check_bounded(free)
         lower, upper = self.box(free)
         for label in self.log_scale:
@@ -209,7 +209,7 @@ class Nsga2(PredictionOptions):
         chosen, rule = choose(result.front, self.decision, self.weights)
         findings = front_findings(predictor, objectives, result)
         findings.append(Finding("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
-        point, errors = result.points[chosen], None
+        point, errors, own = result.points[chosen], None, dict[str, float]()
         if self.polish is not None:
             box = (space.lower, space.upper)
             start = self._better_start(problem, point, np.clip(predictor.free.values, *box))
@@ -218,14 +218,15 @@ class Nsga2(PredictionOptions):
             )
             condition = check_determined(predictor, fit_result)
             step_s, free = predictor.course.step_s, predictor.free
-            errors, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
+            errors, own, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
             findings += [Finding("condition_number", "all", condition), *covariance]
             findings += fit_findings(predictor, fit_result)
             point = fit_result.point
         findings += objective_findings(objectives, point)
         findings += active_bounds(predictor.free, point, (space.lower, space.upper))
         residual = predictor.free.residual(point)
-        return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+        model = predictor.free.model(problem.nominal, point)
+        return Identified(model, residual, errors, tuple(findings), device_errors=own)
 
     def _better_start(self, problem: Problem, chosen: Array, believed: Array) -> Array:
         """The chosen point (m,), or the believed one if that predicts better over `RESTART_S`.
@@ -290,8 +291,9 @@ def front_findings(
     free = predictor.free
     findings = []
     for i, (point, values) in enumerate(zip(result.points, result.front, strict=True)):
-        for j, (label, unit) in enumerate(zip(free.labels, free.units, strict=True)):
-            dof = label.partition(".")[0] if "." in label else "all"
+        for j, (dof, label, unit) in enumerate(
+            zip(free.dofs, free.labels, free.units, strict=True)
+        ):
             findings.append(Finding("pareto_parameter", dof, float(point[j]), unit, i, j, label))
         for j, (dof, name, unit) in enumerate(objectives.labels):
             findings.append(Finding("pareto_objective", dof, float(values[j]), unit, i, j, name))

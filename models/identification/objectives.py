@@ -115,7 +115,7 @@ class Grid(PredictionOptions):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError unless there are two parameters, both with bounds."""
-        free = self.free(nominal)
+        free = self.unknowns(nominal)
         if len(free) != len(AXES):
             some = ", ".join(free.labels[:MOST_NAMED])
             more = ", ..." if len(free) > MOST_NAMED else ""
@@ -141,8 +141,10 @@ class Grid(PredictionOptions):
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(AXES))
         z = objectives(points).sum(axis=1).reshape(self.points, self.points)
         findings = [
-            Finding(name, label.partition(".")[0], float(value), unit, i, label=label)
-            for name, label, unit, axis in zip(AXES, free.labels, free.units, axes, strict=True)
+            Finding(name, dof, float(value), unit, i, label=label)
+            for name, dof, label, unit, axis in zip(
+                AXES, free.dofs, free.labels, free.units, axes, strict=True
+            )
             for i, value in enumerate(axis)
         ]
         findings += [
@@ -153,7 +155,7 @@ class Grid(PredictionOptions):
         best = points[int(np.argmin(z))]
         findings += objective_findings(objectives, best)
         residual = free.residual(best)
-        return Identified(problem.nominal + residual, residual, None, tuple(findings))
+        return Identified(free.model(problem.nominal, best), residual, None, tuple(findings))
 
 
 def local_minima(z: Array) -> int:

@@ -47,6 +47,9 @@ def check_determined(predictor: Predictor, fit_result: Fit) -> float:
     """
     rows = np.tile(fit_result.sigma / predictor.spread, len(fit_result.rest))
     jacobian = fit_result.jacobian * rows[:, None]
+    if np.any(fit_result.precision > 0.0):  # of a prior, in the same scale
+        scale = np.median(fit_result.sigma / predictor.spread)
+        jacobian = np.vstack([jacobian, scale * np.diag(np.sqrt(fit_result.precision))])
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
@@ -72,7 +75,9 @@ class OutputError(PredictionOptions):
 
     The fit uses the `horizons` (samples), then `horizon`. `sigma` are the standard deviations of
     the measured poses and velocities (null: from the residuals). `initial_state: estimated` also
-    estimates the initial states of the predictions. `errors` selects standard errors for `white`
+    estimates the initial states of the predictions. A prior adds sum_i ((p_i - p_0i) / s_i)^2,
+    times the number of samples that say as much as one independent sample (`structured.inflation`)
+    where sigma is estimated. `errors` selects standard errors for `white`
     or autocorrelated (`stationary`, `hac`) noise; `bootstrap`, if set, is the number of replicates
     of a block bootstrap to use instead.
     """
@@ -99,7 +104,7 @@ class OutputError(PredictionOptions):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for parameters, bounds or sigma that do not fit the vessel."""
-        self.free(nominal)
+        self.unknowns(nominal)
         states = 2 * len(nominal.dofs)
         if self.sigma is not None and len(self.sigma) != states:
             raise ConfigurationError(
@@ -117,7 +122,7 @@ class OutputError(PredictionOptions):
         condition = check_determined(predictor, fit_result)
         residual = predictor.free.residual(fit_result.point)
         uncertainty = Uncertainty(self.errors, self.bootstrap, self.block_s)
-        errors, covariance = uncertainty.of(
+        errors, own, covariance = uncertainty.of(
             predictor.free, fit_result, predictor.course.step_s, rng
         )
         findings = [Finding("condition_number", "all", condition), *covariance]
@@ -127,7 +132,8 @@ class OutputError(PredictionOptions):
         findings += bounds
         if bounds or slow_residual(fit_result, predictor.course.step_s):
             findings.append(Finding(INTERVAL_OF_ESTIMATE, "all", 1.0))
-        return Identified(problem.nominal + residual, residual, errors, tuple(findings))
+        model = predictor.free.model(problem.nominal, fit_result.point)
+        return Identified(model, residual, errors, tuple(findings), device_errors=own)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The replicates of the bootstrap."""
@@ -139,7 +145,7 @@ class OutputError(PredictionOptions):
 
     def fitted(self, problem: Problem) -> tuple[Predictor, Fit]:
         """The fit over the last horizon, and its predictor."""
-        free = self.free(problem.nominal)
+        free = self.unknowns(problem.nominal)
         sigma = None if self.sigma is None else np.array(self.sigma)
         box = self.box(free, problem.training)
         return fit_through(
@@ -176,16 +182,17 @@ def fit_through(
     initial or the last point, whichever predicts better.
     """
     last = options.predictor(problem)
+    prior = options.prior_of(last.free, problem.training)
     box = (np.asarray(box[0]), np.asarray(box[1]))
     x, evaluations = np.clip(point, *box), 0
     for horizon in horizons:
         if horizon < (options.horizon or len(problem.training)):
             predictor = options.predictor(problem, horizon)
-            fit_result = fit(predictor, x, box, sigma, initial_state, final=False)
+            fit_result = fit(predictor, x, box, sigma, initial_state, prior, final=False)
             x, evaluations = fit_result.point, evaluations + fit_result.evaluations
     candidates = [np.clip(point, *box), x]
     start = min(candidates, key=lambda candidate: _distance(last, candidate, sigma))
-    fit_result = fit(last, start, box, sigma, initial_state)
+    fit_result = fit(last, start, box, sigma, initial_state, prior)
     return last, replace(fit_result, evaluations=evaluations + fit_result.evaluations)
 
 

@@ -68,7 +68,13 @@ class Rows:
 
 
 def damping_terms(table: Vessel) -> list[int]:
-    """Indices of the terms that depend on velocities of the hull alone, such as u, |v|r, u^3."""
+    """Indices of the terms that depend on velocities of the hull alone, such as u, |v|r, u^3.
+
+    None of a vessel with inputs: they hold the lift of its rudder and the thrust of its propeller
+    as well, so that they need not dissipate.
+    """
+    if table.inputs:
+        return []
     hull = {VARIABLES.index(letter) for letter in VELOCITIES}
     return [
         i

@@ -4,7 +4,8 @@ The identifiers `output_error` and `nsga2` (for the refinement) minimise
 
     sum_k sum_j ((y_j(k) - y_hat_j(k, theta, x0)) / sigma_j)^2
 
-over the parameters theta and, where they are estimated, the initial states x0. The standard errors
+over the parameters theta and, where they are estimated, the initial states x0, with a prior if
+there is one. The standard errors
 follow from
 
     theta_hat - theta = sum_k G_k e_k,   G = (J'J)^-1 J'
@@ -25,6 +26,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.structured import inflation
 from seatrial.models.identification.uncertainty import (
     block_bootstrap,
     check_bootstrap,
@@ -53,6 +55,8 @@ class Fit:
     rest: Array  # (N, 2 n_dof) measured - predicted
     sigma: Array  # (2 n_dof,)
     evaluations: int
+    precision: Array  # (m,) of the prior: weight of (p - p_believed)^2 beside the residuals
+    inflation: float  # samples that say as much as one independent sample, in this weight
 
 
 class Misfit:
@@ -71,6 +75,8 @@ class Misfit:
         self.group = np.cumsum(restart) - 1  # index of the prediction of each sample
         states = predictor.course.measured.shape[1]
         self.start = np.zeros((len(self.begin), states))  # last accepted offset of the states
+        self.believed = predictor.free.values / size
+        self.prior = np.zeros(len(size))  # weight of x - believed
 
     def best(self, x: Array) -> tuple[Array, Array]:
         """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof).
@@ -155,10 +161,12 @@ def fit(
     box: tuple[Array, Array],
     sigma: Array | None = None,
     initial_state: InitialState = "estimated",
+    prior: Array | None = None,
     final: bool = True,
 ) -> Fit:
     """Fit from a design point (m,) within bounds, box = (lower (m,), upper (m,)).
 
+    `prior` (m,) are standard deviations of the parameters about the believed ones.
     If `sigma` (2 n_dof,) is None, the spread of the states is used first, and the `final` fit then
     estimates it from the residuals.
     """
@@ -166,9 +174,10 @@ def fit(
     weights = predictor.spread if sigma is None else sigma
     misfit = Misfit(predictor, size, weights, initial_state == "estimated")
     x = np.clip(point, *box) / size
-    evaluations = 0
+    deviation = np.full(len(size), np.inf) if prior is None else prior
+    evaluations, tau = 0, 1.0
     for _ in range(1 + (REWEIGHTINGS if final and sigma is None else 0)):
-        misfit.sigma = weights
+        misfit.sigma, misfit.prior = weights, np.sqrt(tau) * size / deviation
         solved = _solve(misfit, x, (box[0] / size, box[1] / size), TOLERANCE if final else ROUGH)
         x, evaluations = solved.x, evaluations + int(solved.nfev)
         start, rest = misfit.best(x)
@@ -176,11 +185,13 @@ def fit(
             rms = np.sqrt(np.mean((rest * weights) ** 2, axis=0))
             rest *= weights / np.maximum(rms, NO_NOISE * predictor.spread)
             weights = np.maximum(rms, NO_NOISE * predictor.spread)
+            tau = inflation(rest)
             if np.all(weights == NO_NOISE * predictor.spread):
                 break
     misfit.sigma = weights
     jacobian = -misfit.jacobian(x, start, rest) / size
-    return Fit(x * size, start, jacobian, rest, weights, evaluations)
+    precision = tau / np.square(deviation)
+    return Fit(x * size, start, jacobian, rest, weights, evaluations, precision, tau)
 
 
 def _solve(
@@ -194,18 +205,23 @@ def _solve(
     step to a point where the residual is NaN.
     """
 
+    believed = misfit.believed
     last: tuple[Array, Array, Array] | None = None  # a point with its initial states and residuals
 
     def residuals(x: Array) -> Array:
         nonlocal last
         last = (x.copy(), *misfit.best(x))
-        return np.array([float(np.linalg.norm(last[2]))] + [0.0] * len(x))
+        size = np.hypot(np.linalg.norm(last[2]), np.linalg.norm(misfit.prior * (x - believed)))
+        return np.array([float(size)] + [0.0] * len(x))
 
     def jacobian(x: Array) -> Array:
         # scipy asks for the Jacobian at the accepted point, nearly always the last one
         known = last is not None and np.array_equal(last[0], x)
         misfit.start, rest = last[1:] if last is not None and known else misfit.best(x)
         columns = np.column_stack([rest.ravel(), misfit.jacobian(x, misfit.start, rest)])
+        if np.any(misfit.prior):
+            own = np.column_stack([misfit.prior * (x - believed), np.diag(misfit.prior)])
+            columns = np.vstack([columns, own])
         triangle = np.asarray(np.linalg.qr(columns, mode="r"))
         return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))
 
@@ -235,16 +251,17 @@ class Uncertainty:
 
     def of(
         self, free: FreeParameters, fit_result: Fit, step_s: float, rng: np.random.Generator | None
-    ) -> tuple[Array, list[Finding]]:
-        """Standard errors of the residual table, NaN for fixed entries, and the covariance.
+    ) -> tuple[Array, dict[str, float], list[Finding]]:
+        """Standard errors of the residual table, NaN for fixed entries, and of devices; covariance.
 
         `step_s` [s] is the sample time, `rng` the generator of the bootstrap.
         """
         m = len(free)
         directions = np.vstack([free.directions, np.eye(m)])
-        gain = (directions @ np.linalg.pinv(fit_result.jacobian)).reshape(
-            -1, *fit_result.rest.shape
-        )
+        J, precision = fit_result.jacobian, fit_result.precision
+        inverse = np.linalg.pinv(J.T @ J + np.diag(precision))
+        solved = inverse @ J.T if np.any(precision) else np.linalg.pinv(J)
+        gain = np.asarray(directions @ solved).reshape(-1, *fit_result.rest.shape)
         if self.bootstrap is None:
             spread = deviations(gain, fit_result.rest, self.errors)
         else:
@@ -256,9 +273,13 @@ class Uncertainty:
             )  # fmt: skip
         unknowns = len(fit_result.point) + fit_result.start.size
         spread = spread * np.sqrt(fit_result.rest.size / max(fit_result.rest.size - unknowns, 1))
+        if np.any(precision):  # the share of the prior
+            share = np.square(directions @ inverse) @ precision
+            spread = np.sqrt(np.square(spread) + fit_result.inflation * share)
         free_entries = np.any(free.directions != 0.0, axis=1)
         table = np.where(free_entries, spread[:-m], np.nan).reshape(free.shape)
-        return table, covariance_findings(free, fit_result, spread[-m:])
+        own = free.device_errors(spread[-m:])
+        return table, own, covariance_findings(free, fit_result, spread[-m:])
 
 
 def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
@@ -279,9 +300,11 @@ def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
 def covariance_findings(free: FreeParameters, fit_result: Fit, deviation: Array) -> list[Finding]:
     """Covariance of every pair of parameters, i and j counted from 1, j up to i.
 
-    The correlations are those of (J'J)^-1, the standard deviations are `deviation` (m,).
+    The correlations are those of (J'J)^-1, with the prior's precision in it, the standard
+    deviations are `deviation` (m,).
     """
-    inverse = np.linalg.pinv(fit_result.jacobian.T @ fit_result.jacobian)
+    J = fit_result.jacobian
+    inverse = np.linalg.pinv(J.T @ J + np.diag(fit_result.precision))
     root = np.sqrt(np.diag(inverse))
     covariance = inverse / np.outer(root, root) * np.outer(deviation, deviation)
     findings = []

@@ -155,8 +155,11 @@ def at_once(task: Task, n: int) -> None:
     plant, course = task.plant, task.course
     entries = np.repeat(plant.entries[:, None], n, axis=1)
     inverse = np.repeat(plant.inverse_inertia[:, :, None], n, axis=2)
+    parameters = np.repeat(plant.parameters[:, None], n, axis=1)
     errors, limited = np.empty((n, course.measured.shape[1])), np.empty(n)
-    prediction_errors(plant, entries, inverse, course, True, METRICS.index("mae"), errors, limited)
+    prediction_errors(
+        plant, entries, inverse, parameters, course, True, METRICS.index("mae"), errors, limited
+    )
 
 
 def main() -> None:

@@ -1,14 +1,22 @@
 """Prediction of a recording as a function of free parameters, with their bounds and options."""
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.free_parameters import Coriolis, FreeParameters, free_parameters
+from seatrial.models.identification.free_parameters import (
+    TABLE,
+    Coriolis,
+    FreeParameters,
+    free_parameters,
+    nonzero_labels,
+    with_devices,
+)
 from seatrial.models.identification.free_run import (
     METRICS,
     Course,
@@ -29,6 +37,8 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags, Layout
 from seatrial.models.vessel.table import Vessel
+
+STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its believed size
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +90,7 @@ class Predictor:
         if not realistic[0]:
             return np.full_like(course.reached, np.nan)
         plant = self.plan.plant(tables[0], inverses[..., 0])
+        plant = plant._replace(parameters=self.free.device_parameters(point[None])[:, 0].copy())
         predicted = np.empty_like(course.reached)
         predict(plant, course, self.integrator == "euler", predicted)
         return predicted
@@ -100,8 +111,9 @@ class Predictor:
         errors = np.empty((len(points), len(self.states)))
         limited = np.empty(len(points))
         prediction_errors(
-            self.plan.structure, self.plan.entries(tables), inverse, self.course,
-            self.integrator == "euler", METRICS.index(metric), errors, limited,
+            self.plan.structure, self.plan.entries(tables), inverse,
+            self.free.device_parameters(points), self.course, self.integrator == "euler",
+            METRICS.index(metric), errors, limited,
         )  # fmt: skip
         stages = 1 if self.integrator == "euler" else 4
         return errors, limited / (stages * self.course.reached.size), realistic
@@ -110,26 +122,33 @@ class Predictor:
 def _canonical(label: str) -> str:
     """The label with the canonical name of the term, such as `surge.u^2` for `surge.uu`."""
     dof, dot, name = label.partition(".")
-    return f"{dof}.{basis.term(name)}" if dot else label
+    return f"{dof}.{basis.term(name)}" if dot and dof in DOFS else label
 
 
 @dataclass(frozen=True)
 class PredictionOptions(Identifier):
     """Common options of the identifiers that compare predictions with a recording.
 
-    `parameters` are the free coefficients as `dof.term` (null: the nonzero ones of the nominal
-    table). With `coriolis: tied` C(nu) nu follows from the inertia, with `free` each of its
-    coefficients is a parameter. `ned_force` adds a force (`north`, `east`) that is constant in NED
-    (null: for a vessel in surge, sway and yaw), since a free run accumulates unmodelled forces.
-    `bounds` are `dof.term: [lower, upper]`, in any spelling of the term; the other parameters have
-    physical bounds (`physical_bounds`), with the inertia within `bound_factor` of the believed one
-    (null: unbounded). `force` drives the prediction (null: the command filtered by the known lag,
-    else the recorded acting force, else the command). A new prediction begins at the measured state
-    every `horizon` samples (null: only one prediction). Rates are limited to `derivative_limit`
-    (m/s, rad/s and per second again).
+    `free` are the coefficients of the table (`table`), further ones as `dof.term`, and parameters
+    of devices, such as `rudder.gamma_R_plus` or `rudder.*`. `parameters` are the coefficients that
+    `table` means, as `dof.term` (null: the nonzero ones of the nominal table). With `coriolis:
+    tied` C(nu) nu follows from the inertia, with `free` each of its coefficients is a parameter.
+    `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel in surge,
+    sway and yaw commanded by forces), since a free run accumulates unmodelled forces. `prior` is
+    the standard deviation of a parameter about the believed value, over its size (null: none; auto:
+    `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are those of single
+    parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower, upper]`, in any
+    spelling of the term; the other parameters have physical bounds (`physical_bounds`), with the
+    inertia within `bound_factor` of the believed one (null: unbounded). `force` drives the
+    prediction (null: the command filtered by the known lag, else the recorded acting force, else
+    the command). A new prediction begins at the measured state every `horizon` samples (null: only
+    one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second again).
     """
 
+    free: tuple[str, ...]
     parameters: tuple[str, ...] | None
+    prior: Positive | Literal["auto"] | None
+    deviations: dict[str, float]
     coriolis: Coriolis
     ned_force: bool | None
     bounds: dict[str, tuple[float, ...]]
@@ -158,15 +177,25 @@ class PredictionOptions(Identifier):
         """The force of the prediction."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
-    def free(self, nominal: Vessel) -> FreeParameters:
+    def unknowns(self, nominal: Vessel) -> FreeParameters:
         """The free parameters of a vessel; raises ConfigurationError for unknown ones."""
         if self.ned_force and nominal.dofs != PLANAR:
             raise ConfigurationError(
                 f"identifier.ned_force needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(nominal.dofs)}"
             )
-        with_force = nominal.dofs == PLANAR if self.ned_force is None else self.ned_force
-        free = free_parameters(nominal, self.parameters, self.coriolis, with_force)
+        with_force = nominal.dofs == PLANAR and nominal.forces_commanded
+        with_force = with_force if self.ned_force is None else self.ned_force
+        labels = list(self.parameters or ()) if TABLE in self.free else []
+        if TABLE in self.free and self.parameters is None:
+            labels = [label for label, _ in nonzero_labels(nominal, self.coriolis)]
+        others = [name for name in self.free if name != TABLE]
+        own = [name for name in others if name.partition(".")[0] in nominal.dofs]
+        labels += [name for name in map(_canonical, own) if name not in labels]
+        free = free_parameters(nominal, labels, self.coriolis, with_force)
+        free = with_devices(free, [name for name in others if name not in own])
+        if not len(free):
+            raise ConfigurationError(f"identifier.free: {nominal.name} has nothing to identify")
         unknown = [label for label in self.bounds if label not in free.labels]
         if unknown:
             raise ConfigurationError(
@@ -176,7 +205,7 @@ class PredictionOptions(Identifier):
 
     def predictor(self, problem: Problem, horizon: int | None = None) -> Predictor:
         """Predictor of the training part; `horizon` overrides the option."""
-        free = self.free(problem.nominal)
+        free = self.unknowns(problem.nominal)
         nominal = free.nominal
         plan = predicted_layout(nominal, free.support)
         course = course_of(
@@ -184,6 +213,30 @@ class PredictionOptions(Identifier):
             self.derivative_limit, nominal.attitude,
         )  # fmt: skip
         return Predictor(free, plan, course, self.integrator)
+
+    def prior_of(self, free: FreeParameters, recording: Recording) -> Array | None:
+        """Standard deviations (m,) about the believed values, infinite where there are none.
+
+        None if no parameter has one. Raises ConfigurationError for a pattern without a match.
+        """
+        relative = self.prior
+        if relative == "auto":
+            relative = STEERED_PRIOR if free.nominal.inputs else None
+        deviation = np.full(len(free), np.inf)
+        if relative is not None:
+            deviation = relative * believed_sizes(free, recording, self.force)
+        for pattern, value in self.deviations.items():
+            named = (
+                _canonical(pattern) if pattern.partition(".")[0] in free.nominal.dofs else pattern
+            )
+            chosen = [label == named or fnmatchcase(label, pattern) for label in free.labels]
+            if not any(chosen):
+                raise ConfigurationError(
+                    f"identifier.deviations.{pattern}: not a parameter, expected some of "
+                    f"{', '.join(free.labels)}"
+                )
+            deviation[chosen] = value
+        return deviation if np.any(np.isfinite(deviation)) else None
 
     def check_bounded(self, free: FreeParameters) -> None:
         """Raise ConfigurationError for a parameter without bounds."""

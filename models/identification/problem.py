@@ -1,14 +1,14 @@
 """The interface of an identifier: the problem, the result and the options' checks."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from seatrial.models.demand import Demand, Extent
-from seatrial.models.errors import ConfigurationError, PartError
+from seatrial.models.errors import ConfigurationError, PartError, RecordingError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
@@ -17,6 +17,7 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.derivatives import DOWN
+from seatrial.models.vessel.manoeuvring import NEEDED, each_product_once, manoeuvring_basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -35,6 +36,14 @@ class Problem:
     thruster: SecondOrderLag | None  # None: not known
     compared: bool = False  # only the model is asked for, without warnings about it
 
+    def __post_init__(self) -> None:
+        recorded, expected = self.training.input_names, self.nominal.inputs
+        if recorded != expected:
+            got, needed = ", ".join(recorded) or "none", ", ".join(expected) or "none"
+            raise RecordingError(
+                f"recording: got inputs {got}, expected those of {self.nominal.name}: {needed}"
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class Identified:
@@ -48,6 +57,7 @@ class Identified:
     state_space: StateSpace | None = None  # linear model with all its inputs
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
     warnings: tuple[str, ...] = ()  # one line each, what is wrong and what to try
+    device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
 
 
 FEWEST = 2  # samples of a recording
@@ -159,22 +169,35 @@ def choose_basis(
 ) -> tuple[Term, ...]:
     """The basis: `full` (Jervan's 31 terms), `physical` (those of the nominal model), or a list.
 
-    `linear` are the accelerations, the velocities and the restoring forces of the nominal model.
-    For a vessel that does not move in surge, sway and yaw `full` equals `physical`.
+    `linear` are the accelerations, the velocities, the inputs and the restoring forces of the
+    nominal model. For a vessel that does not move in surge, sway and yaw `full` equals `physical`.
+    For a vessel with inputs `full` are the terms of manoeuvring (`manoeuvring`), `physical` without
+    devices has each product of the nominal model once, and none of these has accelerations: the
+    inertia stays that of the nominal model. A rudder acts on sway and yaw in a fixed proportion, so
+    that any multiple of one equation may be added to the other.
     """
-    if choice == "full" and nominal.dofs == PLANAR:
+    if choice == "full" and nominal.inputs and {*nominal.dofs} >= NEEDED:
+        terms = manoeuvring_basis(nominal.accelerations, nominal.inputs)
+    elif choice == "full" and nominal.dofs == PLANAR and nominal.forces_commanded:
         terms = basis.full_basis(nominal.dofs)
     elif choice in ("full", "physical"):
         terms = nominal.terms
+        if nominal.inputs:
+            terms = tuple(each for each in terms if np.any(nominal.row(each.name) != 0.0))
+        if not nominal.forces_known:
+            terms = each_product_once(terms)
     elif choice == "linear":
         restoring = [term.name for term in nominal.terms if term.name in DOWN]
-        terms = basis.terms([*nominal.accelerations, *nominal.velocities, *restoring])
+        names = [*nominal.accelerations, *nominal.velocities, *nominal.inputs, *restoring]
+        terms = basis.terms(names)
     elif isinstance(choice, str):
         raise ConfigurationError(
             f"identifier.basis: got {choice!r}, expected full, physical, linear or a list of terms"
         )
     else:
         terms = basis.terms(choice)
+    if isinstance(choice, str) and nominal.inputs:
+        terms = tuple(term for term in terms if term.name not in nominal.accelerations)
     return terms + tuple(t for t in basis.terms(extra_terms) if t not in terms)
 
 
@@ -190,6 +213,26 @@ def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array
         recording.nu_dot, recording.nu, recording.attitude, recording.wind, recording.inputs
     )
     return recording.force(force) - fitted
+
+
+def check_forces(identifier: str, nominal: Vessel) -> None:
+    """Raise ConfigurationError for a vessel whose forces are not known, but its inputs."""
+    if not nominal.forces_commanded:
+        raise ConfigurationError(
+            f"identifier={identifier} needs forces, but {nominal.name} has inputs "
+            f"({', '.join(nominal.inputs)})"
+        )
+
+
+def reference_force(recording: Recording, nominal: Vessel, force: str | None) -> Array:
+    """The force [N, Nm] that a model has to explain, shape (N, n_dof).
+
+    It is the recorded one; for a vessel with inputs, whose forces are not recorded, that of its
+    inertia, M nu_dot.
+    """
+    if nominal.forces_commanded:
+        return recording.force(force)
+    return np.asarray(recording.nu_dot @ nominal.inertia.T)
 
 
 @dataclass(frozen=True)

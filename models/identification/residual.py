@@ -37,8 +37,9 @@ from seatrial.models.identification.problem import (
     Problem,
     choose_basis,
     lack_of_fit,
+    reference_force,
 )
-from seatrial.models.notation import PLANAR
+from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import DROP_S, Recording
 from seatrial.models.recording.smoothing import Smoothing, noise_floor, smoothing_for
@@ -143,19 +144,15 @@ class ResidualOptions(Identifier):
             raise ConfigurationError(
                 f"identifier.force=filtered: {nominal.name} has no known thruster lag"
             )
+        if self.thruster == "estimated" and not nominal.forces_commanded:
+            raise ConfigurationError(
+                f"identifier.thruster=estimated filters a commanded force: {nominal.name} has "
+                f"inputs ({', '.join(nominal.inputs)}), which are recorded as they act"
+            )
         terms = choose_basis(self.basis, self.extra_terms, nominal)
         if not terms:
             raise ConfigurationError("identifier.basis: got no terms, expected at least one")
-        known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE}
-        known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
-        for term in terms:
-            for code in term.codes:
-                name = basis.VARIABLES[code % basis.N_VARIABLES]
-                if name not in known:
-                    raise ConfigurationError(
-                        f"identifier.basis: term {term} has {name}, but {nominal.name} moves in "
-                        f"{', '.join(nominal.dofs)}"
-                    )
+        _check_terms(terms, nominal)
 
     def needs(self) -> Needs:
         """The force, the thruster lag if it must be known, and the low-pass filter."""
@@ -249,10 +246,11 @@ class ResidualOptions(Identifier):
         parts = (
             basis.evaluate(terms, x),
             lack_of_fit(filtered, nominal, self.force),
-            filtered.force(self.force),
+            reference_force(filtered, nominal, self.force),
             basis.evaluate(NED_COLUMNS, x),
         )
         phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
+        phi[:, _with_constant_inputs(terms, recording)] = 0.0
         samples = Samples(terms, phi, epsilon, force, heading, recording.period_s)
         if not (np.all(np.isfinite(samples.phi)) and np.all(np.isfinite(samples.epsilon))):
             raise IdentificationError("the training part has values that are not finite")
@@ -262,6 +260,46 @@ class ResidualOptions(Identifier):
                 f"expected at least {len(terms) + 2}"
             )
         return samples
+
+
+def _check_terms(terms: tuple[Term, ...], nominal: Vessel) -> None:
+    """Raise ConfigurationError for terms that a vessel does not have, or that are not scaled."""
+    known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *nominal.inputs}
+    known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
+    known |= {*basis.SPEED, basis.SIDESLIP} if {"surge", "sway"} <= {*nominal.dofs} else set()
+    known |= {*basis.ANGLES} & {*poses_of(nominal.dofs)} if nominal.dofs != DOFS else set()
+    for term in terms:
+        for code in term.codes:
+            name = basis.VARIABLES[code % basis.N_VARIABLES]
+            if name not in known:
+                raise ConfigurationError(
+                    f"identifier.basis: term {term} has {name}, but {nominal.name} moves in "
+                    f"{', '.join(nominal.dofs)}"
+                    + (f" with inputs {', '.join(nominal.inputs)}" if nominal.inputs else "")
+                )
+        if term.name in nominal.accelerations and not nominal.forces_known:
+            raise ConfigurationError(
+                f"identifier.basis: got {term}, but no force of {nominal.name} is known: the "
+                "inputs determine its coefficients relative to the inertia only"
+            )
+
+
+def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list[int]:
+    """Indices of the terms with an input that is constant: they are multiples of other terms."""
+    constant = {
+        name
+        for k, name in enumerate(recording.input_names)
+        if recording.inputs is not None and _is_constant(recording.inputs[:, k])
+    }
+    return [
+        i
+        for i, term in enumerate(terms)
+        if constant & {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes}
+    ]
+
+
+def _is_constant(values: Array) -> bool:
+    return bool(np.ptp(values) <= NOTHING_LEFT * np.max(np.abs(values)))
 
 
 def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array:

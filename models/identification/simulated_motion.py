@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError
-from seatrial.models.recording.recording import Recording
+from seatrial.models.identification.free_run import course_of, free_run
+from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, REFERENCES
 from seatrial.models.vessel.basis import Array
@@ -86,7 +87,10 @@ def simulated_motion(
     limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
     motions, first = [], []
     for piece in stretches(recording, restart_s):
-        motions.append(_simulate(piece, model, force, wind, tuple(limits.tolist())))
+        if model.forces_commanded:
+            motions.append(_simulate(piece, model, force, wind, tuple(limits.tolist())))
+        else:
+            motions.append(_steered(piece, model, limits))
         first.append(np.arange(len(piece)) == 0)
     nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
     air = None if wind is None else _wind_in_body(wind, recording)
@@ -117,6 +121,25 @@ def mean_wind(recording: Recording) -> Array | None:
 
 def _wind_in_body(wind: Array, recording: Recording) -> Array:
     return in_body(np.tile(wind, (len(recording), 1)), recording.attitude[:, 2])
+
+
+def _steered(piece: Recording, model: Vessel, limits: Array) -> tuple[Array, Array]:
+    """Velocity and acceleration of a model under the recorded inputs, (N, n_dof) each."""
+    try:
+        model.plant_table()
+        course = course_of(piece, None, None, None, np.inf, model.attitude)
+        with np.errstate(all="ignore"):
+            motion = free_run(model, course, "rk4")
+    except ConfigurationError as error:
+        raise IdentificationError(f"the instruments cannot be simulated: {error}") from error
+    nu = motion[:, len(model.dofs) :]
+    if not np.all(np.abs(nu) <= limits):
+        raise IdentificationError(
+            "the simulation of the instruments diverges under the recorded inputs: a shorter "
+            "restart_s keeps it near the measured motion"
+        )
+    attitude = attitude_of(model.dofs, motion[:, : len(model.dofs)])
+    return nu, model.forward(np.zeros_like(nu), nu, attitude, piece.wind, piece.inputs)
 
 
 def _simulate(

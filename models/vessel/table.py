@@ -141,6 +141,15 @@ class Vessel:
         """Whether the command is a force on each axis; otherwise it is a value of each input."""
         return not self.inputs
 
+    @property
+    def forces_known(self) -> bool:
+        """Whether a force is known in absolute terms: it is commanded, or devices give it.
+
+        Otherwise the equation of motion holds for any multiple of its coefficients, so that data
+        determine them relative to the inertia only.
+        """
+        return self.forces_commanded or bool(self.devices)
+
     def inverse(
         self,
         nu_dot: Array,

@@ -7,7 +7,7 @@ derivative of its own there, so that reading it again gives the same numbers.
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, cast
 
@@ -22,7 +22,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner import options
 from seatrial.runner.database import Reader
 from seatrial.runner.database.records import Coefficient, RunDetail
-from seatrial.runner.record.coefficient_rows import vessel_of
+from seatrial.runner.record.coefficient_rows import device_values, vessel_of
 from seatrial.runner.vocabulary import GROUPS
 
 DERIVATIVE_LETTERS = "XYZKMN"  # of the forces, in the order of DOFS
@@ -38,6 +38,7 @@ class StoredModel:
     model: str  # nominal, identified, plant or adaptive
     table: Vessel
     state_space: StateSpace | None = None  # that was identified, with all its inputs
+    device_values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # identified
 
     @property
     def name(self) -> str:
@@ -66,6 +67,8 @@ class StoredModel:
             "coriolis": False,
             "parameter_sets": {},
         }
+        if node.get("inputs"):  # the derivatives are in SI units, those of restoring among them
+            node |= {"prime": None, "restoring": {}, "devices": self._devices}
         if self.model != "nominal":
             node["plant_scale"] = 1.0
         own = node.get("sources") or {}
@@ -90,6 +93,15 @@ class StoredModel:
     def step_s(self) -> float:
         """The integration step of the run [s]."""
         return float(cast(float, self.run.config["integration_step_s"]))
+
+    @property
+    def _devices(self) -> dict[str, Any]:
+        """The devices of the run's vessel, with the parameters that were identified."""
+        stored = cast(Mapping[str, Any], self._stored_vessel.get("devices") or {})
+        return {
+            name: {**options, **self.device_values.get(name, {})}
+            for name, options in stored.items()
+        }
 
     @property
     def _stored_vessel(self) -> Mapping[str, Any]:
@@ -127,7 +139,13 @@ def read_model(
     stored = None
     if linear and model == "identified" and STATE_SPACE in rows:
         stored = _state_space(logbook, run, rows[STATE_SPACE], table.dofs)
-    return StoredModel(run, model, replace(table, attitude=attitude), stored)
+    devices = device_values(rows[key])
+    found = StoredModel(run, model, replace(table, attitude=attitude), stored, devices)
+    if not cast(dict[str, Any], run.config["vessel"]).get("inputs"):
+        return found
+    steered = found.parameters
+    full = replace(found.table, inputs=steered.input_names, devices=steered.devices)
+    return replace(found, table=full)
 
 
 def derivatives_of(table: Vessel) -> dict[str, float]:

@@ -38,8 +38,11 @@ def stored_vessel(logbook: "Reader", run_id: int, model: str = "identified") -> 
 
 
 def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:
-    """Build the coefficient table from the rows of one model; the terms keep their order."""
-    values = {(row.term, row.dof): row.value for row in rows}
+    """Build the coefficient table from the rows of one model; the terms keep their order.
+
+    The rows of devices are left out (`device_values`).
+    """
+    values = {(row.term, row.dof): row.value for row in rows if row.dof in DOFS}
     names = list(dict.fromkeys(term for term, _ in values))
     present = {dof for _, dof in values}
     dofs = tuple(dof for dof in DOFS if dof in present)
@@ -47,10 +50,22 @@ def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:
     return Vessel(name, dofs, basis.terms(names), np.array(theta))
 
 
+def device_values(rows: Iterable[Coefficient]) -> dict[str, dict[str, float]]:
+    """Return the parameters of devices among the rows of one model, by device and name."""
+    values: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row.dof not in DOFS and row.value is not None:
+            values.setdefault(row.dof, {})[row.term] = row.value
+    return values
+
+
 def coefficients(
     nominal: Vessel, identified: Identified, truth: Vessel | None
 ) -> list[Coefficient]:
-    """Return every non-zero coefficient, with its standard error and true value if known."""
+    """Return every non-zero coefficient, with its standard error and true value if known.
+
+    The parameters of devices follow, where they were identified, as `dof` the name of the device.
+    """
     truths = {
         "nominal": truth,
         "residual": None if truth is None else truth - nominal,
@@ -74,7 +89,32 @@ def coefficients(
                     rows.append(
                         Coefficient(model, dof, term.name, float(value), error, true_value, unit)
                     )
+    models = {name: table for name, table in tables.items() if name != "residual"}
+    return rows + _device_rows(models, identified, truth)
+
+
+def _device_rows(
+    models: Mapping[str, Vessel], identified: Identified, truth: Vessel | None
+) -> list[Coefficient]:
+    """Return the parameters of devices of several models, if they were identified."""
+    if not identified.device_errors and same_devices(models["nominal"], identified.model):
+        return []
+    rows = []
+    for model, vessel in models.items():
+        own = vessel.installed
+        for label, value, bounds in zip(own.labels, own.parameters, own.bounds, strict=True):
+            device, _, name = label.partition(".")
+            error = identified.device_errors.get(label) if model == "identified" else None
+            true = None
+            if truth is not None and model != "plant" and label in truth.installed.labels:
+                true = float(truth.installed.parameters[truth.installed.labels.index(label)])
+            rows.append(Coefficient(model, device, name, float(value), error, true, bounds.unit))
     return rows
+
+
+def same_devices(first: Vessel, second: Vessel) -> bool:
+    """Return whether two models have the same parameters of devices."""
+    return np.array_equal(first.installed.parameters, second.installed.parameters)
 
 
 def _standard_errors(identified: Identified) -> dict[tuple[Term, str], float]:

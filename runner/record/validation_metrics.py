@@ -7,7 +7,12 @@ import numpy as np
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.problem import Identified, Problem, lack_of_fit
+from seatrial.models.identification.problem import (
+    Identified,
+    Problem,
+    lack_of_fit,
+    reference_force,
+)
 from seatrial.models.identification.validation import (
     HORIZONS,
     Ahead,
@@ -51,7 +56,7 @@ def validation(
             mae = measure.mean_absolute(e)
             metrics += per_dof(f"force_mae{suffix}", "validation", name, dofs, mae)
         if truth is not None:
-            variance = np.var(held_out.force(force), axis=0)
+            variance = np.var(reference_force(held_out, nominal, force), axis=0)
             flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
     if truth is not None:
         metrics += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)

@@ -39,6 +39,7 @@ def _functions(x: Any, y: Any, result: Any) -> None:
         out[i, 0], out[i, 1], out[i, 2] = abs(a[i]), np.sqrt(abs(a[i])), np.floor(a[i])
         out[i, 3], out[i, 4], out[i, 5] = np.cos(a[i]), np.sin(a[i]), np.arctan2(b[i], a[i])
         out[i, 6], out[i, 7] = -a[i], where(a[i] < b[i], a[i], b[i])
+        out[i, 8] = np.exp(-abs(a[i]))
 
 
 @kernel
@@ -94,14 +95,15 @@ def test_comparisons_are_those_of_numbers(numbers: np.ndarray) -> None:
 
 def test_functions_are_those_of_numpy(numbers: np.ndarray) -> None:
     x, y = np.where(np.isfinite(numbers), numbers, 1.0)
-    result = np.empty((ROWS, 8, WIDTH))
+    result = np.empty((ROWS, 9, WIDTH))
     _functions(x, y, result)
     exact = [np.abs(x), np.sqrt(np.abs(x)), np.floor(x)]
     np.testing.assert_array_equal(result[:, :3], np.stack(exact, axis=1))
     np.testing.assert_allclose(result[:, 3], np.cos(x), rtol=0.0, atol=2.3e-16)
     np.testing.assert_allclose(result[:, 4], np.sin(x), rtol=0.0, atol=2.3e-16)
     np.testing.assert_allclose(result[:, 5], np.arctan2(y, x), rtol=4.5e-16)
-    np.testing.assert_array_equal(result[:, 6:], np.stack([-x, np.minimum(x, y)], axis=1))
+    np.testing.assert_array_equal(result[:, 6:8], np.stack([-x, np.minimum(x, y)], axis=1))
+    np.testing.assert_allclose(result[:, 8], np.exp(-np.abs(x)), rtol=1e-15)
 
 
 def test_a_number_beside_a_pack_stands_for_equal_ones(numbers: np.ndarray) -> None:

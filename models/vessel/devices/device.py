@@ -81,18 +81,30 @@ class Device(ABC):
         return type(self)(**{**options, **dict(changed)})
 
 
+def with_parameters(devices: Mapping[str, Device], values: Sequence[float]) -> dict[str, Device]:
+    """Devices with other values of all their parameters, in the order of `installed`."""
+    changed, first = {}, 0
+    for name, device in devices.items():
+        last = first + len(device.PARAMETERS)
+        changed[name] = device.with_values(values[first:last])
+        first = last
+    return changed
+
+
 class Installed(NamedTuple):
     """The devices of a vessel in the form that the kernels need."""
 
     structures: tuple[Structure, ...]
     parameters: Array  # of all devices, one after the other
     labels: tuple[str, ...]  # of the parameters, such as rudder.gamma_R
+    bounds: tuple[Bounds, ...]  # units and plausible ranges of the parameters
 
 
 def installed(devices: Mapping[str, Device]) -> Installed:
     """Devices by name, in the order of their flow: a propeller before the rudder behind it."""
     structures, values = [], [np.zeros(0)]
     labels: list[str] = []
+    bounds: list[Bounds] = []
     places: dict[str, int] = {}
     if len(devices) > MOST:
         raise ConfigurationError(f"devices: got {len(devices)}, expected at most {MOST}")
@@ -101,8 +113,9 @@ def installed(devices: Mapping[str, Device]) -> Installed:
         structures.append(device.structure(len(labels), place, places))
         values.append(device.values())
         labels += [f"{name}.{parameter}" for parameter in device.PARAMETERS]
+        bounds += device.PARAMETERS.values()
         places[name] = place
-    return Installed(tuple(structures), np.concatenate(values), tuple(labels))
+    return Installed(tuple(structures), np.concatenate(values), tuple(labels), tuple(bounds))
 
 
 NO_DEVICES = installed({})

@@ -278,7 +278,7 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
     )  # fmt: skip
     unit = (predictor.predict(np.ones(1)) - predictor.predict(np.zeros(1))) / 0.02
     expected = 1.0 / np.sqrt(np.sum(unit**2))
-    reported, covariance = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
+    reported, _, covariance = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
     assert reported[-1, 0] == pytest.approx(expected, rel=0.05)
     assert np.all(np.isnan(reported[:-1]))
     assert [(one.i, one.j, one.label) for one in covariance] == [(1, 1, "surge.1 surge.1")]

@@ -17,7 +17,7 @@ def bounds_of(option, free, recording):
 @pytest.mark.parametrize("name", ["least_squares", "nsga2"])
 def test_inertia_within_a_factor_and_damping_of_one_sign(identifier, calm, name) -> None:
     option, recording = identifier(name), calm.problem.training
-    free = option.free(calm.problem.nominal)
+    free = option.unknowns(calm.problem.nominal)
     bounds = bounds_of(option, free, recording)
     believed = dict(zip(free.labels, free.values, strict=True))
     for label in ("surge.u_dot", "sway.v_dot", "yaw.r_dot"):
@@ -53,7 +53,7 @@ def test_a_parameter_believed_zero_is_bounded_by_the_force_it_would_explain(
     truth = make.surge(60.0, 20.0)
     problem = make.problem(truth, truth, signal("many_sine"))
     option = identifier("least_squares", parameters=["surge.u", "surge.u^2"], **EULER)
-    free = option.free(truth)
+    free = option.unknowns(truth)
     training = problem.training
     size = np.std(training.tau) / np.sqrt(np.mean(training.nu**4))
     bounds = bounds_of(option, free, training)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.identification.problem import Identified
@@ -13,8 +14,9 @@ from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
 from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.database.records import RunStart
+from seatrial.runner.export.stored_model import read_model
 from seatrial.runner.record.coefficient_rows import state_space_coefficients, stored_vessel
-from tests.trials import composed
+from tests.trials import CONF, composed
 
 
 def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
@@ -41,6 +43,51 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
                 )
         with pytest.raises(LogbookError, match="no coefficients"):
             stored_vessel(reader, begun.run_id, "unknown")
+
+
+def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> None:
+    """A rudder's parameter has a row with its standard error, and the stored vessel has it."""
+    trial = composed(
+        "vessel=kvlcc2", "excitation=rudder_zigzag", "excitation.duration_s=60", "controller=none",
+        "evaluation=none", "identifier=least_squares", "identifier.horizon=50",
+        "identifier.free=[yaw.rU,rudder.a_H]", "identifier.horizons=[]", "disturbance=noise",
+    )  # fmt: skip
+    results = trials.run(trial)
+    stored_rows = {(row.model, row.dof, row.term): row for row in results.coefficients}
+    row = stored_rows["identified", "rudder", "a_H"]
+    assert row.std_error is not None
+    assert 0.0 < row.std_error < 0.1
+    assert row.true_value == 0.312
+    assert row.value not in (None, 0.312)
+    assert stored_rows["identified", "propeller", "diameter_m"].unit == "m"
+    assert stored_rows["identified", "propeller", "diameter_m"].std_error is None
+    config = OmegaConf.load(CONF / "vessel" / "kvlcc2.yaml")
+    node = OmegaConf.to_container(config, resolve=True)
+    url = f"sqlite:///{tmp_path}/results.db"
+    start = RunStart(
+        fingerprint="f" * 64, **trial.names, seed=0,
+        config={"vessel": node, "integration_step_s": 0.1}, overrides=[], git_commit=None,
+        git_dirty=None, versions={}, command="",
+    )  # fmt: skip
+    with Logbook.open(url, results_dir=tmp_path) as logbook:
+        begun = logbook.begin_run(start)
+        logbook.finish_run(begun.run_id, results)
+    with Reader.read(url, results_dir=tmp_path) as reader:
+        model = read_model(reader, begun.run_id)
+        values = {(r.dof, r.term): r.value for r in reader.coefficients(begun.run_id)
+                  if r.model == "identified"}  # fmt: skip
+    vessel = model.parameters.nominal()
+    assert vessel.installed.labels == trial.vessel.nominal().installed.labels
+    for label, value in zip(vessel.installed.labels, vessel.installed.parameters, strict=True):
+        device, _, name = label.partition(".")
+        assert value == values[device, name]
+    assert vessel.coefficient("yaw", "rU") == pytest.approx(values["yaw", "rU"], rel=1e-15)
+    assert model.table.inputs == ("delta", "n")
+    nu, inputs = np.array([[1.1, 0.1, 0.05]]), np.array([[0.2, 11.0]])
+    np.testing.assert_array_equal(
+        vessel.forward(np.zeros((1, 3)), nu, inputs=inputs),
+        model.table.forward(np.zeros((1, 3)), nu, inputs=inputs),
+    )
 
 
 def test_a_state_space_model_can_be_made_again_from_its_rows() -> None:
