@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import browse as browse
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
+    from seatrial.runner.compare import manoeuvres as manoeuvres
     from seatrial.runner.compare import plots as plots
     from seatrial.runner.compare import printed_figures as printed_figures
     from seatrial.runner.compare import published as published
@@ -26,7 +27,15 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("audit", "browse", "comparison_table", "housekeeping", "plots", "printed_figures"),
+            *(
+                "audit",
+                "browse",
+                "comparison_table",
+                "housekeeping",
+                "manoeuvres",
+                "plots",
+                "printed_figures",
+            ),
             *("published", "published_page", "published_summary"),
             *("report", "results", "runs", "selection"),
         ],
