@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.simulation.manoeuvre_measures import RESTING, Track
+from seatrial.models.simulation.manoeuvre_measures import Track
 from seatrial.models.vessel.basis import Array
 
+STILL = 0.01  # of its fastest change, a signal is held below
 SETTLED = 0.25  # share of a plateau, at its end, that is averaged
 FEWEST = 5  # plateaus of a spiral
 SHORTEST = 0.2  # of the longest plateau; shorter ones are passages
@@ -34,7 +35,7 @@ class Spiral(NamedTuple):
 def plateaus(t: Array, signal: Array) -> list[tuple[int, int]]:
     """First and last sample of the times at which a signal is held."""
     change = np.abs(np.gradient(signal, t))
-    still = change <= RESTING * np.max(change, initial=0.0)
+    still = change <= STILL * np.max(change, initial=0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     held = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
     longest = max((t[b] - t[a] for a, b in held), default=0.0)
@@ -58,7 +59,7 @@ def spiral(track: Track) -> Spiral:
     held = plateaus(track.t, track.helm)
     helm, rate = _settled(track, held)
     helm = helm * np.sign(np.sum(helm * rate))
-    first = int(np.argmax(np.abs(helm)))
+    first = int(np.argmax(np.abs(helm) > 0.999 * np.max(np.abs(helm))))
     side = np.sign(helm[first])
     turn = first + int(np.argmin(side * helm[first:]))
     branches = (slice(first, turn + 1), slice(turn, len(helm)))

@@ -8,7 +8,6 @@ from pathlib import Path
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
-from seatrial.models.simulation.manoeuvre_sheet import sheet
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
@@ -25,6 +24,7 @@ from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 

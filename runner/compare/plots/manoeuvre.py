@@ -4,11 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.simulation.manoeuvre_measures import Track, Turn, ZigZag, way_from
-from seatrial.models.simulation.manoeuvre_sheet import Sheet, sheet
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.manoeuvres import Recorded, newest_manoeuvres, notes_of
+from seatrial.runner.compare.manoeuvres import newest_manoeuvres, notes_of
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle, with_run
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -20,6 +18,15 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.export.manoeuvre_tracks import (
+    Recorded,
+    Sheet,
+    Track,
+    Turn,
+    ZigZag,
+    sheet,
+    way_from,
+)
 
 FIGURE = Figure(
     "manoeuvre",

@@ -209,7 +209,8 @@ def circle(radius_m: float = 30.0, speed_m_s: float = 2.0) -> Series:
     columns = {"t": t, "x": ahead + radius_m * np.sin(psi), "y": radius_m * (1.0 - np.cos(psi))}
     columns |= {"psi": psi, "u": np.full_like(t, speed_m_s), "v": np.zeros_like(t)}
     columns |= {"delta": np.radians(35.0) * (t > 9.95), "tau_surge": np.full_like(t, 90.0)}
-    units = {"tau_surge": "N", "t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "delta": "rad"}
+    units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s"}
+    units |= {"delta": "rad", "tau_surge": "N"}
     return Series("recording", columns, units)
 
 
