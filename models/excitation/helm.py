@@ -28,7 +28,7 @@ class Helm(NamedTuple):
     base: Array  # (n_inputs,) of the approach
     helm: int  # the input
     yaw: int  # the degree of freedom
-    angle: float  # of the helm, without its sign
+    angle: float  # of the helm that turns the vessel to starboard
     turn: float  # heading at which a zig-zag changes sides
     pull_out: float  # change of heading after which the helm of a turn is put amidships
     zigzag: bool
@@ -40,7 +40,7 @@ def _step(
     helm: Helm, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array,
     tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """state = (instant, side of the helm or 0 after the pull-out, heading of the approach)."""
+    """state = (instant, side of the turn or 0 after the pull-out, heading of the approach)."""
     for i in range(tau.shape[0]):
         tau[i] = tau_fb[i] = helm.base[i]
     heading = eta[helm.yaw]
@@ -60,36 +60,31 @@ def _step(
 CONTROLLERS[Helm] = _step
 
 
-@dataclass(frozen=True)
-class HelmManoeuvre(Mission):
-    """A turning circle or a zig-zag by a rudder; the other inputs keep their start.
+@dataclass(frozen=True, kw_only=True)
+class SteeredMission(Mission):
+    """A mission of a vessel with inputs, which begins ahead at its approach speed.
 
-    After `approach_s` the input `helm` is put to `helm_deg` (negative: to port first). `zigzag`: it
-    is put to the other side whenever the heading has deviated by `turn_deg` from the approach.
-    `turn`: it is held, until the heading has changed by `pull_out_deg` (null: to the end).
+    The inputs keep the values that they have at the start for `approach_s`; then the input `helm`
+    is used.
     """
 
-    manoeuvre: Literal["turn", "zigzag"]
-    helm_deg: float
-    turn_deg: Positive
-    pull_out_deg: Positive | None
-    approach_s: NotNegative
-    duration_s: Positive
+    helm: str = "delta"
+    approach_s: NotNegative = 0.0
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
+    input_signs: Annotated[tuple[float, ...], FromVessel("input_signs")]
     speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     reference_filter: Reference
-    train_fraction: float
-    helm: str = "delta"
+    train_fraction: float = 0.5
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        check_fraction(self.train_fraction)
         if not self.approach_s < self.duration_s:
             raise ConfigurationError(
                 f"approach_s must be below duration_s = {self.duration_s:g}, "
                 f"got {self.approach_s:g}"
             )
-        check_fraction(self.train_fraction)
 
     @property
     def commands_inputs(self) -> bool:
@@ -109,20 +104,24 @@ class HelmManoeuvre(Mission):
         """The approach speed ahead [m/s], shape (n_dof,)."""
         return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
-        """The commands of the manoeuvre."""
-        pull_out = np.inf if self.pull_out_deg is None else np.radians(self.pull_out_deg)
-        table = Helm(
-            np.array(self.input_start, dtype=np.float64), self.input_names.index(self.helm),
-            dofs.index("yaw"), float(np.radians(abs(self.helm_deg))),
-            float(np.radians(self.turn_deg)), float(pull_out), self.manoeuvre == "zigzag",
-            round(self.approach_s / period_s),
-        )  # fmt: skip
-        return table, np.array([0.0, np.sign(self.helm_deg), 0.0])
-
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part, and the rest."""
         return half(len(t), self.train_fraction)
+
+    @property
+    def index(self) -> int:
+        """Position of the helm among the inputs."""
+        return self.input_names.index(self.helm)
+
+    @property
+    def sign(self) -> float:
+        """Sign of the helm that turns the vessel to starboard."""
+        return self.input_signs[self.index]
+
+    @property
+    def base(self) -> Array:
+        """Inputs of the approach, shape (n_inputs,)."""
+        return np.array(self.input_start, dtype=np.float64)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel has the helm, surge and yaw."""
@@ -131,3 +130,30 @@ class HelmManoeuvre(Mission):
                 f"helm: needs a vessel in surge and yaw with an input {self.helm}, got inputs "
                 f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HelmManoeuvre(SteeredMission):
+    """A turning circle or a zig-zag by a rudder; the other inputs keep their start.
+
+    After `approach_s` the input `helm` is put to `helm_deg` (negative: to the other side first).
+    `zigzag`: it is put to the other side whenever the heading has deviated by `turn_deg` from the
+    approach. `turn`: it is held, until the heading has changed by `pull_out_deg` (null: to the
+    end).
+    """
+
+    manoeuvre: Literal["turn", "zigzag"]
+    helm_deg: float
+    turn_deg: Positive
+    pull_out_deg: Positive | None
+    duration_s: Positive
+
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
+        """The commands of the manoeuvre."""
+        pull_out = np.inf if self.pull_out_deg is None else np.radians(self.pull_out_deg)
+        table = Helm(
+            self.base, self.index, dofs.index("yaw"),
+            self.sign * float(np.radians(abs(self.helm_deg))), float(np.radians(self.turn_deg)),
+            float(pull_out), self.manoeuvre == "zigzag", round(self.approach_s / period_s),
+        )  # fmt: skip
+        return table, np.array([0.0, self.sign * np.sign(self.helm_deg), 0.0])

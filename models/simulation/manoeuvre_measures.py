@@ -53,6 +53,10 @@ class Turn(NamedTuple):
     time_180_s: float
     speed_loss: float  # steady speed over that of the approach, subtracted from 1
     yaw_rate_deg_s: float  # steady
+    drift_deg: float  # steady, the bow points into the circle
+    initial_turning: float  # track at a change of heading of 10 degrees
+    residual_rate_deg_s: float  # after a pull-out; NaN without one
+    helm_deg: float  # that was executed
 
 
 class ZigZag(NamedTuple):
@@ -61,8 +65,10 @@ class ZigZag(NamedTuple):
     execute_s: tuple[float, ...]  # instants at which the helm was put over
     overshoot_deg: tuple[float, ...]
     overshoot_s: tuple[float, ...]  # time from execute to the extreme heading
-    initial_turning: float  # track at the second execute, in ship lengths
+    initial_turning: float  # track at the ordered change of heading, in ship lengths
     period_s: float  # of a full cycle of the heading; NaN if there is none
+    helm_deg: float  # that was executed
+    turn_deg: float  # change of heading at which the helm was ordered over
 
 
 def executions(track: Track, kind: Execution = "half") -> Array:
@@ -71,23 +77,23 @@ def executions(track: Track, kind: Execution = "half") -> Array:
     Raises RecordingError if the helm does not move.
     """
     times = []
-    for (_, start), (k, end) in pairwise(_levels(track.helm)):
+    for (_, start), (k, end) in pairwise(levels(track.helm)):
         progress = (track.helm - start) / (end - start)
-        half = _crossing(track.t, progress - 0.5, k)
+        half = crossing(track.t, progress - 0.5, k)
         if kind == "order":  # where the line through both instants begins
             before = np.flatnonzero(progress[: k + 1] < LEFT)
-            left = _crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
+            left = crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
             half = left - (half - left) * LEFT / (0.5 - LEFT)
         elif kind == "full":
             after = np.flatnonzero(progress[k:] >= OVER)
-            half = _crossing(track.t, progress - OVER, k + int(after[0]) if len(after) else k)
+            half = crossing(track.t, progress - OVER, k + int(after[0]) if len(after) else k)
         times.append(half)
     if not times:
         raise RecordingError("manoeuvre: the helm does not move, expected at least one step")
     return np.array(times)
 
 
-def _levels(helm: Array) -> list[tuple[int, float]]:
+def levels(helm: Array) -> list[tuple[int, float]]:
     """The values at which the helm rests in turn: first sample past half of the step, and value.
 
     The helm is to one side, to the other, or amidships; passing amidships between two sides is no
@@ -119,7 +125,7 @@ def _rest(helm: Array, resting: Mask, otherwise: float) -> float:
     return float(np.median(helm[resting])) if resting.any() else float(otherwise)
 
 
-def _crossing(t: Array, values: Array, k: int) -> float:
+def crossing(t: Array, values: Array, k: int) -> float:
     """Time [s] between samples k - 1 and k at which a signal is zero."""
     if k == 0 or values[k] == values[k - 1]:
         return float(t[k])
@@ -131,32 +137,51 @@ def _reached(track: Track, angle: float, since_s: float, course: float) -> float
     """Time [s] at which the heading has changed by an angle [rad] of either sign; NaN: never."""
     change = np.abs(track.psi - course) - angle
     inside = np.flatnonzero((track.t > since_s) & (change >= 0.0))
-    return _crossing(track.t, change, int(inside[0])) if len(inside) else np.nan
+    return crossing(track.t, change, int(inside[0])) if len(inside) else np.nan
 
 
 def turn(track: Track, kind: Execution = "half") -> Turn:
     """Measures of a turning circle."""
-    start = float(executions(track, kind)[0])
+    steps = executions(track, kind)
+    start, end = float(steps[0]), float(steps[1]) if len(steps) > 1 else np.inf
     course = track.at(track.psi, start)
-    ahead, aside = _from(track, start, course)
+    ahead, aside = way_from(track, start, course)
     quarter, half = (_reached(track, a, start, course) for a in (0.5 * np.pi, np.pi))
     over = 1.0 / track.length_m
 
     def measure(values: Array, time_s: float) -> float:
         return over * track.at(values, time_s) if np.isfinite(time_s) else np.nan
 
-    circle = _last_half_turn(track, start)
+    circle = _last_half_turn(track, start, end)
     before = track.at(track.speed, start)
     rate = np.abs(np.polyfit(track.t[circle], track.psi[circle], 1)[0]) if circle.any() else np.nan
     steady = float(np.mean(track.speed[circle])) if circle.any() else np.nan
+    drift = float(np.mean(np.abs(_drift(track)[circle]))) if circle.any() else np.nan
+    tenth = _reached(track, np.radians(10.0), start, course)
     return Turn(
         start, measure(ahead, quarter), abs(measure(aside, quarter)), abs(measure(aside, half)),
         2.0 * steady / rate * over, quarter - start, half - start, 1.0 - steady / before,
-        float(np.degrees(rate)),
+        float(np.degrees(rate)), float(np.degrees(drift)),
+        path_length(track, start, tenth) * over if np.isfinite(tenth) else np.nan,
+        _residual_rate(track, end), float(np.degrees(levels(track.helm)[1][1])),
     )  # fmt: skip
 
 
-def _from(track: Track, start_s: float, course: float) -> tuple[Array, Array]:
+def _residual_rate(track: Track, pull_out_s: float) -> float:
+    """Yaw rate [deg/s] over the last quarter of the time after a pull-out; NaN without one."""
+    last = track.t > track.t[-1] - 0.25 * (track.t[-1] - pull_out_s)
+    if not np.isfinite(pull_out_s) or np.count_nonzero(last) < 2:
+        return np.nan
+    return float(np.degrees(np.polyfit(track.t[last], track.psi[last], 1)[0]))
+
+
+def _drift(track: Track) -> Array:
+    """Heading minus course over ground [rad]."""
+    course = np.arctan2(np.gradient(track.east, track.t), np.gradient(track.north, track.t))
+    return np.asarray(np.angle(np.exp(1j * (track.psi - course))))
+
+
+def way_from(track: Track, start_s: float, course: float) -> tuple[Array, Array]:
     """Way along and across the course from the position at a time [m]."""
     north = track.north - track.at(track.north, start_s)
     east = track.east - track.at(track.east, start_s)
@@ -164,12 +189,13 @@ def _from(track: Track, start_s: float, course: float) -> tuple[Array, Array]:
     return c * north + s * east, c * east - s * north
 
 
-def _last_half_turn(track: Track, start_s: float) -> Array:
-    """Samples of the last half turn, if the vessel has turned by more than a full circle."""
+def _last_half_turn(track: Track, start_s: float, end_s: float) -> Mask:
+    """Samples of the last half turn up to a time, after more than a full circle."""
     change = np.abs(track.psi - track.at(track.psi, start_s))
-    if change[-1] < 2.0 * np.pi:
+    last = abs(track.at(track.psi, end_s) - track.at(track.psi, start_s))
+    if last < 2.0 * np.pi:
         return np.zeros(len(change), dtype=bool)
-    return np.asarray(change > change[-1] - np.pi)
+    return np.asarray((change > last - np.pi) & (track.t <= end_s))
 
 
 def zigzag(track: Track, kind: Execution = "half") -> ZigZag:
@@ -194,10 +220,13 @@ def zigzag(track: Track, kind: Execution = "half") -> ZigZag:
         delays.append(time - float(begin))
         extremes.append(time)
     period = 2.0 * float(np.mean(np.diff(extremes))) if len(extremes) > 1 else np.nan
-    path = _path(track, float(times[0]), float(times[1])) if len(times) > 1 else np.nan
+    start = float(times[0])
+    turned = _reached(track, np.radians(ordered), start, track.at(track.psi, start))
+    path = path_length(track, start, turned) if len(switched) and np.isfinite(turned) else np.nan
     return ZigZag(
-        tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period
-    )
+        tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period,
+        float(np.degrees(levels(track.helm)[1][1])), float(ordered),
+    )  # fmt: skip
 
 
 def _courses(switched: Array, approach: float) -> tuple[float, int]:
@@ -223,7 +252,8 @@ def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:
     return float(t[k] + shift), float(c + 0.5 * b * shift)
 
 
-def _path(track: Track, begin_s: float, end_s: float) -> float:
+def path_length(track: Track, begin_s: float, end_s: float) -> float:
     """Length of the path between two times [m]."""
-    inside = (track.t >= begin_s) & (track.t <= end_s)
-    return float(np.sum(np.hypot(np.diff(track.north[inside]), np.diff(track.east[inside]))))
+    way = np.hypot(np.diff(track.north), np.diff(track.east))
+    way = np.concatenate([[0.0], np.cumsum(way)])
+    return track.at(way, end_s) - track.at(way, begin_s)

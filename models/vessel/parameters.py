@@ -16,6 +16,7 @@ from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.steady_speed import steady_speed
+from seatrial.models.vessel.steering import SteeringModel, steering_model
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import Input, SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel, Tuning
@@ -192,6 +193,45 @@ class VesselParameters:
         limits = self.velocity_limits or self.scales.velocity_limits
         highest = limits[self.dofs.index("surge")]
         return steady_speed(self.nominal(), np.array(self.input_start), highest)
+
+    @cached_property
+    def _ahead(self) -> SteeringModel | None:
+        """The linearised motion at the approach; None without inputs, surge or yaw."""
+        if not self.inputs or not {"surge", "yaw"} <= set(self.dofs):
+            return None
+        return steering_model(
+            self.nominal(), self.approach_speed_m_s, np.array(self.input_start, dtype=np.float64)
+        )
+
+    @property
+    def input_signs(self) -> tuple[float, ...]:
+        """Sign of the yaw acceleration by each input at the approach; 1 for one without any."""
+        return (1.0,) * len(self.inputs) if self._ahead is None else self._ahead.signs
+
+    @property
+    def nomoto_gain(self) -> tuple[float, ...]:
+        """Gain K [1/s] of the yaw rate over each input at the approach; 0 for one without any."""
+        return () if self._ahead is None else tuple(n.gain for n in self._ahead.nomotos)
+
+    @property
+    def nomoto_time_s(self) -> tuple[float, ...]:
+        """Time constant T [s] of the yaw rate over each input at the approach."""
+        return () if self._ahead is None else tuple(n.time_s for n in self._ahead.nomotos)
+
+    @property
+    def input_low(self) -> tuple[float, ...]:
+        """Smallest values of the inputs."""
+        return tuple(each.low for each in self.inputs.values())
+
+    @property
+    def input_high(self) -> tuple[float, ...]:
+        """Largest values of the inputs."""
+        return tuple(each.high for each in self.inputs.values())
+
+    @property
+    def input_rates(self) -> tuple[float | None, ...]:
+        """Largest changes of the inputs in a second; None: unlimited."""
+        return tuple(each.rate_limit for each in self.inputs.values())
 
     @property
     def planar(self) -> bool:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import leaderboard as leaderboard
+    from seatrial.runner.compare import manoeuvres as manoeuvres
     from seatrial.runner.compare import plots as plots
     from seatrial.runner.compare import printed_figures as printed_figures
     from seatrial.runner.compare import published as published
@@ -33,6 +34,7 @@ else:
                 "comparison_table",
                 "housekeeping",
                 "leaderboard",
+                "manoeuvres",
                 "plots",
                 "printed_figures",
             ),

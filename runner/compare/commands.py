@@ -1,4 +1,4 @@
-"""Commands that read the logbook: runs, show, table, plot, metrics, stats, sql, model."""
+"""Commands that read the logbook: runs, show, table, plot, metrics, stats, manoeuvres, ..."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -143,6 +143,49 @@ def stats(
     """Show the stored statistics of the columns of a measured recording."""
     with compare.results.open_results(database) as results:
         show_grid(compare.runs.recording_statistics(results, run, digits), form)
+
+
+@app.command()
+def manoeuvres(
+    subject: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a recording.")],
+    execution: Annotated[
+        Literal["half", "order", "full"],
+        typer.Option(help="Instant of execution: helm past half, leaving, or at its order."),
+    ] = "half",
+    manoeuvre: Annotated[
+        Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"] | None,
+        typer.Option(help="Which manoeuvre it is.  [default: by helm and heading]"),
+    ] = None,
+    helm: Annotated[
+        str | None, typer.Option(help="Input of a run that is put over.  [default: the run's]")
+    ] = None,
+    length: Annotated[
+        float | None, typer.Option(min=1e-3, help="Length of the ship [m], if it is not stored.")
+    ] = None,
+    scale: Annotated[
+        float, typer.Option(min=1.0, help="Length of the ship over that of the model.")
+    ] = 1.0,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="Q=COLUMN,...",
+            help="Columns of a file by name or number: t, x, y, psi or psi_deg, helm or helm_deg;"
+            " u and v are optional.",
+        ),
+    ] = None,
+    series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+    form: Form = Format.RICH,
+) -> None:
+    """Print the sheet of a manoeuvre beside the limits of IMO resolution MSC.137(76).
+
+    The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
+    """
+    request = compare.manoeuvres.SheetRequest(
+        subject, execution, manoeuvre, helm, length, scale, columns, series
+    )
+    show_grid(compare.manoeuvres.sheet_grid(request, database, results_dir), form)
 
 
 @app.command()

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from seatrial.models.errors import ConfigurationError, LogbookError, PartError
+from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, grid_of, one_line
 from seatrial.runner.compare.likeness import TooDifferentError
+from seatrial.runner.compare.manoeuvres import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
-from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
@@ -23,6 +24,7 @@ from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
@@ -79,6 +81,7 @@ def render_report(results: Results, request: ReportRequest) -> str:
     runs = results.runs(condition)
     sweeps = _sweeps(results, runs)
     tables, refused = _tables(results, request, runs)
+    tables += _sheets(results, runs)
     pictures, trouble = _pictures(results, request)
     return render_page(
         "report.html",
@@ -158,6 +161,18 @@ def _tables(
         if any(cell.sort is not None for row in grid.rows for cell in row):
             sections.append(Section(caption, html_table(grid), shown))
     return sections, messages
+
+
+def _sheets(results: Results, runs: Sequence[Run]) -> list[Section]:
+    """Return the sheets of the newest manoeuvres."""
+    sections = []
+    for run, recorded in newest_manoeuvres(results, runs):
+        try:
+            grid = grid_of_sheet(sheet(recorded.track, recorded.manoeuvre), f"Run {run.id}")
+        except RecordingError:
+            continue  # a manoeuvre that was not carried out, such as one that is too short
+        sections.append(Section(f"Manoeuvre of {subtitle(run)}", html_table(grid), shown=True))
+    return sections
 
 
 def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], list[str]]:

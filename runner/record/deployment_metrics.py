@@ -44,10 +44,13 @@ def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
         "iae": measure.integral_absolute_error(error, sailed.period_s),
         "itae": itae,
         **_step_metrics(sailed),
-        "tau_max_abs": np.max(np.abs(log.tau), axis=0),
-        "tau_rms": measure.root_mean_square(log.tau),
-        "tau_tv": measure.total_variation(log.tau),
     }
+    if not voyage.inputs:  # the commands are forces
+        values |= {
+            "tau_max_abs": np.max(np.abs(log.tau), axis=0),
+            "tau_rms": measure.root_mean_square(log.tau),
+            "tau_tv": measure.total_variation(log.tau),
+        }
     if sailed.design.limits is not None:
         values["limit_hits"] = measure.hits(log.tau, np.array(sailed.design.limits))
     rows = [
@@ -85,9 +88,11 @@ def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     """Compute the metrics that have no axis: energy, failures and time per step."""
     voyage = sailed.voyage
     log = voyage.log
-    work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
-    values = [("energy", "position", work)]
-    if voyage.dofs == PLANAR:
+    values: list[tuple[str, str, float]] = []
+    if not voyage.inputs:
+        work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
+        values.append(("energy", "position", work))
+    if voyage.dofs == PLANAR and not voyage.inputs:
         work = measure.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
         values.append(("energy", "heading", work))
     values.append(("failures", "all", float(sailed.failures)))
@@ -170,8 +175,11 @@ def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
 def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
     """Compute tracking error, force and power of a mission, from the true pose.
 
-    Angles are in degrees in `e_psi`; `period_s` is the sample time [s].
+    Angles are in degrees in `e_psi`; `period_s` is the sample time [s]. The commands of a vessel
+    with inputs are no forces, and its reference is a pose alone: it has the errors of the pose.
     """
+    if voyage.inputs:
+        return _pose_errors(voyage, model)
     log, dofs = voyage.log, voyage.dofs
     stage: Stage = "deployment"
     rows: list[Metric] = []
@@ -198,5 +206,20 @@ def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric
             metric(f"{name}_mse", stage, model, dof, float(np.mean(error**2))),
             metric("power_mean", stage, model, dof, float(np.mean(power))),
             metric("iaew", stage, model, dof, iaew),
+        ]
+    return rows
+
+
+def _pose_errors(voyage: Voyage, model: str) -> list[Metric]:
+    """Compute the errors of position and heading of a vessel with inputs."""
+    log, rows = voyage.log, []
+    parts = [("e_pos", "position", measure.position_error(log.eta_d, log.eta))]
+    if voyage.dofs == PLANAR:
+        heading = np.degrees(measure.heading_error(log.eta_d, log.eta))
+        parts.append(("e_psi", "heading", heading))
+    for name, dof, error in parts:
+        rows += [
+            metric(f"{name}_mae", "deployment", model, dof, float(np.mean(np.abs(error)))),
+            metric(f"{name}_mse", "deployment", model, dof, float(np.mean(error**2))),
         ]
     return rows

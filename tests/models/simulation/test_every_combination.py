@@ -40,6 +40,10 @@ FLOATING = (
 )  # disturbances of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
+HELM = (  # by inputs, beside rudder_*
+    *("spiral", "reverse_spiral", "williamson", "crash_stop"),
+    *("heading_changes", "path_following"),
+)
 
 
 def options(group: str) -> list[str]:
@@ -59,9 +63,15 @@ def objects(vessel: str, group: str, name: str) -> Any:
         return build_as(object, VesselOptions().filled(nodes)[group], group)
 
 
+def of_inputs(excitation: str) -> bool:
+    return excitation.startswith("rudder") or excitation in HELM
+
+
 def suits(vessel: str, group: str, name: str) -> bool:
     dofs = VESSELS[vessel]
-    if group == "excitation" and name.startswith("rudder") != (vessel in STEERED):
+    if group == "excitation" and of_inputs(name) != (vessel in STEERED):
+        return False
+    if group == "excitation" and name == "crash_stop":  # none has data astern
         return False
     if group == "disturbance":
         return dofs == PLANAR or name not in FLOATING
@@ -76,7 +86,7 @@ def test_the_lists_are_complete() -> None:
 @pytest.mark.parametrize("vessel", VESSELS)
 def test_what_does_not_suit_is_refused_by_name(vessel: str, group: str) -> None:
     for name in options(group):
-        steered = name.startswith("rudder") or (vessel in STEERED and group == "excitation")
+        steered = of_inputs(name) or (vessel in STEERED and group == "excitation")
         if name == "recording" or suits(vessel, group, name) or steered:
             continue
         with pytest.raises(ConfigurationError, match="needs a vessel in"):
@@ -88,7 +98,8 @@ def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
     parameters = objects(vessel, "vessel", vessel)
     dofs, table = parameters.dofs, parameters.nominal()
     assert dofs == VESSELS[vessel]
-    controller = objects(vessel, "controller", "pid_ff").build(table, PERIOD_S)
+    name = "autopilot" if vessel in STEERED else "pid_ff"
+    controller = objects(vessel, "controller", name).build(table, PERIOD_S)
     start = np.zeros(len(dofs))
     for excitation in options("excitation"):
         if excitation == "recording" or not suits(vessel, "excitation", excitation):

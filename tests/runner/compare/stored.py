@@ -150,13 +150,13 @@ def fill_plain(logbook: Logbook) -> None:
 
 
 def fill_sailed(logbook: Logbook) -> None:
-    """Eight runs of a search, with everything that a figure can show."""
+    """Nine runs of a search, with everything that a figure can show."""
     overrides = [
         "search.metric=force_mse:surge,force_mse:yaw",
         "search.stage=validation,validation",
     ]
     overrides += ["search.better=lower,lower", "search.model=identified", "search.statistic=median"]
-    sweep = logbook.begin_sweep("search", "seatrial -m", overrides, 8)
+    sweep = logbook.begin_sweep("search", "seatrial -m", overrides, 9)
     for seed in range(2):
         for identifier in ("ls", "plsr"):
             finish(
@@ -185,6 +185,8 @@ def fill_sailed(logbook: Logbook) -> None:
         series=[_quality(), *_planned()],
         sweep=sweep,
     )
+    turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
+    finish(logbook, start("none", "calm", config=turn), series=[circle()], sweep=sweep)
 
 
 def _excitation() -> list[Finding]:
@@ -197,6 +199,19 @@ def _excitation() -> list[Finding]:
         for dof, value in zip(("surge", "yaw"), values, strict=True)
     ]
     return [*found, Finding("inseparable_terms", "surge", 2.0, i=0, label="u |u|u")]
+
+
+def circle(radius_m: float = 30.0, speed_m_s: float = 2.0) -> Series:
+    """Northward for 10 s, then two circles to starboard under a helm of 35 degrees, no drift."""
+    t = np.arange(0.0, 10.0 + 4.0 * np.pi * radius_m / speed_m_s, 0.1)
+    psi = np.maximum(t - 10.0, 0.0) * speed_m_s / radius_m
+    ahead = speed_m_s * np.minimum(t, 10.0)
+    columns = {"t": t, "x": ahead + radius_m * np.sin(psi), "y": radius_m * (1.0 - np.cos(psi))}
+    columns |= {"psi": psi, "u": np.full_like(t, speed_m_s), "v": np.zeros_like(t)}
+    columns |= {"delta": np.radians(35.0) * (t > 9.95), "tau_surge": np.full_like(t, 90.0)}
+    units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s"}
+    units |= {"delta": "rad", "tau_surge": "N"}
+    return Series("recording", columns, units)
 
 
 def _recording() -> Series:

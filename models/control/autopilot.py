@@ -1,0 +1,186 @@
+"""Autopilot of a steered vessel: heading by the helm, speed by the shaft.
+
+Heading: PID with the reference's yaw rate and acceleration fed forward, on first-order Nomoto
+T r_dot + r = K delta of the believed model at the commanded speed. With omega and zeta
+
+    k_p = T omega^2 / K,  k_d = (2 zeta omega T - 1) / K,  k_i = omega k_p / 10
+    delta = (T r_d' + r_d) / K + k_p e + k_d (r_d - r) + integral,   e = wrap(psi_d - psi)
+
+Speed: PI on du/dt = a u + b n, its poles at a fraction of omega. Commands keep the limits and rate
+limits of the inputs; the integrals follow the commands that are given (back-calculation), so that
+they do not wind up. Fossen (2021), sections 15.3.4 and 16.2.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.control.controller import Controller, Model, table_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
+from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap_kernel
+from seatrial.models.vessel.steering import SteeringModel, steering_model
+from seatrial.models.vessel.tuning import FromVessel
+
+INTEGRAL = 10.0  # omega over the rate of the integral
+SPEED = 0.3  # poles of the speed over those of the heading
+
+
+class AutopilotTable(NamedTuple):
+    """Parameters of the step; SI units, radians."""
+
+    base: Array  # (n_inputs,)
+    low: Array
+    high: Array
+    change: Array  # (n_inputs,) in an instant
+    helm: int
+    shaft: int  # -1: none
+    yaw: int
+    surge: int
+    kp: float
+    ki: float
+    kd: float
+    gain: float  # K
+    time_s: float  # T
+    feedforward: bool
+    speed: float
+    speed_kp: float
+    speed_ki: float
+    track: float  # of the integrals after a limit [1/s]
+    period_s: float
+
+
+@lean_kernel
+def _limited(table: AutopilotTable, i: int, order: float, before: float) -> float:
+    """A command within the limits of an input and of its rate."""
+    order = min(max(order, before - table.change[i]), before + table.change[i])
+    return float(min(max(order, table.low[i]), table.high[i]))
+
+
+@lean_kernel
+def _step(
+    table: AutopilotTable, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    nu_dot_d: Array, tau: Array, tau_fb: Array,
+) -> None:  # fmt: skip
+    """state = (integral of the helm, of the shaft, last commands)."""
+    for i in range(tau.shape[0]):
+        tau[i] = tau_fb[i] = table.base[i]
+    h, error = table.helm, wrap_kernel(eta_d[table.yaw] - eta[table.yaw])
+    rate = nu_d[table.yaw]
+    order = table.kp * error + table.kd * (rate - nu[table.yaw]) + state[0]
+    tau_fb[h] = order
+    if table.feedforward:
+        order += (table.time_s * nu_dot_d[table.yaw] + rate) / table.gain
+    tau[h] = _limited(table, h, order, state[2 + h])
+    state[0] += table.period_s * (table.ki * error + table.track * (tau[h] - order))
+    if table.shaft >= 0:
+        s, slow = table.shaft, table.speed - nu[table.surge]
+        order = table.base[s] + table.speed_kp * slow + state[1]
+        tau[s] = _limited(table, s, order, state[2 + s])
+        tau_fb[s] = tau[s]
+        state[1] += table.period_s * (table.speed_ki * slow + table.track * (tau[s] - order))
+    for i in range(tau.shape[0]):
+        state[2 + i] = tau[i]
+
+
+CONTROLLERS[AutopilotTable] = _step
+
+
+@dataclass(frozen=True, kw_only=True)
+class Autopilot(Controller):
+    """Heading by the input `helm`, and speed by the input `shaft` where the vessel has it.
+
+    `bandwidth` is omega in units of U / L at the commanded speed.
+    """
+
+    commands_inputs: ClassVar[bool] = True
+
+    helm: str = "delta"
+    shaft: str | None = "n"
+    bandwidth: Positive = 0.8
+    damping: Positive = 1.0
+    integral: bool = True
+    feedforward: bool = True
+    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
+    length_m: Annotated[Positive, FromVessel("scales.length_m")]
+    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
+    input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
+    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
+    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
+    input_rates: Annotated[tuple[float | None, ...], FromVessel("input_rates")]
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    @property
+    def omega(self) -> float:
+        """Natural frequency of the heading loop [rad/s]."""
+        return self.bandwidth * self.speed_m_s / self.length_m
+
+    def steered(self, model: Model) -> SteeringModel:
+        """The believed model linearised at the commanded speed."""
+        table = table_of(model)
+        if self.helm not in self.input_names or not {"surge", "yaw"} <= set(table.dofs):
+            raise ConfigurationError(
+                f"controller.helm: got {self.helm}, expected a vessel in surge and yaw with that "
+                f"input, got {', '.join(self.input_names) or 'no inputs'} in "
+                f"{', '.join(table.dofs)}"
+            )
+        return steering_model(table, self.speed_m_s, np.array(self.input_start, dtype=np.float64))
+
+    def gains(self, linear: SteeringModel) -> tuple[float, float, float]:
+        """Gains k_p, k_i, k_d of the heading by pole placement."""
+        gain, time = linear.nomoto(self.input_names.index(self.helm))
+        omega = self.omega
+        kp = time * omega**2 / gain
+        kd = (2.0 * self.damping * omega * time - 1.0) / gain
+        return kp, kp * omega / INTEGRAL if self.integral else 0.0, kd
+
+    def build(self, model: Model, period_s: float) -> tuple[AutopilotTable, Array]:
+        """Parameters and initial state of the compiled step."""
+        linear = self.steered(model)
+        helm, (kp, ki, kd) = self.input_names.index(self.helm), self.gains(linear)
+        gain, time = linear.nomoto(helm)
+        shaft = self.input_names.index(self.shaft) if self.shaft in self.input_names else -1
+        speed_kp, speed_ki = self._speed_gains(linear, shaft)
+        rates = [np.inf if rate is None else rate for rate in self.input_rates]
+        base = np.array(self.input_start, dtype=np.float64)
+        table = AutopilotTable(
+            base, np.array(self.input_low), np.array(self.input_high), period_s * np.array(rates),
+            helm, shaft, linear.dofs.index("yaw"), linear.dofs.index("surge"), kp, ki, kd, gain,
+            time, self.feedforward, self.speed_m_s, speed_kp, speed_ki,
+            self.omega if self.integral else 0.0, period_s,
+        )  # fmt: skip
+        return table, np.concatenate([np.zeros(2), base])
+
+    def _speed_gains(self, linear: SteeringModel, shaft: int) -> tuple[float, float]:
+        """Gains of the speed by pole placement; zeros without a shaft that drives the vessel."""
+        if shaft < 0:
+            return 0.0, 0.0
+        a, b = linear.surge(shaft)
+        if b <= 0.0:
+            return 0.0, 0.0
+        omega = SPEED * self.omega
+        return max(0.0, (2.0 * self.damping * omega + a) / b), omega**2 / b
+
+    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+        """Spectral radius of heading loop and linearised model, with the integral."""
+        linear = self.steered(model)
+        kp, ki, kd = self.gains(linear)
+        rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
+        n, helm = len(rows), self.input_names.index(self.helm)
+        A = np.zeros((n + 2, n + 2))  # (velocities, heading, integral)
+        A[:n, :n] = linear.A[np.ix_(rows, rows)]
+        A[n, n - 1] = 1.0
+        A[n + 1, n] = -ki
+        b = linear.B[rows, helm]
+        A[:n, n - 1] -= kd * b
+        A[:n, n] -= kp * b
+        A[:n, n + 1] += b
+        poles = np.linalg.eigvals(A if self.integral else A[:-1, :-1])
+        return [Finding("spectral_radius", "all", float(np.exp(period_s * np.max(poles.real))))]

@@ -1,0 +1,243 @@
+"""Missions of a steered vessel with a controller: changes of heading, and a path.
+
+Line of sight with integral action (ILOS) on the leg of direction pi_p, with the cross-track error
+y_e and a look-ahead distance Delta:
+
+    psi_d = pi_p - atan((y_e + sigma y_int) / Delta),
+    y_int' = Delta y_e / (Delta^2 + (y_e + sigma y_int)^2)
+
+Without sigma it is line of sight (LOS). Borhaug, Pavlov and Pettersen (2008); Fossen (2021),
+section 12.5. Lengths are in ship lengths, times in L / U.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from seatrial.models.compiled import lean_kernel
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import Reference, ReferenceFilter
+from seatrial.models.excitation.missions import Mission, check_fraction
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.recording.recording import Split, half
+from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap_kernel
+from seatrial.models.vessel.tuning import FromVessel
+
+
+class HeadingFilter(NamedTuple):
+    """The reference filter of the heading; the other set-points are the reference."""
+
+    yaw: int
+    filter: FilterTable
+
+
+@lean_kernel
+def _filter_heading(table: HeadingFilter, state: Array, setpoint: Array) -> None:
+    for i in range(state.shape[0]):
+        if i == table.yaw:
+            x0, x1, x2 = state[i, 0], state[i, 1], state[i, 2]
+            for j in range(3):
+                a = table.filter.a[j]
+                state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.filter.b[j] * setpoint[i]
+        else:
+            state[i, 0], state[i, 1], state[i, 2] = setpoint[i], 0.0, 0.0
+
+
+REFERENCES[HeadingFilter] = _filter_heading
+
+
+@dataclass(frozen=True)
+class HeadingReference(Reference):
+    """The third-order filter of `ReferenceFilter` for the heading alone."""
+
+    bandwidth_rad_s: Positive
+    damping: Positive
+    yaw: int
+
+    def table(self, period_s: float) -> HeadingFilter:
+        """Exact zero-order-hold discretisation for a control period [s]."""
+        filtered = ReferenceFilter(self.bandwidth_rad_s, self.damping).table(period_s)
+        return HeadingFilter(self.yaw, filtered)
+
+
+class Courses(NamedTuple):
+    """Headings [rad] in turn, each for a number of instants; positions are where the vessel is."""
+
+    yaw: int
+    headings: Array
+    held: int
+
+
+@lean_kernel
+def _give_course(table: Courses, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = eta[i]
+    setpoint[table.yaw] = table.headings[min(k // table.held, len(table.headings) - 1)]
+
+
+GUIDANCE[Courses] = _give_course
+
+
+class Path(NamedTuple):
+    """Parameters of the line of sight; SI units."""
+
+    yaw: int
+    waypoints: Array  # (n, 2) in NED
+    radius: float  # of acceptance of a way-point
+    ahead: float  # Delta
+    sigma: float  # 0: without integral action
+    period_s: float
+
+
+@lean_kernel
+def _follow_path(table: Path, state: Array, k: int, eta: Array, setpoint: Array) -> None:
+    """Heading of the sight, and the nearest point of the leg; state = (leg, y_int, heading)."""
+    leg = int(state[0])
+    points = table.waypoints
+    north, east = points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1]
+    length = np.hypot(north, east)
+    along = ((eta[0] - points[leg, 0]) * north + (eta[1] - points[leg, 1]) * east) / length
+    if along > length - table.radius and leg < points.shape[0] - 2:
+        leg += 1
+        state[0], state[1] = leg, 0.0
+        north, east = points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1]
+        length = np.hypot(north, east)
+        along = ((eta[0] - points[leg, 0]) * north + (eta[1] - points[leg, 1]) * east) / length
+    aside = ((eta[1] - points[leg, 1]) * north - (eta[0] - points[leg, 0]) * east) / length
+    wanted = aside + table.sigma * state[1]
+    heading = np.arctan2(east, north) - np.arctan(wanted / table.ahead)
+    if table.sigma > 0.0:
+        state[1] += table.period_s * table.ahead * aside / (table.ahead**2 + wanted**2)
+    state[2] += wrap_kernel(heading - state[2])
+    for i in range(setpoint.shape[0]):
+        setpoint[i] = eta[i]
+    setpoint[0] = points[leg, 0] + along * north / length
+    setpoint[1] = points[leg, 1] + along * east / length
+    setpoint[table.yaw] = state[2]
+
+
+GUIDANCE[Path] = _follow_path
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteeredClosedLoop(Mission):
+    """A mission in which a controller steers a vessel by its inputs, from its approach speed.
+
+    `bandwidth` is that of the filter of the heading, in units of U / L.
+    """
+
+    bandwidth: Positive
+    damping: Positive = 1.0
+    dofs: Annotated[tuple[str, ...], FromVessel("dofs")]
+    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
+    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
+    length_m: Annotated[Positive, FromVessel("scales.length_m")]
+    train_fraction: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        check_fraction(self.train_fraction)
+
+    @property
+    def unit_s(self) -> float:
+        """Time to sail one ship length [s]."""
+        return self.length_m / self.speed_m_s
+
+    @property
+    def yaw(self) -> int:
+        """Position of the heading in a pose."""
+        return self.dofs.index("yaw")
+
+    @property
+    def reference_filter(self) -> Reference:
+        """The filter of the heading."""
+        return HeadingReference(self.bandwidth / self.unit_s, self.damping, self.yaw)
+
+    @property
+    def commands_inputs(self) -> bool:
+        """The controller commands inputs."""
+        return True
+
+    def start_velocity(self, dofs: tuple[str, ...]) -> Array:
+        """The approach speed ahead [m/s], shape (n_dof,)."""
+        return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
+
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the first part, and the rest."""
+        return half(len(t), self.train_fraction)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError unless the vessel moves in surge, sway and yaw by inputs."""
+        if not self.input_names or not {"surge", "sway", "yaw"} <= set(dofs):
+            raise ConfigurationError(
+                "a course needs a vessel in surge, sway and yaw with inputs, got "
+                f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadingChanges(SteeredClosedLoop):
+    """Headings [deg] in turn, each for `hold_lengths`."""
+
+    headings_deg: tuple[float, ...]
+    hold_lengths: Positive
+
+    def __post_init__(self) -> None:
+        if not self.headings_deg:
+            raise ConfigurationError("headings_deg: got none, expected at least one")
+        super().__post_init__()
+
+    @property
+    def duration_s(self) -> float:
+        """Length [s]."""
+        return len(self.headings_deg) * self.hold_lengths * self.unit_s
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The headings by instant."""
+        held = max(1, round(len(t) / len(self.headings_deg)))
+        return Courses(self.yaw, np.radians(self.headings_deg), held), np.zeros(1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathFollowing(SteeredClosedLoop):
+    """Way-points (north, east) in ship lengths, by line of sight with integral action `sigma`.
+
+    A way-point is passed within `radius`, the line of sight looks `ahead`, both in ship lengths;
+    `sigma` is in units of U / L.
+    """
+
+    waypoints: tuple[tuple[float, ...], ...]
+    radius: Positive
+    ahead: Positive
+    sigma: NotNegative
+    end_lengths: NotNegative = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        points = np.array(self.waypoints, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ConfigurationError("waypoints: expected at least two of (north, east)")
+        if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
+            raise ConfigurationError(
+                "waypoints: got two equal consecutive points, expected distinct ones"
+            )
+
+    @property
+    def duration_s(self) -> float:
+        """Time along all legs at the approach speed, and the end [s]."""
+        legs = np.hypot(*np.diff(np.array(self.waypoints, dtype=np.float64), axis=0).T)
+        return float(np.sum(legs) + self.end_lengths) * self.unit_s
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The line of sight; the last leg is followed beyond its end."""
+        period = float(t[1] - t[0]) if len(t) > 1 else 0.0
+        points = self.length_m * np.array(self.waypoints, dtype=np.float64)
+        path = Path(
+            self.yaw, points, self.radius * self.length_m, self.ahead * self.length_m,
+            self.sigma / self.unit_s, period,
+        )  # fmt: skip
+        return path, np.array([0.0, 0.0, start[self.yaw]])

@@ -1,0 +1,227 @@
+"""The sheet of a manoeuvre: its measures beside the criteria of IMO resolution MSC.137(76).
+
+The criteria hold for a ship of full scale: L / V of a model is multiplied by the square root of its
+scale. Limits on turning are for the largest helm, taken to be 30 degrees or more; those on the
+overshoot for zig-zags of 10/10 and 20/20.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.manoeuvre_measures import (
+    Execution,
+    Track,
+    Turn,
+    ZigZag,
+    levels,
+    turn,
+    zigzag,
+)
+from seatrial.models.simulation.spiral_measures import (
+    FEWEST,
+    Spiral,
+    plateaus,
+    reverse_spiral,
+    spiral,
+)
+from seatrial.models.simulation.stop_measures import Stop, Williamson, stop, williamson
+from seatrial.models.vessel.basis import Array
+
+Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
+Measures = Turn | ZigZag | Spiral | Stop | Williamson
+M = TypeVar("M")
+INSTANTS: Mapping[Execution, str] = {
+    "half": "the instant at which the helm has passed half of its first step",
+    "order": "the instant at which the helm leaves its value",
+    "full": "the instant at which the helm has reached its order",
+}
+FULL_HELM_DEG = 30.0
+ADVANCE, TACTICAL, INITIAL, TRACK_REACH = 4.5, 5.0, 2.5, 15.0  # [L]
+NOMINAL_DEG = 0.5  # [deg] within which a helm or heading is the nominal one
+
+
+class Entry(NamedTuple):
+    """One line of a sheet; `limit` is the largest value allowed, in the same unit."""
+
+    quantity: str
+    value: float
+    unit: str  # L: ship lengths
+    limit: float | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the value is within its limit; None without a limit or a value."""
+        if self.limit is None or not np.isfinite(self.value):
+            return None
+        return self.value <= self.limit
+
+
+class Sheet(NamedTuple):
+    """The measures of one manoeuvre."""
+
+    manoeuvre: Manoeuvre
+    execution: Execution
+    measures: Measures
+    entries: tuple[Entry, ...]
+    length_m: float
+    speed_m_s: float  # of the approach
+    length_over_speed_s: float  # at full scale
+
+
+def track_of(recording: Recording, helm: str, length_m: float) -> Track:
+    """The motion of a recording in the plane with one of its inputs as the helm."""
+    names = recording.dofs
+    north, east, psi = (
+        recording.eta[:, names.index(dof)] for dof in ("surge", "sway", "yaw")
+    )  # fmt: skip
+    u, v = (recording.nu[:, names.index(dof)] for dof in ("surge", "sway"))
+    assert recording.inputs is not None
+    values = recording.inputs[:, recording.input_names.index(helm)]
+    return Track(recording.t, north, east, psi, values, np.hypot(u, v), length_m)
+
+
+def manoeuvre_of(track: Track) -> Manoeuvre:
+    """Which manoeuvre a track is, by its helm and heading."""
+    held = plateaus(track.t, track.helm)
+    values = np.array([np.mean(track.helm[a : b + 1]) for a, b in held])
+    reach = float(np.max(np.abs(track.helm - track.helm[0])))
+    distinct = np.unique(np.round(values / max(reach, 1e-12) * 10.0))
+    if len(distinct) > FEWEST:
+        return "spiral"
+    offsets = np.array([value for _, value in levels(track.helm)]) - track.helm[0]
+    both = np.min(offsets) < -0.1 * reach and np.max(offsets) > 0.1 * reach
+    if not both:
+        return "turn"
+    turned = float(np.max(np.abs(track.psi - track.psi[0])))
+    return "williamson" if turned > np.radians(120.0) else "zigzag"
+
+
+def sheet(
+    track: Track,
+    manoeuvre: Manoeuvre | None = None,
+    execution: Execution = "half",
+    scale: float = 1.0,
+) -> Sheet:
+    """Measures and criteria of a manoeuvre; None: by the helm and heading of the track.
+
+    `scale` is the length of the ship over that of the model. Raises RecordingError if the helm
+    does not move.
+    """
+    kind = manoeuvre or manoeuvre_of(track)
+    measures = MEASURES[kind](track, execution)
+    start = 0.0 if isinstance(measures, Spiral) else np.ravel(measures.execute_s)[0]
+    speed = track.at(track.speed, float(start))
+    ratio = np.sqrt(scale) * track.length_m / speed if speed > 0.0 else np.inf
+    entries = tuple(_entries(measures, ratio))
+    return Sheet(kind, execution, measures, entries, track.length_m, speed, float(ratio))
+
+
+MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
+    "turn": turn,
+    "zigzag": zigzag,
+    "spiral": lambda track, _: spiral(track),
+    "reverse_spiral": lambda track, _: reverse_spiral(track),
+    "williamson": williamson,
+    "stop": stop,
+}
+
+
+def overshoot_limits(ratio_s: float) -> tuple[float, float]:
+    """First and second overshoot [deg] allowed at 10/10 for L / V [s]. MSC.137(76), 5.3.3."""
+    ratio = float(np.clip(ratio_s, 10.0, 30.0))
+    return 5.0 + 0.5 * ratio, 17.5 + 0.75 * ratio
+
+
+def _entries(measures: Measures, ratio_s: float) -> list[Entry]:
+    if isinstance(measures, Turn):
+        return _of_turn(measures)
+    if isinstance(measures, ZigZag):
+        return _of_zigzag(measures, ratio_s)
+    if isinstance(measures, Spiral):
+        return [
+            Entry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"),
+            Entry("width of the loop", measures.loop_width_deg, "deg"),
+        ]
+    if isinstance(measures, Stop):
+        return [
+            Entry("track reach", measures.track_reach, "L", TRACK_REACH),
+            Entry("head reach", measures.head_reach, "L"),
+            Entry("lateral deviation", measures.deviation, "L"),
+            Entry("time to stop", measures.time_s, "s"),
+            Entry("change of heading", measures.heading_change_deg, "deg"),
+        ]
+    return [
+        Entry("offset from the track", measures.offset, "L"),
+        Entry("error of the heading", measures.heading_error_deg, "deg"),
+        Entry("largest distance from the track", measures.widest, "L"),
+    ]
+
+
+def _of_turn(measures: Turn) -> list[Entry]:
+    full = abs(measures.helm_deg) >= FULL_HELM_DEG
+    ten = abs(abs(measures.helm_deg) - 10.0) < NOMINAL_DEG
+    entries = [
+        Entry("helm", measures.helm_deg, "deg"),
+        Entry("advance", measures.advance, "L", ADVANCE if full else None),
+        Entry("transfer", measures.transfer, "L"),
+        Entry("tactical diameter", measures.tactical_diameter, "L", TACTICAL if full else None),
+        Entry("steady diameter", measures.steady_diameter, "L"),
+        Entry("track at 10 deg", measures.initial_turning, "L", INITIAL if ten else None),
+        Entry("time to 90 deg", measures.time_90_s, "s"),
+        Entry("time to 180 deg", measures.time_180_s, "s"),
+        Entry("speed loss", 100.0 * measures.speed_loss, "%"),
+        Entry("drift angle", measures.drift_deg, "deg"),
+        Entry("yaw rate", measures.yaw_rate_deg_s, "deg/s"),
+    ]
+    if np.isfinite(measures.residual_rate_deg_s):
+        entries.append(Entry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"))
+    return entries
+
+
+def _of_zigzag(measures: ZigZag, ratio_s: float) -> list[Entry]:
+    helm, turned = abs(measures.helm_deg), measures.turn_deg
+    nominal = abs(helm - turned) < NOMINAL_DEG
+    limits: dict[int, float] = {}
+    if nominal and turned == 10.0:
+        limits = dict(enumerate(overshoot_limits(ratio_s)))
+    elif nominal and turned == 20.0:
+        limits = {0: 25.0}
+    entries = [Entry("helm", measures.helm_deg, "deg"), Entry("change of heading", turned, "deg")]
+    names = ("first", "second", "third", "fourth")
+    pairs = zip(names, measures.overshoot_deg, measures.overshoot_s, strict=False)
+    for k, (name, angle, time) in enumerate(pairs):
+        entries.append(Entry(f"{name} overshoot", angle, "deg", limits.get(k)))
+        entries.append(Entry(f"{name} overshoot, time", time, "s"))
+    initial = INITIAL if nominal and turned == 10.0 else None
+    entries.append(Entry("initial turning", measures.initial_turning, "L", initial))
+    entries.append(Entry("period P", measures.period_s, "s"))
+    return entries
+
+
+def intervals(
+    draws: Iterable[M], sail: Callable[[M], Track], manoeuvre: Manoeuvre,
+    execution: Execution = "half", scale: float = 1.0, level: float = 0.9,
+) -> dict[str, tuple[float, float]]:  # fmt: skip
+    """Intervals of the quantities of a sheet from draws of a model.
+
+    `draws` are models drawn from the distribution of the coefficients, by their covariance or a
+    bootstrap; `sail` simulates the manoeuvre with one of them. The bounds are quantiles; a
+    quantity that a draw does not reach is left out of them.
+    """
+    values: dict[str, list[float]] = {}
+    for model in draws:
+        for entry in sheet(sail(model), manoeuvre, execution, scale).entries:
+            values.setdefault(entry.quantity, []).append(entry.value)
+    tails = np.array([0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return {name: _quantiles(np.array(drawn), tails) for name, drawn in values.items()}
+
+
+def _quantiles(values: Array, tails: Array) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return np.nan, np.nan
+    low, high = np.quantile(finite, tails)
+    return float(low), float(high)

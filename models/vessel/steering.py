@@ -1,0 +1,84 @@
+"""The steering of a vessel that moves ahead: its linearisation, and the models of Nomoto.
+
+With sway and yaw coupled and the speed constant, x = (v, r) and x_dot = A x + b delta, the yaw rate
+over the helm is, by Nomoto,
+
+    r / delta = K (1 + T_3 s) / ((1 + T_1 s) (1 + T_2 s))  ~  K / (1 + T s),  T = T_1 + T_2 - T_3
+
+K and T are negative for a ship that is straight-line unstable. Fossen (2021), section 7.2.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+
+STEP = 1e-6  # of a derivative, relative to the speed, to the speed over a length of 1 m, or to 1
+
+
+class Nomoto(NamedTuple):
+    """Gain [1/s] and time constant [s] of the first-order model."""
+
+    gain: float
+    time_s: float
+
+
+class SteeringModel(NamedTuple):
+    """x_dot = A x + B u of deviations from moving ahead; SI units, radians."""
+
+    dofs: tuple[str, ...]
+    A: Array  # (n_dof, n_dof) by the velocities
+    B: Array  # (n_dof, n_inputs) by the inputs
+
+    def nomoto(self, helm: int) -> Nomoto:
+        """The first-order model of the yaw rate over an input.
+
+        Raises ConfigurationError if the input does not turn the vessel.
+        """
+        rows = [self.dofs.index(dof) for dof in ("sway", "yaw") if dof in self.dofs]
+        A, b = self.A[np.ix_(rows, rows)], self.B[rows, helm]
+        if b[-1] == 0.0:
+            raise ConfigurationError(f"helm: input {helm + 1} does not turn the vessel ahead")
+        if len(rows) == 1:
+            return Nomoto(float(-b[0] / A[0, 0]), float(-1.0 / A[0, 0]))
+        numerator, determinant = A[1, 0] * b[0] - A[0, 0] * b[1], np.linalg.det(A)
+        time = -np.trace(A) / determinant - b[1] / numerator
+        return Nomoto(float(numerator / determinant), float(time))
+
+    @property
+    def signs(self) -> tuple[float, ...]:
+        """Sign of the yaw acceleration by each input; 1 for one that does not turn the vessel."""
+        by_input = self.B[self.dofs.index("yaw")]
+        return tuple(np.where(by_input < 0.0, -1.0, 1.0).tolist())
+
+    @property
+    def nomotos(self) -> tuple[Nomoto, ...]:
+        """The first-order models of all inputs; zeros for one that does not turn the vessel."""
+        by_input = self.B[self.dofs.index("yaw")]
+        largest = 1e-9 * np.max(np.abs(by_input), initial=0.0)
+        return tuple(
+            self.nomoto(i) if abs(turning) > largest else Nomoto(0.0, 0.0)
+            for i, turning in enumerate(by_input)
+        )
+
+    def surge(self, shaft: int) -> tuple[float, float]:
+        """(a, b) of du/dt = a u + b n for the surge and an input."""
+        i = self.dofs.index("surge")
+        return float(self.A[i, i]), float(self.B[i, shaft])
+
+
+def steering_model(vessel: Vessel, speed_m_s: float, inputs: Array) -> SteeringModel:
+    """Linearise the acceleration ahead at a speed under inputs (n_inputs,), by differences."""
+    n, m = len(vessel.dofs), len(inputs)
+    nu = np.zeros(n)
+    nu[vessel.dofs.index("surge")] = speed_m_s
+    size = STEP * np.concatenate([np.full(n, max(speed_m_s, 1e-3)), np.ones(m)])
+    steps = np.diag(size)
+    points = np.concatenate([steps, -steps])
+    moved, commanded = nu + points[:, :n], inputs + points[:, n:]
+    rate = vessel.forward(np.zeros_like(moved), moved, inputs=commanded)
+    slope = ((rate[: n + m] - rate[n + m :]) / (2.0 * size[:, None])).T
+    return SteeringModel(vessel.dofs, slope[:, :n], slope[:, n:])

@@ -1,0 +1,134 @@
+"""Manoeuvres of steered vessels: laws of stable and unstable ships, limits, and other signs."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.helm_schedule import register
+from seatrial.models.simulation.manoeuvre_sheet import sheet
+from seatrial.models.simulation.spiral_measures import Spiral, reverse_spiral, spiral
+from seatrial.models.simulation.stop_measures import williamson
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.steering import steering_model
+from tests.models.vessel.test_steered import sailed, track, vessel
+
+LENGTH = {"kvlcc2": 7.0, "mariner": 160.93}
+COARSE = ("integration_step_s=0.5", "sample_time_s=0.5")  # for the long manoeuvres of the mariner
+
+
+@cache
+def voyage(name: str, excitation: str, *options: str) -> Voyage:
+    return sailed(f"vessel={name}", f"excitation={excitation}", *options)
+
+
+def test_a_straight_stable_ship_has_no_loop() -> None:
+    """The mariner's eigenvalues are stable; its bias at helm 0 is that of its Y_0 and N_0."""
+    ship = vessel("mariner")
+    model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
+    assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) < 0.0
+    found = spiral(track(voyage("mariner", "spiral", *COARSE), LENGTH["mariner"]))
+    assert found.loop_width_deg == pytest.approx(0.0, abs=0.05)
+    half = len(found.rate_deg_s) // 2
+    back = found.rate_deg_s[half + 1 :][::-1]
+    np.testing.assert_allclose(found.rate_deg_s[:half], back, atol=1e-3)
+
+
+def test_kvlcc2_is_unstable_and_has_a_loop() -> None:
+    """An unstable eigenvalue; both spirals show the loop, and a residual rate of one size."""
+    ship = vessel("kvlcc2")
+    model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
+    assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) > 0.0
+    direct = spiral(track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"]))
+    reverse = reverse_spiral(track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"]))
+    assert isinstance(direct, Spiral)
+    assert direct.loop_width_deg > 0.1
+    assert reverse.loop_width_deg > 0.1
+    assert direct.residual_rate_deg_s == pytest.approx(reverse.residual_rate_deg_s, rel=0.05)
+
+
+def test_both_spirals_have_the_same_stable_branches() -> None:
+    """The helm that holds a rate is the helm that gives it."""
+    direct = spiral(track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"]))
+    reverse = reverse_spiral(track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"]))
+    for side in (-1.0, 1.0):
+        helm, rate = np.array(direct.helm_deg), np.array(direct.rate_deg_s)
+        order = np.argsort(np.array(reverse.rate_deg_s))
+        held = np.interp(
+            rate, np.array(reverse.rate_deg_s)[order], np.array(reverse.helm_deg)[order]
+        )
+        branch = (side * helm >= 5.0) & (side * helm <= 15.0)
+        assert np.count_nonzero(branch) >= 6
+        np.testing.assert_allclose(held[branch], helm[branch], atol=0.15)
+
+
+def test_a_pull_out_leaves_the_rate_of_the_spiral_at_helm_zero() -> None:
+    """Measures before the pull-out are those of the turn without one."""
+    whole = sheet(track(voyage("kvlcc2", "rudder_turn"), 7.0)).entries
+    out = sheet(track(voyage("kvlcc2", "rudder_pull_out"), 7.0)).entries
+    plain = {entry.quantity: entry.value for entry in whole}
+    assert "residual yaw rate" not in plain
+    for entry in out:
+        if entry.quantity in plain:
+            assert entry.value == pytest.approx(plain[entry.quantity], rel=1e-3)
+
+
+@pytest.mark.parametrize("helm", [35, -35])
+def test_a_williamson_turn_comes_back_on_its_track(helm: int) -> None:
+    """Within two ship lengths of the track and one degree of the reciprocal course."""
+    found = williamson(track(voyage("kvlcc2", "williamson", f"excitation.helm_deg={helm}"), 7.0))
+    assert abs(found.heading_error_deg) < 1.0
+    assert abs(found.offset) < 2.0
+    assert 2.0 < found.widest < 8.0
+
+
+def test_the_angle_of_a_williamson_turn_is_the_ships_own() -> None:
+    """The offset rises with the angle of the first helm and passes through zero."""
+    offsets = []
+    for angle in (10, 40, 70, 100):
+        turned = voyage("mariner", "williamson", f"excitation.away_deg={angle}", *COARSE)
+        found = williamson(track(turned, LENGTH["mariner"]))
+        assert abs(found.heading_error_deg) < 2.0
+        offsets.append(found.offset)
+    assert np.all(np.diff(offsets) != 0.0)
+    assert len(set(np.sign(np.diff(offsets)))) == 1
+    assert offsets[0] * offsets[-1] < 0.0
+
+
+@pytest.mark.parametrize("helm", [10, -10])
+def test_a_zigzag_of_a_ship_whose_helm_has_the_other_sign(helm: int) -> None:
+    """A positive helm turns the mariner to port; overshoots as in MSS, mariner_measures."""
+    zigzag = voyage(
+        "mariner", "rudder_zigzag", f"excitation.helm_deg={helm}", "excitation.duration_s=400"
+    )
+    motion = track(zigzag, LENGTH["mariner"])
+    headings = np.degrees(motion.psi)
+    assert np.min(headings) < -10.0 and np.max(headings) > 10.0  # noqa: PT018
+    first = int(np.argmax(np.abs(headings) > 5.0))
+    assert np.sign(headings[first]) == -np.sign(helm)
+
+
+def test_a_modified_zigzag_changes_sides_at_one_degree() -> None:
+    found = sheet(track(voyage("kvlcc2", "rudder_modified_zigzag"), 7.0))
+    values = {entry.quantity: entry.value for entry in found.entries}
+    assert values["change of heading"] == 1.0
+    assert values["helm"] == pytest.approx(5.0)
+
+
+def test_a_binary_sequence_has_the_spectrum_of_its_law() -> None:
+    """The circular autocorrelation of +-1 is n at lag 0 and -1 at all others."""
+    signs = 1.0 - 2.0 * register(6)
+    n = len(signs)
+    correlation = np.array([signs @ np.roll(signs, k) for k in range(n)])
+    assert n == 63
+    assert correlation[0] == n
+    np.testing.assert_array_equal(correlation[1:], -1.0)
+    orders = voyage("kvlcc2", "rudder_prbs").log.tau[:, 0]
+    assert set(np.round(np.degrees(orders), 9)) == {-10.0, 10.0}
+
+
+def test_a_crash_stop_without_data_astern_is_one_line() -> None:
+    with pytest.raises(ConfigurationError, match=r"got -11\.85 for n, .* from 0 to 20") as caught:
+        voyage("kvlcc2", "crash_stop")
+    assert "\n" not in str(caught.value)

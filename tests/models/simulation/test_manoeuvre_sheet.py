@@ -1,0 +1,150 @@
+"""Measures of manoeuvres on motions whose measures are known, and the criteria of the IMO."""
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import RecordingError
+from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_sheet import (
+    Entry,
+    intervals,
+    manoeuvre_of,
+    overshoot_limits,
+    sheet,
+)
+from seatrial.models.simulation.spiral_measures import Spiral, reverse_spiral, spiral
+from seatrial.models.simulation.stop_measures import stop, williamson
+from seatrial.models.vessel.basis import Array
+
+
+def track(t: Array, psi: Array, helm: Array, speed: float | Array = 2.0) -> Track:
+    """A motion along its heading; a length of 10 m."""
+    speeds = np.broadcast_to(np.asarray(speed, dtype=float), t.shape)
+    ahead = np.concatenate([[0.0], np.diff(t)]) * speeds
+    north, east = np.cumsum(ahead * np.cos(psi)), np.cumsum(ahead * np.sin(psi))
+    return Track(t, north, east, psi, helm, np.abs(speeds), 10.0)
+
+
+def spiral_track(rate_of: "dict[str, float]", helms_deg: Array, hold_s: float = 100.0) -> Track:
+    """A ship that takes the steady rate of its branch at once."""
+    t = np.arange(0.0, hold_s * len(helms_deg), 0.5)
+    k = (t // hold_s).astype(int)
+    helm = np.radians(helms_deg)[k]
+    rate = np.zeros_like(t)
+    side = np.sign(helms_deg[0])
+    for i in range(len(t)):  # rate = gain delta + jump side, which changes beyond the fold
+        if abs(helm[i]) > np.radians(rate_of["fold_deg"]):
+            side = np.sign(helm[i])
+        rate[i] = rate_of["gain"] * helm[i] + side * rate_of["jump"]
+    return track(t, np.cumsum(0.5 * rate), helm)
+
+
+def test_limits_of_the_overshoot_over_the_ratio_of_length_to_speed() -> None:
+    """MSC.137(76): 10 and 25 degrees below 10 s, 20 and 40 from 30 s, lines between."""
+    assert overshoot_limits(5.0) == overshoot_limits(10.0) == (10.0, 25.0)
+    assert overshoot_limits(30.0) == overshoot_limits(60.0) == (20.0, 40.0)
+    assert overshoot_limits(20.0) == (15.0, 32.5)
+
+
+def test_a_value_on_its_limit_passes_and_one_not_reached_has_no_verdict() -> None:
+    assert Entry("advance", 4.5, "L", 4.5).passed is True
+    assert Entry("advance", 4.51, "L", 4.5).passed is False
+    assert Entry("advance", np.nan, "L", 4.5).passed is None
+    assert Entry("advance", 1.0, "L").passed is None
+
+
+def test_the_scale_of_a_model_enters_the_ratio_by_its_root() -> None:
+    t = np.arange(0.0, 100.0, 0.1)
+    circle = track(t, np.maximum(t - 10.0, 0.0) * 0.1, np.radians(35.0) * (t > 10.0))
+    assert sheet(circle).length_over_speed_s == pytest.approx(5.0)
+    assert sheet(circle, scale=36.0).length_over_speed_s == pytest.approx(30.0)
+
+
+def test_a_turn_with_a_pull_out_keeps_its_steady_circle_and_has_a_residual_rate() -> None:
+    """Two circles at 0.1 rad/s, then 0.02 rad/s remain."""
+    t = np.arange(0.0, 500.0, 0.1)
+    rate = np.where(t < 10.0, 0.0, np.where(t < 200.0, 0.1, 0.02))
+    helm = np.radians(35.0) * ((t >= 10.0) & (t < 200.0))
+    entries = sheet(track(t, np.cumsum(0.1 * rate), helm)).entries
+    turned = {entry.quantity: entry.value for entry in entries}
+    assert turned["steady diameter"] == pytest.approx(2.0 * 2.0 / 0.1 / 10.0, rel=1e-3)
+    assert turned["residual yaw rate"] == pytest.approx(np.degrees(0.02), rel=1e-6)
+
+
+def test_the_loop_of_a_spiral_is_where_the_rate_jumps() -> None:
+    there = np.arange(15.0, -16.0, -2.5)
+    helms = np.concatenate([there, there[-2::-1]])
+    unstable = {"gain": 0.05, "jump": 0.01, "fold_deg": 4.0}
+    stable = {"gain": 0.05, "jump": 0.0, "fold_deg": 4.0}
+    loop = spiral(spiral_track(unstable, helms))
+    assert 5.0 < loop.loop_width_deg < 10.0  # the fold at 4 degrees to both sides, steps of 2.5
+    assert loop.residual_rate_deg_s == pytest.approx(np.degrees(0.01), rel=1e-6)
+    none = spiral(spiral_track(stable, helms))
+    assert none.loop_width_deg == pytest.approx(0.0, abs=1e-9)
+    assert none.residual_rate_deg_s == pytest.approx(0.0, abs=1e-9)
+    assert manoeuvre_of(spiral_track(stable, helms)) == "spiral"
+
+
+def test_the_loop_does_not_depend_on_the_sign_of_the_helm() -> None:
+    there = np.arange(15.0, -16.0, -2.5)
+    helms = np.concatenate([there, there[-2::-1]])
+    plain = spiral_track({"gain": 0.05, "jump": 0.01, "fold_deg": 4.0}, helms)
+    other = Track(plain.t, plain.north, plain.east, plain.psi, -plain.helm, plain.speed, 10.0)
+    assert spiral(other) == spiral(plain)
+
+
+def test_a_reverse_spiral_shows_the_fold() -> None:
+    """delta = -a r + b r^3 is folded between -r_f and r_f, r_f^2 = a / (3 b)."""
+    a, b, hold = 2.0, 4000.0, 100.0
+    rates = np.linspace(0.04, -0.04, 33)
+    t = np.arange(0.0, hold * len(rates), 0.5)
+    rate = rates[(t // hold).astype(int)]
+    folded = track(t, np.cumsum(0.5 * rate), -a * rate + b * rate**3)
+    r_f = np.sqrt(a / (3.0 * b))
+    width = 2.0 * (a * r_f - b * r_f**3)
+    found = reverse_spiral(folded)
+    assert isinstance(found, Spiral)
+    assert found.loop_width_deg == pytest.approx(np.degrees(width), rel=0.02)
+    assert found.residual_rate_deg_s == pytest.approx(np.degrees(np.sqrt(a / b)), rel=0.05)
+    straight = track(t, np.cumsum(0.5 * rate), a * rate)
+    assert reverse_spiral(straight).loop_width_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_stop_under_constant_deceleration() -> None:
+    """From 2 m/s with 0.02 m/s^2: 100 m in 100 s, along the course."""
+    t = np.arange(0.0, 200.0, 0.1)
+    speed = np.where(t < 20.0, 2.0, 2.0 - 0.02 * (t - 20.0))
+    ended = stop(track(t, np.full_like(t, 0.5), np.where(t < 20.0, 1.0, -1.0), speed))
+    assert ended.track_reach == pytest.approx(10.0, rel=5e-3)
+    assert ended.head_reach == pytest.approx(10.0, rel=5e-3)
+    assert ended.deviation == pytest.approx(0.0, abs=1e-9)
+    assert ended.time_s == pytest.approx(100.0, abs=0.2)
+    moving = stop(track(t, np.zeros_like(t), np.where(t < 20.0, 1.0, -1.0), 2.0))
+    assert np.isnan(moving.track_reach)
+
+
+def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
+    t = np.arange(0.0, 10.0 + 10.0 * np.pi, 0.01)
+    psi = np.clip(0.1 * (t - 10.0), 0.0, np.pi)
+    turned = williamson(track(t, psi, np.where(t < 10.0, 0.0, 0.5)))
+    assert turned.offset == pytest.approx(4.0, rel=1e-2)
+    assert turned.heading_error_deg == pytest.approx(0.0, abs=0.1)
+
+
+def test_intervals_are_the_quantiles_of_the_draws() -> None:
+    """Circles of radius U / r with drawn rates: the diameter of a quantile is that of its rate."""
+    t = np.arange(0.0, 400.0, 0.1)
+    rates = np.random.default_rng(0).normal(0.1, 0.01, 200)
+
+    def sail(rate: float) -> Track:
+        return track(t, np.maximum(t - 10.0, 0.0) * rate, np.radians(35.0) * (t > 9.95))
+
+    low, high = intervals(rates, sail, "turn")["steady diameter"]
+    expected = np.quantile(2.0 * 2.0 / rates / 10.0, [0.05, 0.95])
+    np.testing.assert_allclose((low, high), expected, rtol=1e-3)
+
+
+def test_a_helm_that_does_not_move_is_refused() -> None:
+    t = np.arange(0.0, 10.0, 0.1)
+    with pytest.raises(RecordingError, match="helm does not move"):
+        sheet(track(t, 0.0 * t, 0.0 * t), "turn")

@@ -1,0 +1,114 @@
+"""The command `manoeuvres`: sheets of stored runs and of files, and their errors of one line."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+
+MARIN = "t=1,x=2,y=3,psi_deg=5,u=6,v=7,helm_deg=10"
+
+
+LATE_S = 0.05  # from half of the step of the helm, between two samples, to the turn
+
+
+def values(out: str) -> dict[str, dict[str, object]]:
+    return {row["quantity"]: row for row in json.loads(out)}
+
+
+@pytest.fixture
+def circle(tmp_path: Path) -> Path:
+    """A file of the circle, of numbers without a header."""
+    columns = stored.circle().columns
+    names = ("t", "x", "y", "psi", "delta")
+    file = tmp_path / "circle.dat"
+    np.savetxt(file, np.column_stack([columns[name] for name in names]), header="a circle")
+    return file
+
+
+def test_the_sheet_of_a_circle_is_its_geometry(program: Program, sailed: Path) -> None:
+    """A circle of three ship lengths that begins at once: advance 3, transfer 3, diameters 6."""
+    where = ("--database", f"sqlite:///{sailed}/results.db")
+    code, out, _ = program("manoeuvres", "9", *where, "--format", "json")
+    assert code == 0
+    rows = values(out)
+    expected = {
+        "advance": 3.0, "transfer": 3.0, "tactical diameter": 6.0, "steady diameter": 6.0,
+        "speed loss": 0.0, "drift angle": 0.0, "yaw rate": np.degrees(2.0 / 30.0),
+        "time to 90 deg": 7.5 * np.pi + LATE_S, "time to 180 deg": 15.0 * np.pi + LATE_S,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert rows[name]["value"] == pytest.approx(value, abs=0.02), name
+    assert rows["tactical diameter"]["metres"] == pytest.approx(60.0, abs=0.1)
+    assert (rows["advance"]["limit"], rows["advance"]["MSC.137(76)"]) == (4.5, "pass")
+    assert (rows["tactical diameter"]["limit"], rows["tactical diameter"]["MSC.137(76)"]) == (
+        5.0,
+        "fail",
+    )
+
+
+def test_a_file_has_the_sheet_of_the_run(program: Program, sailed: Path, circle: Path) -> None:
+    """The speed follows from the path, where there are no velocities."""
+    _, of_run, _ = program(
+        "manoeuvres", "9", "--database", f"sqlite:///{sailed}/results.db", "--format", "json"
+    )
+    columns = ("--columns", "t=1,x=2,y=3,psi=4,helm=5")
+    code, out, _ = program("manoeuvres", circle, "--length", "10", *columns, "--format", "json")
+    assert code == 0
+    for name, row in values(of_run).items():
+        assert values(out)[name]["value"] == pytest.approx(row["value"], rel=1e-3, abs=0.1)
+
+
+def test_a_measured_zigzag_of_a_full_ship(program: Program) -> None:
+    """MARIN's 10/10 of KVLCC2: 9.5 and 15.0 degrees are published, IMO allows 20 and 40."""
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+    file = Path(folder) / "kvlcc2" / "marin" / "MARIN_FREE_KVLCC2_zz_10_m.dat"
+    options = ("--length", "320", "--columns", MARIN)
+    code, out, err = program("manoeuvres", file, *options, "--format", "json")
+    assert (code, err) == (0, "")
+    rows = values(out)
+    for name, published, allowed in (("first", 9.5, 20.0), ("second", 15.0, 40.0)):
+        row = rows[f"{name} overshoot"]
+        assert row["value"] == pytest.approx(published, abs=0.2)
+        assert (row["limit"], row["MSC.137(76)"]) == (allowed, "pass")
+    _, text, _ = program("manoeuvres", file, *options, "--execution", "order")
+    assert "from the instant at which the helm leaves its value (order)" in text
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("t=1,x=2,y=3,psi=4", "no helm"),
+        ("t=1,x=2,y=3,psi=4,rudder=5", "got 'rudder=5'"),
+        ("t=1,x=2,y=3,psi=4,helm=6", "got 5 columns, no column 6"),
+        ("t=5,x=2,y=3,psi=4,helm=1", "the time does not rise"),
+        ("t=1,x=2,y=3,psi=4,helm=time", "no column '1'"),
+    ],
+)
+def test_wrong_columns_are_one_line(
+    program: Program, circle: Path, columns: str, message: str
+) -> None:
+    code, out, err = program("manoeuvres", circle, "--length", "10", "--columns", columns)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
+    program: Program, sailed: Path, circle: Path
+) -> None:
+    where = ("--database", f"sqlite:///{sailed}/results.db")
+    for arguments, message in (
+        (("1", *where, "--length", "10"), "has no u, expected a steered vessel"),
+        (("1", *where), "the length of its vessel is not stored"),
+        ((circle, "--columns", MARIN), "expected --length"),
+        ((circle, "--length", "10"), "expected --columns"),
+    ):
+        code, out, err = program("manoeuvres", *arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert message in err
