@@ -150,7 +150,8 @@ class SearchSweeper(SeatrialSweeper):
     def _show_dry_run(self, study: "optuna.Study") -> None:
         plans = self._ask(study).plans
         most = self._search.trials * len(self._space.seeds)
-        self.session.say(["the first candidate:", *console.dry_run(listed(plans))])
+        self.session.say(["the first candidate:"])
+        self.session.list_trials(listed(plans))
         self.session.say(
             f"{name}: {search_space.described(distribution)}"
             for name, distribution in self._distributions.items()

@@ -163,6 +163,10 @@ class Session:
         """Print the outcome."""
         print("\n".join(lines))
 
+    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
+        """Print what a dry run found: (state, trial, remark) of each trial."""
+        self.say(console.dry_run(trials))
+
     def provenance(self) -> Provenance:
         """Return where the results come from."""
         return collect()
@@ -178,7 +182,7 @@ class Session:
 
     def _run(self, order: Order) -> None:
         if order.config.get("dry_run") is True:
-            self.say(console.dry_run(listed([Planner(collect().sources).plan(order)])))
+            self.list_trials(listed([Planner(collect().sources).plan(order)]))
             return
         trial = prepare(order)
         self.logbook = trial.database_url, trial.results_dir
@@ -268,7 +272,7 @@ class SeatrialSweeper(Sweeper):
         jobs = composer.applicable(jobs)
         plans = _planned(composer, jobs)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
-            self.session.say(console.dry_run(listed(plans)))
+            self.session.list_trials(listed(plans))
         else:
             self._run(accepted(plans), arguments, _factors(jobs))
 
