@@ -48,6 +48,7 @@ def run(
     controller: Choice = None,
     evaluation: Choice = None,
     database: str | Path | None = None,
+    dry_run: Literal[False] = False,
     **options: object,
 ) -> Run: ...
 def run(
@@ -119,6 +120,7 @@ def sweep(
     name: str | None = None,
     database: str | Path | None = None,
     progress: bool = True,
+    dry_run: Literal[False] = False,
     **options: Any,
 ) -> Sweep: ...
 def sweep(
