@@ -33,7 +33,7 @@ class Problem:
     validation: Recording
     nominal: Vessel
     thruster: SecondOrderLag | None  # None: not known
-    compared: bool = False  # only the model is asked for, without warnings about it
+    compared: bool = False  # only the model is asked for, without its errors and warnings
 
 
 @dataclass(frozen=True, eq=False)
