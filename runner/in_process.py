@@ -23,6 +23,7 @@ from hydra.types import RunMode
 from hydra.version import VersionBase
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.runner import console
 from seatrial.runner.composition import order_of
 from seatrial.runner.database.mask import learn, without_address, without_passwords
 from seatrial.runner.database.terminal import error_line
@@ -53,10 +54,16 @@ class Call(Session):
         super().__init__()
         self._words = words
         self.lines: list[str] = []
+        self.trials: Sequence[tuple[str, str, str]] | None = None  # of a dry run
 
     def say(self, lines: Iterable[str]) -> None:
         """Keep the lines that the command prints."""
         self.lines += lines
+
+    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
+        """Keep what a dry run found; its totals are among the lines."""
+        self.trials = trials
+        self.say(console.dry_run(trials)[len(trials) :])
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
@@ -65,7 +72,7 @@ class Call(Session):
 
 
 def run_trial(overrides: Sequence[str]) -> Call:
-    """Run one trial; returns the call with its outcome.
+    """Run one trial; returns the call with its outcome, or with the trial of a dry run.
 
     Raises SeatrialError, in one line, if the trial cannot be run; an error of the trial itself is
     in the outcome.
@@ -78,8 +85,6 @@ def run_trial(overrides: Sequence[str]) -> Call:
         hydra.run("trial", call, list(overrides), with_log_configuration=False)
         if isinstance(call.error, Exception):
             raise call.error
-        if call.outcome is None:
-            raise ConfigurationError("dry_run: got true, expected the command line for a dry run")
     return call
 
 
@@ -93,8 +98,6 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
         hydra.multirun("trial", call, [*words, *QUIET], with_log_configuration=False)
         if isinstance(call.error, str):
             raise SeatrialError(call.error)
-        if call.sweep_id is None:
-            raise ConfigurationError("dry_run: got true, expected the command line for a dry run")
 
 
 def composed(overrides: Sequence[str]) -> Order:

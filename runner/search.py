@@ -10,15 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Override
 from omegaconf import OmegaConf
 
-from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import console, database
 from seatrial.runner.composition import Composer
@@ -26,14 +23,13 @@ from seatrial.runner.config import Limits, build_as
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import Plan, Refusal, known, listed, shown
-from seatrial.runner.launching import LaunchResult, check
+from seatrial.runner.launching import LaunchResult
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import collect
 from seatrial.runner.sweep import (
     SeatrialSweeper,
     SweepJob,
     accepted,
-    begin_sweep,
     finished_before,
     texts,
 )
@@ -154,7 +150,8 @@ class SearchSweeper(SeatrialSweeper):
     def _show_dry_run(self, study: "optuna.Study") -> None:
         plans = self._ask(study).plans
         most = self._search.trials * len(self._space.seeds)
-        self.session.say(["the first candidate:", *console.dry_run(listed(plans))])
+        self.session.say(["the first candidate:"])
+        self.session.list_trials(listed(plans))
         self.session.say(
             f"{name}: {search_space.described(distribution)}"
             for name, distribution in self._distributions.items()
@@ -162,35 +159,18 @@ class SearchSweeper(SeatrialSweeper):
         self.session.say([f"{self._search.trials} candidates, at most {most} trials"])
 
     def _run_search(self, study: "optuna.Study", arguments: list[str]) -> None:
-        check(self._choice, arguments)
         first = self._ask(study)
-        (plan, *_), provenance = accepted(first.plans), self.session.provenance()
+        plan = accepted(first.plans)[0]
         stored = [text for text in arguments if not text.startswith(search_candidates.PREFIX)]
         stored += search_candidates.as_overrides(self._objectives)
-        with (
-            database.Logbook.open(plan.database_url, results_dir=plan.results_dir) as logbook,
-            TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
-        ):
-            most = self._search.trials * len(self._space.seeds)
-            sweep_id = begin_sweep(logbook, plan.labels, provenance, stored, most)
-            self.session.sweep_id = sweep_id
-            self.session.logbook = plan.database_url, plan.results_dir
-            job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
-            done: list[Attempt] = []
-            with console.shown(plan.database_url, sweep_id, job.compile_times, self.session.view):
-                try:
-                    launched = self._loop(study, [first], done, logbook, job)
-                except KeyboardInterrupt:
-                    logbook.give_up_sweep(sweep_id)
-                    raise
-            logbook.end_sweep(sweep_id, sum(len(one.results[0]) for one in done))
+        most = self._search.trials * len(self._space.seeds)
+        done: list[Attempt] = []
+        with self.underway(plan, stored, most) as sweep:
+            launched = self._loop(study, [first], done, sweep.logbook, sweep.job)
+            sweep.planned = sum(len(one.results[0]) for one in done)
         best = self._best(done)
-        lines = [*self._summary(done, sweep_id, plan.database_url), *self._shown(best, done)]
-        self.session.say(lines)
-        self.session.exit_code = 0 if best else 1
-        self.session.error = launched.error
-        if launched.bugs:
-            raise launched.bugs[0]
+        lines = self._summary(done, sweep.job.sweep_id, plan.database_url)
+        self._end(launched, [*lines, *self._shown(best, done)], 0 if best else 1)
 
     def _loop(
         self,

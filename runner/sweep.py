@@ -6,7 +6,8 @@ configured launcher, and ends with a summary from the logbook.
 
 import logging
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
 from math import inf
@@ -162,6 +163,10 @@ class Session:
         """Print the outcome."""
         print("\n".join(lines))
 
+    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
+        """Print what a dry run found: (state, trial, remark) of each trial."""
+        self.say(console.dry_run(trials))
+
     def provenance(self) -> Provenance:
         """Return where the results come from."""
         return collect()
@@ -177,7 +182,7 @@ class Session:
 
     def _run(self, order: Order) -> None:
         if order.config.get("dry_run") is True:
-            self.say(console.dry_run(listed([Planner(collect().sources).plan(order)])))
+            self.list_trials(listed([Planner(collect().sources).plan(order)]))
             return
         trial = prepare(order)
         self.logbook = trial.database_url, trial.results_dir
@@ -219,6 +224,15 @@ class SweepJob:
         return outcome
 
 
+@dataclass
+class SweepUnderway:
+    """A sweep that has begun; a search sets `planned` to the trials that it has run."""
+
+    logbook: "database.Logbook"
+    job: SweepJob
+    planned: int
+
+
 class SeatrialSweeper(Sweeper):
     """The grid of Hydra's basic sweeper, with the logbook."""
 
@@ -258,33 +272,49 @@ class SeatrialSweeper(Sweeper):
         jobs = composer.applicable(jobs)
         plans = _planned(composer, jobs)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
-            self.session.say(console.dry_run(listed(plans)))
+            self.session.list_trials(listed(plans))
         else:
             self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
+        with self.underway(plans[0], arguments, len(plans)) as sweep:
+            outcomes, remaining = finished_before(plans, sweep.logbook, sweep.job.sweep_id)
+            launched = self._launch(remaining, sweep.job)
+            status = sweep.logbook.sweep_status(sweep.job.sweep_id)
+        outcomes += launched.outcomes
+        lines = console.sweep_summary(status, outcomes, plans[0].database_url, factors)
+        self._end(launched, lines, console.sweep_exit_code(status, outcomes))
+
+    @contextmanager
+    def underway(
+        self, plan: Plan, arguments: Sequence[str], planned: int
+    ) -> Iterator["SweepUnderway"]:
+        """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
+
+        On Ctrl-C its runs are marked as interrupted.
+        """
         check(self._choice, arguments)
-        url, provenance = plans[0].database_url, self.session.provenance()
+        url, provenance = plan.database_url, self.session.provenance()
         with (
-            database.Logbook.open(url, results_dir=plans[0].results_dir) as logbook,
+            database.Logbook.open(url, results_dir=plan.results_dir) as logbook,
             TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
         ):
-            sweep_id = begin_sweep(logbook, plans[0].labels, provenance, arguments, len(plans))
-            self.session.sweep_id, self.session.logbook = sweep_id, (url, plans[0].results_dir)
+            sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned)
+            self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
             job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
-            outcomes, remaining = finished_before(plans, logbook, sweep_id)
+            sweep = SweepUnderway(logbook, job, planned)
             with console.shown(url, sweep_id, job.compile_times, self.session.view):
                 try:
-                    launched = self._launch(remaining, job)
+                    yield sweep
                 except KeyboardInterrupt:
                     logbook.give_up_sweep(sweep_id)
                     raise
-            logbook.end_sweep(sweep_id)
-            status = logbook.sweep_status(sweep_id)
-        outcomes += launched.outcomes
-        self.session.say(console.sweep_summary(status, outcomes, url, factors))
-        self.session.exit_code = console.sweep_exit_code(status, outcomes)
-        self.session.error = launched.error
+            logbook.end_sweep(sweep_id, sweep.planned)
+
+    def _end(self, launched: LaunchResult, lines: Iterable[str], exit_code: int) -> None:
+        """Print the summary of a sweep; raises the first bug of its trials."""
+        self.session.say(lines)
+        self.session.exit_code, self.session.error = exit_code, launched.error
         if launched.bugs:
             raise launched.bugs[0]
 

@@ -39,7 +39,7 @@ RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
 def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, Array]:
     """Velocity and acceleration noise (N, n_dof) with the spectra of that of a recording."""
     starts, period = recording.piece_starts, recording.period_s
-    floors = [noise_floor(x, starts, period) for x in (recording.nu, recording.nu_dot)]
+    floors = [recording.noise, noise_floor(recording.nu_dot, starts, period)]
     velocity, acceleration = (
         np.where(floor.share > NEGLIGIBLE, floor.deviation, 0.0)
         * rng.standard_normal(recording.nu.shape)
@@ -85,7 +85,11 @@ def noticeable(
 
 
 def with_attenuation(
-    options: ResidualOptions, problem: Problem, lag: SecondOrderLag | None, result: Identified
+    options: ResidualOptions,
+    problem: Problem,
+    lag: SecondOrderLag | None,
+    samples: Samples,
+    result: Identified,
 ) -> Identified:
     """The result with a finding for each coefficient that noise attenuates, and a warning."""
     training, dofs = problem.training, problem.nominal.dofs
@@ -96,16 +100,15 @@ def with_attenuation(
         return result
     noisy = replace(training, nu=training.nu + velocity, nu_dot=training.nu_dot + acceleration)
     smoothing = options.smoothing(training)
-    once, again = (
-        options.samples(part, problem.nominal, lag, smoothing) for part in (training, noisy)
-    )
-    shares = attenuations(once, again)
+    again = options.samples(noisy, problem.nominal, lag, smoothing)
+    shares = attenuations(samples, again)
     errors = None if result.std_error is None else result.std_error[: len(shares)]
-    lost = noticeable(once, shares, problem.nominal, errors)
+    lost = noticeable(samples, shares, problem.nominal, errors)
     if not lost:
         return result
     findings = [
-        Finding("attenuation", dofs[k], float(shares[i]), label=once.terms[i].name) for i, k in lost
+        Finding("attenuation", dofs[k], float(shares[i]), label=samples.terms[i].name)
+        for i, k in lost
     ]
     worst = findings[0]
     warning = (

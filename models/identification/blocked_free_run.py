@@ -16,7 +16,7 @@ model runs away; an order or a method chosen on the test part is evaluated on th
 it: Jervan (2020), chapter 6.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -29,7 +29,6 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.validation import RESTART_S, prediction
 from seatrial.models.recording.recording import Recording, blocked_k_fold
-from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -90,8 +89,7 @@ class Blocks:
     def axes(self) -> list[int]:
         """Degrees of freedom whose velocity moved by more than its noise."""
         training = self.problem.training
-        noise = noise_floor(training.nu, training.piece_starts, training.period_s).deviation
-        moved = np.std(training.nu, axis=0) > np.maximum(MOTION * noise, STILL)
+        moved = np.std(training.nu, axis=0) > np.maximum(MOTION * training.noise.deviation, STILL)
         return np.flatnonzero(moved).tolist()
 
     @property
@@ -123,27 +121,32 @@ class Blocks:
         return self.errors(
             [
                 identifier.identify(problem, np.random.default_rng(SEED)).model
-                for problem in self.problems()
+                for problem in self.problems
             ]
         )
 
-    def problems(self) -> Iterator[Problem]:
+    @cached_property
+    def problems(self) -> tuple[Problem, ...]:
         """The problem without each of the blocks, of which only the model is wanted."""
         training = self.problem.training
-        for split in blocked_k_fold(len(training), self.folds):
-            part = training.part(split.train)
-            yield replace(self.problem, training=part, validation=part, compared=True)
+        parts = (training.part(s.train) for s in blocked_k_fold(len(training), self.folds))
+        return tuple(
+            replace(self.problem, training=part, validation=part, compared=True) for part in parts
+        )
+
+    @cached_property
+    def left_out(self) -> tuple[Recording, ...]:
+        """The blocks."""
+        training = self.problem.training
+        return tuple(training.part(s.test) for s in blocked_k_fold(len(training), self.folds))
 
     def errors(self, models: Sequence[Vessel]) -> LeftOut:
         """Errors of models on the blocks, each of one that was identified without its block.
 
         Raises IdentificationError when one of them cannot be simulated.
         """
-        training = self.problem.training
-        splits = blocked_k_fold(len(training), self.folds)
         errors = [
-            self.runs(model, training.part(split.test))
-            for model, split in zip(models, splits, strict=True)
+            self.runs(model, block) for model, block in zip(models, self.left_out, strict=True)
         ]
         return LeftOut(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
 

@@ -95,7 +95,7 @@ def course_of(
             f"recorded velocity: got {fastest:.3g}, expected below "
             f"identifier.derivative_limit = {limit:g}"
         )
-    restart = recording.piece_starts
+    restart = recording.piece_starts.copy()
     if horizon is not None:
         restart |= since(restart) % horizon == 0
     kinematics = kinematics_of(recording.dofs, attitude)

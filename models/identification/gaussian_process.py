@@ -109,14 +109,11 @@ class GaussianProcess(ResidualOptions):
         data = self._data(problem, lag, rng)
         tables, about = self._tables(data, problem.nominal)
         blocks = Blocks(replace(problem, thruster=lag), self.folds, self.segment_s, self.force)
-        models = {
-            name: self._left_out(blocks, data.samples.terms, table[1:])
-            for name, table in tables.items()
-        }
+        models = {name: self._left_out(blocks, table[1:]) for name, table in tables.items()}
         errors = {name: _error(blocks, own) for name, own in models.items()}
         for chosen in sorted(errors, key=lambda name: errors[name]):  # the simplest of equal ones
             try:
-                result = self._compiled(problem, lag, data.samples.terms, tables[chosen][0])
+                result = self._compiled(problem, lag, data.samples, tables[chosen][0])
             except IdentificationError as error:
                 findings += (Finding("rejected", "all", None, label=f"{chosen}: {error}"),)
             else:
@@ -135,26 +132,26 @@ class GaussianProcess(ResidualOptions):
         warned = (*result.warnings, *poor)
         return replace(result, findings=(*findings, *result.findings), warnings=warned)
 
-    def _left_out(
-        self, blocks: Blocks, terms: tuple[Term, ...], tables: Array
-    ) -> list[Vessel] | None:
+    def _left_out(self, blocks: Blocks, tables: Array) -> list[Vessel] | None:
         """The models without each block, of tables (folds, n_terms, n_dof); None: none hold."""
         quick, lag = replace(self, refinement="none"), blocks.problem.thruster
         try:
             return [
-                quick._compiled(problem, lag, terms, theta).model
-                for problem, theta in zip(blocks.problems(), tables, strict=True)
+                quick._compiled(
+                    problem, lag, quick.samples(problem.training, problem.nominal, lag), theta
+                ).model
+                for problem, theta in zip(blocks.problems, tables, strict=True)
             ]
         except IdentificationError:  # the physical constraints cannot be met
             return None
 
     def _compiled(
-        self, problem: Problem, lag: SecondOrderLag | None, terms: tuple[Term, ...], theta: Array
+        self, problem: Problem, lag: SecondOrderLag | None, samples: Samples, theta: Array
     ) -> Identified:
         """A residual table with the physical constraints and the refinement that are asked for."""
-        residual = Vessel("residual", problem.nominal.dofs, terms, theta)
+        residual = Vessel("residual", problem.nominal.dofs, samples.terms, theta)
         identified = Identified(problem.nominal + residual, residual)
-        return finished(self, problem, lag, identified) if np.any(theta) else identified
+        return finished(self, problem, lag, samples, identified) if np.any(theta) else identified
 
     def _data(
         self, problem: Problem, lag: SecondOrderLag | None, rng: np.random.Generator

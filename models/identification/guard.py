@@ -28,7 +28,7 @@ def guarded(
     `estimate` returns the model of a part of the recording.
     """
     try:
-        models = [estimate(problem) for problem in blocks.problems()]
+        models = [estimate(problem) for problem in blocks.problems]
     except UNUSABLE:
         return with_nominal_axes(result, blocks.problem.nominal, blocks.every_axis, LOST)
     return guarded_by(models, blocks, result)

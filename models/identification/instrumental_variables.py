@@ -223,10 +223,12 @@ class InstrumentalVariables(ResidualOptions):
         residual = estimate.residual(problem.nominal.dofs)
         if self.inertia_factor is None:
             _check_inertia(problem.nominal + residual)
-        errors = estimate.table(self._errors(estimate, rng), np.nan)
+        errors = None
+        if not problem.compared:
+            errors = estimate.table(self._errors(estimate, rng), np.nan)
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings)
-        return finished(self, problem, lag, result)
+        return finished(self, problem, lag, estimate.samples, result)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The simulations and the replicates."""

@@ -87,7 +87,9 @@ class LeastSquares(ResidualOptions):
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
         fitted, penalty_findings = self.solve(samples, dofs)
-        if self.bootstrap is None:
+        if problem.compared:
+            errors, f_errors = (np.full_like(x, np.nan) for x in (fitted.theta, fitted.shared))
+        elif self.bootstrap is None:
             errors, f_errors = standard_errors(fitted, self.errors)
         else:
             length = round(self.block_s / samples.period_s)
@@ -100,7 +102,7 @@ class LeastSquares(ResidualOptions):
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
         result = Identified(problem.nominal + residual, residual, errors, findings)
-        return finished(self, problem, lag, result)
+        return finished(self, problem, lag, samples, result)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The replicates of the bootstrap."""

@@ -22,7 +22,7 @@ function of s, whose least value is known. Only directions have to be searched.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import daqp
@@ -115,6 +115,7 @@ def largest_velocities(nu: Array, inertia: Array | None) -> Array:
     return np.asarray(largest)
 
 
+@lru_cache(maxsize=16)
 def _spread(n_dof: int, count: int) -> Array:
     """A low-discrepancy sequence (count, n_dof) between -1 and 1."""
     halton = scipy.stats.qmc.Halton(n_dof, scramble=False).random(count + 1)[1:]
@@ -166,9 +167,14 @@ class Rays(NamedTuple):
 def dissipated(table: Vessel, velocities: Array) -> Array:
     """Power (n,) [W] that the damping of a table takes from the motion at velocities (n, n_dof)."""
     index = damping_terms(table)
-    motion = table.variables(np.zeros_like(velocities), velocities)
-    damping = basis.evaluate([table.terms[i] for i in index], motion) @ table.theta[index]
+    damping = _terms_at(table, index, velocities) @ table.theta[index]
     return np.asarray(np.sum(damping * velocities, axis=1))
+
+
+def _terms_at(table: Vessel, index: Sequence[int], velocities: Array) -> Array:
+    """Some terms of a table (n, len(index)) at velocities (n, n_dof)."""
+    motion = table.variables(np.zeros_like(velocities), velocities)
+    return basis.evaluate([table.terms[i] for i in index], motion)
 
 
 def unphysical(model: Vessel, believed: Vessel, nu: Array) -> str | None:
@@ -205,18 +211,21 @@ class PhysicalConstraints:
 
         Rows that the believed table itself violates ask nothing that it could not be.
         """
-        rows = self._dissipation(self.velocities) + self._signs(damping_terms(self.free.nominal))
+        rows = self._dissipation(self.velocities) + self._signs(self._damping)
         return self._scaled(rows + self._asymmetry() + self._righting())
+
+    @cached_property
+    def _damping(self) -> list[int]:
+        return damping_terms(self.free.nominal)
 
     def _dissipation(self, velocities: Array, share: float = 0.0) -> Rows:
         """Dissipation at velocities (n, n_dof) of at least a `share` of the believed one."""
-        table = self.free.nominal
-        index = damping_terms(table)
-        motion = table.variables(np.zeros_like(velocities), velocities)
-        phi = basis.evaluate([table.terms[i] for i in index], motion)
+        table, index = self.free.nominal, self._damping
+        phi = _terms_at(table, index, velocities)
         work = phi[:, :, None] * velocities[:, None, :]  # (n, terms, n_dof)
         slopes = np.einsum("ntd,tdm->nm", work, self.free.slopes[index])
-        needed = (share - 1.0) * dissipated(table, velocities)
+        believed = np.sum((phi @ table.theta[index]) * velocities, axis=1)
+        needed = (share - 1.0) * believed
         return Rows(slopes, needed, ("dissipation",) * len(slopes))
 
     def _scaled(self, rows: Rows) -> Rows:
@@ -318,10 +327,10 @@ class PhysicalConstraints:
         believed = self.free.nominal.theta
         theta = believed + self.free.slopes @ change
         s, power = self._rays.least(theta - 0.5 * MARGIN * believed)
+        if not np.any(power < 0.0):
+            return None
         worst = np.argsort(power)[:CUTS_OF_RAYS]
         worst = worst[power[worst] < 0.0]
-        if not len(worst):
-            return None
         velocities = s[worst, None] * self._rays.directions[worst]
         rows = self._scaled(self._dissipation(velocities, MARGIN))
         missed = rows.A @ change < rows.b - 2.0 * TOLERANCE

@@ -140,7 +140,7 @@ class Plsr(PartialLeastSquares):
         errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
         findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
         result = Identified(problem.nominal + residual, residual, errors, findings)
-        return finished(self, problem, lag, result)
+        return finished(self, problem, lag, samples, result)
 
     def fit(self, moment: Array, z: Columns) -> Array:
         """Coefficients on Z of every order, shape (orders, 1 + J, K)."""

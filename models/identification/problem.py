@@ -34,7 +34,7 @@ class Problem:
     validation: Recording
     nominal: Vessel
     thruster: SecondOrderLag | None  # None: not known
-    compared: bool = False  # only the model is asked for, without warnings about it
+    compared: bool = False  # only the model is asked for, without its errors and warnings
 
     def __post_init__(self) -> None:
         recorded, expected = self.training.input_names, self.nominal.inputs

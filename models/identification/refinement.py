@@ -14,6 +14,7 @@ the true parameters, a short one has few.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from seatrial.models.identification.free_run import course_of, predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.identification.residual import ResidualOptions, Samples
 from seatrial.models.identification.structured import (
     Structure,
     entries_of,
@@ -57,16 +58,6 @@ ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread o
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
-    """Refined parameters with their covariance."""
-
-    change: Array  # (m,) p - p_believed
-    active: tuple[str, ...]  # names of constraints that bind
-    covariance: Array  # (m, m)
-    evaluations: int
-
-
-@dataclass(frozen=True, eq=False)
 class _Point:
     change: Array  # (m,)
     start: Array  # (n_segments, n_dof) initial minus measured velocities
@@ -82,6 +73,7 @@ class _Segments:
         self.n_dof = len(predictor.free.nominal.dofs)
         self.spread = predictor.spread[self.n_dof :]
         self.evaluations = 0
+        self._latest: tuple[_Point, tuple[Array, Array]] | None = None
 
     def point(self, change: Array, start: Array | None = None) -> _Point:
         start = np.zeros((len(self.begin), self.n_dof)) if start is None else start
@@ -94,8 +86,14 @@ class _Segments:
     def slopes(self, point: _Point) -> tuple[Array, Array]:
         """Derivatives of the prediction by parameters (N, n_dof, m) and starts (N, n_dof, n_dof).
 
-        If the inertia after a forward step is not positive definite, a backward step is used.
+        A point at which no step was better is asked for again.
         """
+        if self._latest is None or self._latest[0] is not point:
+            self._latest = point, self._slopes(point)
+        return self._latest[1]
+
+    def _slopes(self, point: _Point) -> tuple[Array, Array]:
+        """If the inertia after a forward step is not positive definite, a backward one is used."""
         by_parameter = np.empty((*point.rest.shape, len(point.change)))
         for j, size in enumerate(STEP * self.deviation):
             step = np.where(np.arange(len(point.change)) == j, size, 0.0)
@@ -122,6 +120,34 @@ class _Segments:
             left[a:b] = (flat - Q @ along).reshape(values[a:b].shape)
             coefficients.append(np.linalg.lstsq(R, along, rcond=None)[0])
         return left.reshape(-1, values.shape[2]), np.array(coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Refined parameters, and what their covariance is computed from."""
+
+    runs: _Segments
+    point: _Point
+    active: tuple[str, ...]  # names of constraints that bind
+    rms: Array  # (n_dof,) of the residuals
+    tau: float  # samples that say as much as one independent sample
+    before: int = 0  # evaluations with shorter segments
+
+    @property
+    def change(self) -> Array:
+        """p - p_believed, shape (m,)."""
+        return self.point.change
+
+    @property
+    def evaluations(self) -> int:
+        """Free runs so far."""
+        return self.before + self.runs.evaluations
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the parameters (m, m)."""
+        prior = self.tau / self.runs.deviation**2
+        return _covariance(self.runs, self.point, 1.0 / self.rms, self.tau, prior)
 
 
 def segments(
@@ -173,8 +199,9 @@ def refined_by_segments(
         duration_s = length * options.segment_s
         predictor = segments(recording, model.free, lag, options.force, duration_s)
         refined = refine(predictor, change, deviation, model.constraints, weightings)
-        change, evaluations = refined.change, evaluations + refined.evaluations
-    return replace(refined, evaluations=evaluations)
+        refined = replace(refined, before=evaluations)
+        change, evaluations = refined.change, refined.evaluations
+    return refined
 
 
 def refine(
@@ -197,8 +224,7 @@ def refine(
         prior = tau / deviation**2
         point, active = _converge(runs, point, active, 1.0 / rms, prior, constraints)
         rms, tau = _scale(point, runs), inflation(point.rest)
-    covariance = _covariance(runs, point, 1.0 / rms, tau, tau / deviation**2)
-    return Refined(point.change, active, covariance, runs.evaluations)
+    return Refined(runs, point, active, rms, tau)
 
 
 def _scale(point: _Point, runs: _Segments) -> Array:
@@ -291,18 +317,25 @@ def _residual_variance(gains: Array, rest: Array, begin: NDArray[np.int64]) -> A
 
 
 def finished(
-    options: ResidualOptions, problem: Problem, lag: SecondOrderLag | None, result: Identified
+    options: ResidualOptions,
+    problem: Problem,
+    lag: SecondOrderLag | None,
+    samples: Samples,
+    result: Identified,
 ) -> Identified:
     """An estimated table after the physical constraints and the refinement that are asked for.
 
-    A table that meets the constraints is not changed by them.
+    A table that meets the constraints is not changed by them. `samples` are those of the estimate.
     """
-    result = with_attenuation(options, problem, lag, result)
+    result = with_attenuation(options, problem, lag, samples, result)
     if options.inertia_factor is None and options.refinement == "none":
         return result
     free, training = entries_of(result.residual, problem.nominal), problem.training
     terms = free.nominal.terms
-    samples = options.samples(training, free.nominal, lag, terms=terms)
+    if terms == problem.nominal.terms and {*terms} <= {*samples.terms}:  # the same lack of fit
+        samples = samples.on(terms)
+    else:
+        samples = options.samples(training, free.nominal, lag, terms=terms)
     model = structure(free, samples, training.nu, options.inertia_factor)
     change, broken = model.nearest(result.residual.on(terms).theta)
     if options.refinement == "none" and not broken:
@@ -312,7 +345,8 @@ def finished(
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         rows = [terms.index(term) for term in result.residual.terms]
-        errors = free.std_error(refined.covariance)[rows]
+        if not problem.compared:
+            errors = free.std_error(refined.covariance)[rows]
     residual = free.residual(free.values + change).on(result.residual.terms)
     active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(

@@ -42,7 +42,7 @@ from seatrial.models.identification.problem import (
 from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import DROP_S, Recording
-from seatrial.models.recording.smoothing import Smoothing, noise_floor, smoothing_for
+from seatrial.models.recording.smoothing import Smoothing, smoothing_for
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -77,6 +77,11 @@ class Samples:
         """Indices of the terms that vary; the others are collinear with the constant."""
         low, high = np.min(self.phi, axis=0), np.max(self.phi, axis=0)
         return np.flatnonzero(high - low > 1e-12 * np.maximum(-low, high))
+
+    def on(self, terms: tuple[Term, ...]) -> "Samples":
+        """The same samples over some of their terms."""
+        columns = [self.terms.index(term) for term in terms]
+        return replace(self, terms=terms, phi=np.take(self.phi, columns, axis=1))
 
     @property
     def constant(self) -> int | None:
@@ -208,8 +213,7 @@ class ResidualOptions(Identifier):
         """The low-pass filters for a recording."""
         if self.lowpass_hz != "auto":
             return Smoothing(self.lowpass_hz)
-        floor = noise_floor(recording.nu, recording.piece_starts, recording.period_s)
-        return smoothing_for(floor.cutoff_hz, recording.period_s)
+        return smoothing_for(recording.noise.cutoff_hz, recording.period_s)
 
     def filtered(
         self, recording: Recording, lag: SecondOrderLag | None, smoothing: Smoothing

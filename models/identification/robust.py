@@ -95,7 +95,8 @@ class Robust(ResidualOptions):
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
-            errors = free.std_error(refined.covariance)
+            if not problem.compared:
+                errors = free.std_error(refined.covariance)
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)

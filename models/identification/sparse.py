@@ -104,7 +104,7 @@ class Sparse(ResidualOptions):
         residual = Vessel("residual", dofs, samples.terms, np.hstack(columns))
         findings += choice_findings(residual, thresholds)
         result = Identified(problem.nominal + residual, residual, findings=findings)
-        return finished(self, problem, lag, result)
+        return finished(self, problem, lag, samples, result)
 
     def left_out_errors(self, samples: Samples) -> Array:
         """Mean square of the lack of fit on the blocks left out, shape (n_choices, folds, n_dof).

@@ -220,7 +220,7 @@ class SurfacePlsr(PartialLeastSquares):
         errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
         model = problem.nominal + tables[-1]
         result = Identified(model, tables[-1], errors, findings, tuple(parts))
-        return finished(self, problem, lag, result)
+        return finished(self, problem, lag, samples, result)
 
     def stage(
         self, moment: Array, z: Columns, pairs: list[Pair], before: list[list[Choice]]

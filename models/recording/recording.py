@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.smoothing import lowpass
+from seatrial.models.recording.smoothing import NoiseFloor, lowpass, noise_floor
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
@@ -59,16 +60,23 @@ class Recording:
     def __len__(self) -> int:
         return len(self.t)
 
-    @property
+    @cached_property
     def period_s(self) -> float:
         """Sample time [s], also if parts of the recording are missing."""
         span = self.t[-1] - self.t[0]  # gaps, as between trips, are multiples of the sample time
         return float(span / round(span / np.median(np.diff(self.t))))
 
-    @property
+    @cached_property
     def piece_starts(self) -> Mask:
         """True (N,) at the first sample and at each that follows a gap in time."""
-        return np.diff(self.t, prepend=-np.inf) > GAP * self.period_s
+        starts = np.diff(self.t, prepend=-np.inf) > GAP * self.period_s
+        starts.flags.writeable = False  # all who ask share it
+        return starts
+
+    @cached_property
+    def noise(self) -> NoiseFloor:
+        """Noise of the velocities."""
+        return noise_floor(self.nu, self.piece_starts, self.period_s)
 
     def part(self, mask: Mask | slice) -> "Recording":
         """The recording restricted to the samples of a mask (N,) or slice."""
@@ -140,8 +148,16 @@ class Recording:
         """
         if cutoff_hz is None:
             return self
-        pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
-        return pieces[0] if len(pieces) == 1 else _joined(pieces)
+        if (cutoff_hz, drop_s) not in self._filtered:
+            pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
+            filtered = pieces[0] if len(pieces) == 1 else _joined(pieces)
+            self._filtered[cutoff_hz, drop_s] = filtered
+        return self._filtered[cutoff_hz, drop_s]
+
+    @cached_property
+    def _filtered(self) -> dict[tuple[float, float], "Recording"]:
+        """The results of `lowpass`: identifiers that are compared ask for the same ones."""
+        return {}
 
     def interior(self, drop_s: float) -> Mask:
         """Samples (N,) at least `drop_s` [s] from the ends of their pieces."""

@@ -9,12 +9,15 @@ import inspect
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar, get_args, get_type_hints
 
 import typer
 
+from seatrial.models.errors import SeatrialError
+from seatrial.runner import compare
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
@@ -150,6 +153,14 @@ def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]
     return completed
 
 
+def _run_numbers(incomplete: str) -> list[tuple[str, str]]:
+    """Return the numbers of the newest runs in the default folder; none if it cannot be read."""
+    with suppress(SeatrialError), compare.results.open_results(DEFAULT_DATABASE) as results:
+        return compare.runs.numbers(results, incomplete)
+    return []
+
+
+RunNumber = Annotated[int, typer.Argument(help="Number of the run.", autocompletion=_run_numbers)]
 METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
 DOF_NAMES = _completing(lambda: [*DOF_ORDER, "all"])
 STAGE_NAMES = _completing(lambda: get_args(Stage))
@@ -247,7 +258,12 @@ class PlotOptions:
         ),
     ]
     run: Annotated[
-        int | None, typer.Option("--run", help="Run of a figure over time.  [default: newest]")
+        int | None,
+        typer.Option(
+            "--run",
+            help="Run of a figure over time.  [default: newest]",
+            autocompletion=_run_numbers,
+        ),
     ] = None
     metric: Annotated[
         str,

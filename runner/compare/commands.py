@@ -15,6 +15,7 @@ from seatrial.runner.compare.cli import (
     Form,
     PlotOptions,
     ResultsDir,
+    RunNumber,
     TableOptions,
     Tag,
     Where,
@@ -47,7 +48,7 @@ def runs(
 
 @app.command()
 def show(
-    run: Annotated[int, typer.Argument(help="Number of the run.")],
+    run: RunNumber,
     database: Database = DEFAULT_DATABASE,
     traceback: Annotated[
         bool, typer.Option("--traceback", help="Print only its traceback.")
@@ -211,7 +212,7 @@ def sql(
 
 @app.command()
 def model(
-    run: Annotated[int, typer.Argument(help="Number of the run.")],
+    run: RunNumber,
     to: Annotated[
         str,
         typer.Option("--to", help="Format: yaml, json, statespace, python-control, mss, c or fmu."),

@@ -8,14 +8,17 @@ from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
 
+import sqlalchemy as sa
+
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import RUN, Results
 from seatrial.runner.compare.where import Comparison, Condition
 from seatrial.runner.database.engine import file_url
 from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.vocabulary import GROUPS, STATUSES
@@ -45,6 +48,7 @@ EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "sp
 INSEPARABLE = "inseparable_terms"
 PLACES = ("results_dir=", "database=")
 SHOWN_BYTES = 16
+NEWEST = 50  # runs that a shell is offered
 
 
 def run_list(
@@ -66,6 +70,17 @@ def run_list(
     if not summaries:
         raise ConfigurationError(results.why_none(condition, status))
     return _runs_grid(run_rows(results, summaries, RUN_COLUMNS), limit)
+
+
+def numbers(results: Results, beginning: str) -> list[tuple[str, str]]:
+    """Return the newest runs whose numbers have this beginning, with their choices, for a shell."""
+    matching = sa.cast(RUN.c.id, sa.Text).startswith(beginning, autoescape=True)
+    newest = results.reader.runs(matching, newest_first=True, limit=NEWEST)
+    return [(str(run.run_id), error_line(_described(run))) for run in newest]
+
+
+def _described(run: RunSummary) -> str:
+    return f"{run.status}, {run.vessel} {run.disturbance} {run.identifier} seed={run.seed}"
 
 
 def run_rows(

@@ -5,12 +5,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.compare.cli import DEFAULT_DATABASE
+from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.database import display_url
 from seatrial.runner.interface.arguments import overrides_of, place_of
+from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.vocabulary import GROUPS
@@ -34,6 +36,21 @@ class RunFailed(SeatrialError):  # noqa: N818 - named like the status of the run
         self.run = run
 
 
+@overload
+def run(*overrides: str, dry_run: Literal[True], **options: Any) -> Table: ...
+@overload
+def run(
+    *overrides: str,
+    vessel: Choice = None,
+    disturbance: Choice = None,
+    excitation: Choice = None,
+    identifier: Choice = None,
+    controller: Choice = None,
+    evaluation: Choice = None,
+    database: str | Path | None = None,
+    dry_run: Literal[False] = False,
+    **options: object,
+) -> Run: ...
 def run(
     *overrides: str,
     vessel: Choice = None,
@@ -44,7 +61,7 @@ def run(
     evaluation: Choice = None,
     database: str | Path | None = None,
     **options: object,
-) -> Run:
+) -> Run | Table:
     """Run one trial, as the command `seatrial` does; one that is stored already is not run again.
 
     Parameters
@@ -58,12 +75,13 @@ def run(
         File or address of the logbook; by default `results/results.db` in the working folder.
     **options
         Any other option; a double underscore stands for a dot: `identifier__basis="physical"`,
-        `seed=1`, `rerun=True`.
+        `seed=1`, `rerun=True`. With `dry_run=True` nothing is run.
 
     Returns
     -------
-    Run
-        The finished run, with its metrics, coefficients, model and series.
+    Run or Table
+        The finished run, with its metrics, coefficients, model and series; of a dry run the table
+        that the command prints.
 
     Raises
     ------
@@ -76,6 +94,8 @@ def run(
     _check_logbook(vessel, database)
     words = _words(overrides, groups, database, options)
     call = in_process.run_trial(words)
+    if call.trials is not None:
+        return _dry_run(call)
     assert call.outcome is not None
     assert call.logbook is not None
     logbook = Logbook(*call.logbook)
@@ -88,6 +108,21 @@ def run(
     return stored
 
 
+@overload
+def sweep(
+    trials: Sequence[str | Mapping[str, object]], *, dry_run: Literal[True], **options: Any
+) -> Table: ...
+@overload
+def sweep(
+    trials: Sequence[str | Mapping[str, object]],
+    *,
+    launcher: str = "basic",
+    name: str | None = None,
+    database: str | Path | None = None,
+    progress: bool = True,
+    dry_run: Literal[False] = False,
+    **options: Any,
+) -> Sweep: ...
 def sweep(
     trials: Sequence[str | Mapping[str, object]],
     *,
@@ -96,7 +131,7 @@ def sweep(
     database: str | Path | None = None,
     progress: bool = True,
     **options: Any,
-) -> Sweep:
+) -> Sweep | Table:
     """Run many trials, as the command `seatrial -m` does; those that are stored are not run again.
 
     Parameters
@@ -115,12 +150,14 @@ def sweep(
         Whether to show the progress on a terminal or in a notebook.
     **options
         Options of all trials, as for `run`; a Python range has several values: `seed=range(5)`.
+        With `dry_run=True` nothing is run.
 
     Returns
     -------
-    Sweep
+    Sweep or Table
         The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
-        failed or diverged are in it, with their status.
+        failed or diverged are in it, with their status. Of a dry run the table of the trials with
+        their state in the logbook: new, finished, refused, ...
 
     Raises
     ------
@@ -142,6 +179,8 @@ def sweep(
     in_process.run_sweep(call, words)
     if line is not None:
         line.write(call.lines[0])
+    if call.trials is not None:
+        return _dry_run(call)
     assert call.sweep_id is not None
     assert call.logbook is not None
     return Sweep(*call.logbook, call.sweep_id)
@@ -171,6 +210,12 @@ def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = N
     logbook = Logbook(path, None if results_dir is None else Path(results_dir))
     with logbook.opened():
         return logbook
+
+
+def _dry_run(call: "in_process.Call") -> Table:
+    """Return the trials of a dry run, with their totals as notes."""
+    headers = ("state", "trial", "remark")
+    return Table(grid_of("dry run", headers, call.trials or (), len(headers), call.lines))
 
 
 def _words(

@@ -29,6 +29,7 @@ READING = (
     "verify",
     "published",
     "retry",
+    "model",
 )
 QUERIES = (
     *("", ";", "SELECT", "SELECT 1; DROP TABLE run", "DROP TABLE run", "DELETE FROM run", "VACUUM"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.record.catalogue import METRICS
+from tests.runner.compare import stored
 
 ROOT = Path(__file__).parents[2]
 ENTRY = {
@@ -81,11 +82,36 @@ def test_options_are_those_of_the_chosen_part(home: Path) -> None:
     ],
 )
 def test_commands_figures_and_metrics(home: Path, words: str, expected: set[str]) -> None:
+    assert {*asked_of_results(home, words)} == expected
+
+
+def asked_of_results(folder: Path, words: str, shell: str = "bash") -> list[str]:
+    """What Typer's script in a shell is answered, in a folder, for a line and its last word."""
+    last = words.rpartition(" ")[2]
     answer = run(
-        home, "seatrial-results", _SEATRIAL_RESULTS_COMPLETE="complete_bash",
+        folder, "seatrial-results", _SEATRIAL_RESULTS_COMPLETE=f"complete_{shell}",
         COMP_WORDS=f"seatrial-results {words}", COMP_CWORD=str(len(words.split(" "))),
+        _TYPER_COMPLETE_ARGS=f"seatrial-results {words}", _TYPER_COMPLETE_FISH_ACTION="get-args",
+        _TYPER_COMPLETE_WORD_TO_COMPLETE=last,
     )  # fmt: skip
-    assert set(answer.stdout.split()) == expected
+    assert answer.stderr == ""
+    return answer.stdout.strip().splitlines()
+
+
+@pytest.mark.parametrize("command", ["show", "model", "plot track --run"])
+def test_numbers_of_runs(home: Path, command: str) -> None:
+    assert asked_of_results(home, f"{command} ") == []  # there is no logbook yet
+    with stored.logbook_at(home / "results") as logbook:
+        stored.fill_plain(logbook)
+    try:
+        assert asked_of_results(home, f"{command} ") == [str(i) for i in range(17, 0, -1)]
+        assert asked_of_results(home, f"{command} 17") == ["17"]
+        (line,) = asked_of_results(home, f"{command} 15", "fish")
+        assert line.split("\t") == ["15", "diverged, milliampere noise ls seed=2"]
+        (home / "results" / "results.db").write_bytes(b"not a database" * 100)
+        assert asked_of_results(home, f"{command} ") == []
+    finally:
+        shutil.rmtree(home / "results")
 
 
 def test_installed_once_it_completes_in_bash(home: Path) -> None:

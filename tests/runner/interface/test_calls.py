@@ -49,6 +49,22 @@ def test_a_stored_trial_is_not_run_again(seatrial: Command) -> None:
     assert (third.number, fake.ran) == (2, [5, 5])
 
 
+def test_a_dry_run_is_the_table_of_the_command(seatrial: Command) -> None:
+    fake = seatrial.pretend()
+    st.run(seed=5)
+    table = st.sweep(["seed=5,6", "controller=none,lqi"], dry_run=True)
+    assert (fake.ran, st.open().runs().index.tolist()) == ([5], [1])
+    answer = seatrial("-m", "seed=5,6", "controller=none,lqi", "dry_run=true")
+    printed = answer.out.splitlines()
+    listed = [f"{s} {t} {r}".split() for s, t, r in table.frame.to_numpy().tolist()]
+    assert listed == [line.split() for line in printed[:-1]]
+    assert table.notes == (printed[-1],)
+    assert len(listed) == 4
+    one = st.run(seed=5, dry_run=True)
+    assert one.frame.to_numpy().tolist() == [["finished", "seed=5", "run 1"]]
+    assert fake.ran == [5]
+
+
 def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:
     fake = seatrial.pretend()
     run = st.run(
