@@ -114,7 +114,7 @@ def _in_degrees(motion: Motion, cutoff_hz: float) -> tuple[str, ...]:
     for degrees in ((), ("yaw",), DOFS[3:]):
         axes = motion.compared(motion.angular, cutoff_hz, Reading(degrees=degrees))
         sizes = [
-            abs(np.log(max(abs(axis.scale), TINY))) * axis.correlation**2
+            max(np.log(max(abs(axis.scale), TINY)), 0.0) * axis.correlation**2
             + WORST * (1.0 - axis.correlation**2)
             for axis in axes
         ]

@@ -140,10 +140,13 @@ class Motion:
         body[:, 3:] = np.linalg.solve(turning, rate[:, 3:, None])[:, :, 0]
         return self.inside(body[:, [DOFS.index(dof) for dof in dofs]], cutoff_hz)
 
-    def excited(self, dof: str, observed: Array, expected: Array, cutoff_hz: float) -> bool:
+    def excited(
+        self, dof: str, observed: Array, expected: Array, cutoff_hz: float, reading: Reading
+    ) -> bool:
         """Whether both signals (n,) of an axis vary more than their noise below the cut-off."""
         period = self.recording.period_s
         pose = max(self.position_noise) if dof in self.linear else self.pose_noise[dof]
+        pose *= DEGREE if dof in reading.degrees else 1.0
         rate_noise = pose**2 * 2.0 * period * (2.0 * np.pi) ** 2 * cutoff_hz**3 / 3.0
         return bool(
             np.var(observed) > self._least(dof, cutoff_hz)
@@ -175,7 +178,7 @@ class Motion:
         observed, expected = self.velocity(dofs, cutoff_hz), self.rates(dofs, cutoff_hz, reading)
         rho = correlations(observed, expected)
         excited = [
-            self.excited(dof, observed[:, i], expected[:, i], cutoff_hz)
+            self.excited(dof, observed[:, i], expected[:, i], cutoff_hz, reading)
             for i, dof in enumerate(dofs)
         ]
         order = tuple(range(len(dofs)))
