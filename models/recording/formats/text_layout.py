@@ -96,7 +96,7 @@ def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
     titles = [row for _, row in head[preamble:before]]
     width = len(titles[0]) if titles else len(head[before][1])
     if not titles and commented is not None and not text.names:
-        words = next(csv.reader([commented], delimiter=separator), [])
+        words = _cut(commented, separator)
         words = commented.split() if len(words) != width else words
         titles = [words] if len(words) == width and not any(map(is_number, words)) else []
     if text.names and len(text.names) != width:
@@ -147,7 +147,7 @@ def _separator(data: bytes) -> str:
     lines = lines[:SAMPLE_LINES]
     best, most = ",", 0
     for candidate in SEPARATORS:
-        counts = Counter(len(next(csv.reader([line], delimiter=candidate), [])) for line in lines)
+        counts = Counter(len(_cut(line, candidate)) for line in lines)
         counts.pop(1, None)
         counts.pop(0, None)
         agreeing = max(counts.values(), default=0)
@@ -157,6 +157,13 @@ def _separator(data: bytes) -> str:
     if 2 * most < len(lines) and numbers and len(numbers[0].split()) > 1:
         return " "
     return best
+
+
+def _cut(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return []
 
 
 def _decimal(head: list[tuple[int, list[str]]], separator: str) -> str:
