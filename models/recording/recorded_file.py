@@ -11,7 +11,7 @@ from annotated_types import Ge
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.csv_table import ColumnMap, Table, read_table
+from seatrial.models.recording.column_map import ColumnMap, Table, read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Description,
@@ -76,7 +76,7 @@ class RecordedFile(Reader):
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.path:
-            raise ConfigurationError("excitation.path: expected a CSV file, got none")
+            raise ConfigurationError("excitation.path: expected a recording, got none")
         if any(character in self.path for character in "\0\r\n"):
             raise ConfigurationError(f"path: got {self.path!r}, expected one line of text")
         if self.start_s is not None and self.end_s is not None and self.start_s >= self.end_s:
@@ -277,7 +277,7 @@ def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got a step of "
+            f"{table.path}, column {name}, {table.place(k + 1)}: got a step of "
             f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
         )
 
@@ -291,7 +291,7 @@ def check_increasing(table: Table, name: str) -> None:
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got {t[k + 1]:.6f} s after "
+            f"{table.path}, column {name}, {table.place(k + 1)}: got {t[k + 1]:.6f} s after "
             f"{t[k]:.6f} s, expected time to increase"
         )
 
@@ -313,6 +313,6 @@ def check_gaps(table: Table, time: str, longest_s: float) -> None:
         if np.max(gaps) > longest_s:
             k = int(np.argmax(gaps > longest_s))
             raise RecordingError(
-                f"{table.path}, column {name}, line {table.line(int(rows[k]))}: got no sample for "
+                f"{table.path}, column {name}, {table.place(int(rows[k]))}: got no sample for "
                 f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
             )

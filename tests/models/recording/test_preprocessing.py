@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.csv_table import read_table
+from seatrial.models.recording.column_map import read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Differentiation,
