@@ -23,13 +23,12 @@ from seatrial.models.recording.agreement import (
     lag,
     scale_of,
 )
-from seatrial.models.recording.motion import AS_GOOD, READINGS, Motion, Reading
+from seatrial.models.recording.motion import AS_GOOD, DEGREE, READINGS, Motion, Reading
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 
 LONGEST_LAG_S = 5.0  # [s]
-TINY = 1e-9
-WORST = 4.0  # log of the scale of degrees, counted where nothing agrees
+SURE = 0.5  # correlation of an axis whose scale is known
 LEAST_TRUSTED = 0.3  # correlation of an excited axis below which a trial refuses a recording
 
 
@@ -106,21 +105,25 @@ def _best_reading(motion: Motion, cutoff_hz: float) -> tuple[Reading, tuple[Agre
 
 
 def _in_degrees(motion: Motion, cutoff_hz: float) -> tuple[str, ...]:
-    """The angles that agree with the angular velocities if they are read as degrees.
+    """The angles whose derivatives are about 57.3 times the angular velocities.
 
-    Angles of less than a few radians may be either; their scale tells.
+    The derivatives are those of each angle by itself: one angle in degrees would spoil the others
+    in J(eta). What exceeds 98 % of them is cut, since a heading of 360 degrees jumps to zero.
     """
-    scores = {}
-    for degrees in ((), ("yaw",), DOFS[3:]):
-        axes = motion.compared(motion.angular, cutoff_hz, Reading(degrees=degrees))
-        sizes = [
-            max(np.log(max(abs(axis.scale), TINY)), 0.0) * axis.correlation**2
-            + WORST * (1.0 - axis.correlation**2)
-            for axis in axes
-        ]
-        scores[degrees] = float(np.mean(sizes)) if sizes else 0.0
-    best = min(scores, key=lambda degrees: scores[degrees])
-    return best if scores[()] - scores[best] > np.log(10.0) / max(len(motion.angular), 1) else ()
+    large = []
+    for dof in motion.angular:
+        angle = motion.recording.attitude[:, [DOFS[3:].index(dof)]]
+        rate = motion.derivative(angle)
+        expected = motion.inside(np.clip(rate, *np.percentile(rate, (2.0, 98.0))), cutoff_hz)
+        observed = motion.velocity([dof], cutoff_hz)
+        rho = float(correlations(observed, expected)[0, 0])
+        scale = abs(scale_of(observed[:, 0], expected[:, 0], rho))
+        if abs(rho) > SURE and 0.5 < scale * DEGREE < 2.0:
+            large.append(dof)
+    # Roll and pitch of one instrument are in the same unit, even if one of them hardly moves.
+    if set(large) & {"roll", "pitch"}:
+        large += [dof for dof in ("roll", "pitch") if dof in motion.angular]
+    return tuple(dof for dof in DOFS if dof in large)
 
 
 def _ahead(recording: Recording, seconds: float) -> Recording:
@@ -181,4 +184,3 @@ def lag_between(first: tuple[Array, Array], second: tuple[Array, Array], period_
     grid = np.arange(start, end, period_s)
     a, b = (np.interp(grid, *signal)[:, None] for signal in (first, second))
     return lag(b, a, round(LONGEST_LAG_S / period_s)) * period_s
-

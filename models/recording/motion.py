@@ -109,7 +109,8 @@ class Motion:
             score = 0.0
             for dofs in (self.angular, self.linear):
                 if dofs:
-                    rho = np.abs(correlations(self.velocity(dofs, cutoff), self.rates(dofs, cutoff)))
+                    observed, expected = self.velocity(dofs, cutoff), self.rates(dofs, cutoff)
+                    rho = np.abs(correlations(observed, expected))
                     score += float(np.mean(np.max(rho, axis=1)))
             if score > best + AS_GOOD:
                 best, result = score, cutoff
@@ -202,6 +203,7 @@ class Motion:
         return tuple(sorted(both, key=lambda axis: self.dofs.index(axis.dof)))
 
     def derivative(self, values: Array) -> Array:
+        """Central differences of values (N, k), piece by piece."""
         starts = np.flatnonzero(self.recording.piece_starts)
         return np.concatenate(
             [
