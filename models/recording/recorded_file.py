@@ -12,11 +12,11 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.column_map import ColumnMap, Table, read_table
+from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Description,
     Differentiation,
-    common_rate,
     describe,
     interpolated,
     outliers,
@@ -27,7 +27,6 @@ from seatrial.models.recording.recording import Mask, Recording, Split, by_trips
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
-MOST_RESAMPLED = 100  # samples for each recorded one
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
@@ -62,6 +61,7 @@ class RecordedFile(Reader):
     sample_time_s: Positive | None
     resample_hz: Positive | None
     max_gap_s: Positive
+    at_gap: AtGap
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
@@ -174,7 +174,9 @@ class RecordedFile(Reader):
         optional = (*(self.columns.orientation or ()), *self.columns.angles())
         gaps = self.resample_hz is not None
         table = read_table(self.file, required, optional, gaps=gaps)
-        if gaps:
+        if gaps and self.at_gap == "split":
+            check_increasing(table, self.columns.time)
+        elif gaps:
             check_gaps(table, self.columns.time, self.max_gap_s)
         else:
             check_time(table, self.columns.time, self.sample_time_s)
@@ -193,23 +195,17 @@ class RecordedFile(Reader):
         return masks
 
     def _resampled(self, table: Table, rate_hz: float) -> Table:
-        t = table.columns[self.columns.time]
-        rows = float(t[-1] - t[0]) * rate_hz
-        if rows > MOST_RESAMPLED * len(t):
-            raise ConfigurationError(
-                f"excitation.resample_hz: got {rate_hz:g} Hz, {rows:.2g} samples from the "
-                f"{len(t)} of {table.path}; expected at most {MOST_RESAMPLED} times as many"
-            )
-        channels = {}
+        t, channels = table.columns[self.columns.time], {}
         for name, values in table.columns.items():
             valid = ~np.isnan(values)
             if name != self.columns.time:
-                channels[name] = (t[valid], values[valid])
+                channels[name] = Channel(t[valid], values[valid])
         try:
-            grid, columns = common_rate(channels, rate_hz)
+            grid = Grid(rate_hz, self.max_gap_s, self.at_gap)
+            joined = join_channels(channels, grid)
         except RecordingError as error:
             raise RecordingError(f"{table.path}: {error}") from error
-        return replace(table, columns={self.columns.time: grid, **columns})
+        return replace(table, columns={self.columns.time: joined.t, **joined.columns})
 
     def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated."""
