@@ -115,4 +115,5 @@ def lag(observed: Array, expected: Array, most: int) -> float:
         return float(shifts[peak])
     before, top, after = values[peak - 1 : peak + 2]
     bend = before - 2.0 * top + after
-    return float(shifts[peak] + (0.5 * (before - after) / bend if bend < 0.0 else 0.0))
+    inside = 0.5 * float(before - after) / float(bend) if bend < 0.0 else 0.0
+    return float(shifts[peak] + inside)

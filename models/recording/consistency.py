@@ -69,14 +69,15 @@ def consistency(recording: Recording, measured: Sequence[str] = ()) -> Consisten
     """
     motion = Motion(recording)
     plain = motion.plain(motion.best_band())
-    lag_s, error, best, reading, cutoff = 0.0, 0.0, (), READINGS[0], 0.0
-    for _ in range(2):  # a lag of half a period would look like a wrong sign: shift and look again
+    lag_s = 0.0
+    while True:  # a lag of half a period would look like a wrong sign: shift and look once more
         shifted = Motion(_ahead(recording, lag_s))
         cutoff = shifted.best_band()
         reading, best = _best_reading(shifted, cutoff)
         more, error = _lag(shifted, cutoff, reading, best)
+        first = lag_s == 0.0
         lag_s += more
-        if abs(more) < recording.period_s:
+        if not first or abs(more) < recording.period_s:
             break
     return Consistency(
         plain, _accelerations(motion, cutoff, measured), best, reading, lag_s, error,

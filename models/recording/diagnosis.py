@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, VELOCITY_UNIT
 from seatrial.models.recording.agreement import CERTAIN, Agreement
 from seatrial.models.recording.consistency import LEAST_TRUSTED, Consistency
 from seatrial.models.recording.motion import DEGREE, Reading
@@ -191,11 +191,8 @@ def _scales(axes: Sequence[Agreement], names: Names) -> list[Problem]:
         for (kind, unit, factor), members in groups.items():
             known = {**rates, **poses}
             value = known[unit] if unit else factor
-            told = f"{unit}" if unit else f"{factor:.3g} {'m/s' if dofs[0] == 'surge' else 'rad/s'}"
-            cures = ", ".join(
-                f"{OPTION}.{kind}.{dof}: {{column: {_column(names, f'{kind}.{dof}')}, unit: {told}}}"
-                for dof in members
-            )
+            told = unit or f"{factor:.3g} {VELOCITY_UNIT[members[0]]}"
+            cures = _units(kind, members, told, names)
             message = f"the derivative of the pose is {value:.3g} times the velocity"
             found.append(Problem("scale", tuple(members), message, cures, value))
     return found
@@ -204,11 +201,15 @@ def _scales(axes: Sequence[Agreement], names: Names) -> list[Problem]:
 def _degrees(result: Consistency, names: Names) -> Problem:
     """Angles that are in degrees."""
     dofs = tuple(axis.dof for axis in result.velocities if axis.dof in result.reading.degrees)
-    cures = ", ".join(
-        f"{OPTION}.position.{dof}: {{column: {_column(names, f'position.{dof}')}, unit: deg}}"
+    cures = _units("position", dofs, "deg", names)
+    return Problem("scale", dofs, "the angles of the pose are in degrees", cures, 1.0 / DEGREE)
+
+
+def _units(kind: str, dofs: Sequence[str], unit: str, names: Names) -> str:
+    return ", ".join(
+        f"{OPTION}.{kind}.{dof}: {{column: {_column(names, f'{kind}.{dof}')}, unit: {unit}}}"
         for dof in dofs
     )
-    return Problem("scale", dofs, "the angles of the pose are in degrees", cures, 1.0 / DEGREE)
 
 
 def _clock(result: Consistency) -> list[Problem]:
