@@ -98,8 +98,9 @@ def canonical(
 def _check_complete(source: Source, channels: Mapping[str, Channel]) -> None:
     """Raise RecordingError if a column has empty cells."""
     for name, channel in channels.items():
-        if np.any(np.isnan(channel.values)):
-            row = int(np.argmax(np.isnan(channel.values)))
+        empty = np.isnan(channel.values) | np.isnan(channel.t)
+        if np.any(empty):
+            row = int(np.argmax(empty))
             place = source.cell(row, next(iter(source.columns))).place
             raise RecordingError(
                 f"{source.path}, columns.{name}, {place}: got an empty cell, expected a number in "
@@ -115,7 +116,7 @@ def _rate(channels: Mapping[str, Channel]) -> float:
 
 def _clean(channel: Channel) -> Channel:
     """The channel without empty cells, and without samples that are not later than the last."""
-    valid = ~np.isnan(channel.values)
+    valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
     t, values = channel.t[valid], channel.values[valid]
     later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]]) if len(t) else valid
     return Channel(t[later], values[later], channel.held)

@@ -4,6 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
+from seatrial.models.recording.consistency import Consistency
+from seatrial.models.recording.diagnosis import Problem, problems
 from seatrial.models.recording.preprocessing import Description
 from seatrial.models.recording.recording import Recording, Split, half
 from seatrial.models.vessel.basis import Array
@@ -30,6 +32,19 @@ class Reader(ABC):
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns."""
         return ()
+
+    def examine(self, dofs: Sequence[str]) -> Consistency | None:
+        """Whether pose and velocity belong together; None if they cannot be compared."""
+        return None
+
+    def problems(self, result: Consistency) -> tuple[Problem, ...]:
+        """The problems of an examined recording, with the options that cure them."""
+        return problems(result)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the recording is taken also if pose and velocity do not belong together."""
+        return False
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each column."""
