@@ -1,13 +1,14 @@
 """Which columns of a recording are what; errors name file, line and column."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
+from seatrial.models.recording.column import Column, Frames, Geodetic, as_column, check_dofs
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
 from seatrial.models.vessel.basis import Array
@@ -71,35 +72,65 @@ class ColumnMap:
 
     Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s],
     body accelerations [m/s^2, rad/s^2] if recorded, commanded forces [N, Nm], acting forces
-    if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body.
+    if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
+    A `Column` states another unit or sense. `inputs` and `commands` of the inputs of a vessel are
+    by their names. `lever_arm_m` is where the sensor of position and velocity is in body axes,
+    `delay_s` by how much a source, or the columns of a kind, are behind.
     """
 
-    time: str
-    position: dict[str, str]
-    velocity: dict[str, str]
-    acceleration: dict[str, str]
-    force: dict[str, str]
-    actual_force: dict[str, str]
-    orientation: tuple[str, str, str, str] | None
+    time: str | Column
+    position: dict[str, str | Column]
+    velocity: dict[str, str | Column]
+    acceleration: dict[str, str | Column]
+    force: dict[str, str | Column]
+    actual_force: dict[str, str | Column]
+    orientation: tuple[str, str, str, str] | dict[str, str] | None
+    inputs: dict[str, str | Column] = field(default_factory=dict)
+    commands: dict[str, str | Column] = field(default_factory=dict)
+    geodetic: Geodetic | None = None
+    frames: Frames = field(default_factory=Frames)
+    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    delay_s: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for kind in KINDS:
-            for dof, name in getattr(self, kind).items():
-                if dof not in DOFS:
-                    raise ConfigurationError(
-                        f"columns.{kind}: got {dof!r}, expected some of {', '.join(DOFS)}"
-                    )
-                if not _plain(name):
-                    raise ConfigurationError(
-                        f"columns.{kind}.{dof}: got {name!r}, expected the name of a column"
-                    )
+            check_dofs(kind, getattr(self, kind))
+        if isinstance(self.orientation, dict) and set(self.orientation) != set("wxyz"):
+            raise ConfigurationError(
+                f"columns.orientation: got {', '.join(self.orientation)}, expected w, x, y, z"
+            )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all columns are of one clock, in our units and frames."""
+        named = [
+            self.time, *(name for kind in KINDS for name in getattr(self, kind).values()),
+        ]  # fmt: skip
+        bare = not (self.inputs or self.commands or self.geodetic or self.delay_s)
+        return (
+            bare
+            and self.frames == Frames()
+            and not any(self.lever_arm_m)
+            and not isinstance(self.orientation, dict)
+            and all(isinstance(name, str) and ":" not in name for name in named)
+        )
+
+    @property
+    def quaternion(self) -> tuple[str, ...]:
+        """Columns of the quaternion (w, x, y, z)."""
+        names = self.orientation or ()
+        return tuple(names[part] for part in "wxyz") if isinstance(names, dict) else tuple(names)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a degree of freedom has no column."""
-        for kind in ("velocity", "force", "position"):
+        # A velocity may be differentiated from the pose, and a steered vessel has no force.
+        needed = {"velocity": self.is_plain, "force": not self.inputs, "position": True}
+        for kind in (kind for kind, wanted in needed.items() if wanted):
             known = set(getattr(self, kind))
             if kind == "position" and self.orientation is not None:
                 known |= set(DOFS[3:])
+            if kind == "position" and self.geodetic is not None:
+                known |= set(DOFS[:3])
             for dof in dofs:
                 if dof not in known:
                     raise ConfigurationError(
@@ -112,7 +143,7 @@ class ColumnMap:
         maps = (self.velocity, self.force, self._poses(), self.acceleration, self.actual_force)
         names = [_plain(columns[dof]) for columns in maps for dof in dofs if dof in columns]
         turning = any(dof in DOFS[3:] for dof in dofs)
-        return [self.time, *names, *((self.orientation or ()) if turning else ())]
+        return [_plain(self.time), *names, *(self.quaternion if turning else ())]
 
     def angles(self) -> list[str]:
         """Names of the columns with angles of the pose, which may jump by a full turn."""
@@ -125,10 +156,10 @@ class ColumnMap:
 
     def attitude(self, table: Table, heading: float) -> Array:
         """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""
-        if self.orientation is not None and _all_in(table, self.orientation):
-            quaternions = np.column_stack([table.columns[name] for name in self.orientation])
+        if self.orientation is not None and _all_in(table, self.quaternion):
+            quaternions = np.column_stack([table.columns[name] for name in self.quaternion])
             return np.asarray(euler_zyx(quaternions) - [0.0, 0.0, heading])
-        angles = np.zeros((len(table.columns[self.time]), 3))
+        angles = np.zeros((len(table.columns[_plain(self.time)]), 3))
         for dof, name in self._poses().items():
             if dof in DOFS[3:] and _all_in(table, (_plain(name),)):
                 offset = heading if dof == "yaw" else 0.0
@@ -147,18 +178,18 @@ class ColumnMap:
                 valid = ~np.isnan(columns[name])
                 columns[name] = columns[name].copy()
                 columns[name][valid] = unroll(columns[name][valid])
-        if self.orientation is not None and _all_in(table, self.orientation):
-            quaternions = np.column_stack([columns[name] for name in self.orientation])
+        if self.orientation is not None and _all_in(table, self.quaternion):
+            quaternions = np.column_stack([columns[name] for name in self.quaternion])
             valid = ~np.any(np.isnan(quaternions), axis=1)
             lengths = np.linalg.norm(quaternions, axis=1)
-            _check_lengths(table, lengths, self.orientation)
+            _check_lengths(table, lengths, self.quaternion)
             quaternions[~valid] = np.nan
             unit = quaternions[valid] / lengths[valid, None]
             quaternions[valid] = without_sign_flips(unit)
-            columns |= dict(zip(self.orientation, quaternions.T, strict=True))
+            columns |= dict(zip(self.quaternion, quaternions.T, strict=True))
         return replace(table, columns=columns)
 
-    def _poses(self) -> Mapping[str, str]:
+    def _poses(self) -> Mapping[str, str | Column]:
         """The position columns in use; angles come from the orientation if it is recorded."""
         dofs = DOFS if self.orientation is None else DOFS[:3]
         return {dof: name for dof, name in self.position.items() if dof in dofs}
@@ -178,10 +209,11 @@ def _all_in(table: Table, names: Iterable[str]) -> bool:
     return all(name in table.columns for name in names)
 
 
-def _plain(name: str) -> str:
-    return name.removeprefix("-")
+def _plain(name: str | Column) -> str:
+    return name.removeprefix("-") if isinstance(name, str) else name.name
 
 
-def _signed(table: Table, name: str) -> Array:
+def _signed(table: Table, name: str | Column) -> Array:
     values = table.columns[_plain(name)]
-    return -values if name.startswith("-") else values
+    sign = as_column(name).sign
+    return -values if sign < 0.0 else values
