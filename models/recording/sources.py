@@ -3,8 +3,9 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.formats import text_file
@@ -14,6 +15,20 @@ from seatrial.models.recording.source import TextArray as TextArray
 from seatrial.models.recording.source import TextOptions as TextOptions
 from seatrial.models.recording.source import column as column
 
+if TYPE_CHECKING:
+    from seatrial.models.recording.formats import mat_file, parquet_file, ros_bag, ulog_file
+else:
+    import lazy_loader
+
+    mat_file = lazy_loader.load("seatrial.models.recording.formats.mat_file", suppress_warning=True)
+    parquet_file = lazy_loader.load(
+        "seatrial.models.recording.formats.parquet_file", suppress_warning=True
+    )
+    ros_bag = lazy_loader.load("seatrial.models.recording.formats.ros_bag", suppress_warning=True)
+    ulog_file = lazy_loader.load(
+        "seatrial.models.recording.formats.ulog_file", suppress_warning=True
+    )
+
 MOST_FILES = 1000  # of a folder
 
 
@@ -22,13 +37,21 @@ class Format(NamedTuple):
 
     suffixes: tuple[str, ...]
     read: Callable[[Path, ReadOptions], list[Source]]
-    expected: str
+    package: str | None = None  # needed to read it
+    extra: str = ""  # that installs the package
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format((".csv", ".tsv"), text_file.read, "a CSV file"),
-    "dat": Format((".dat", ".txt", ".asc"), text_file.read, "a text file"),
+    "csv": Format((".csv", ".tsv"), text_file.read),
+    "dat": Format((".dat", ".txt", ".asc"), text_file.read),
+    "parquet": Format((".parquet", ".pq"), lambda *given: parquet_file.read(*given)),
+    "mat": Format((".mat",), lambda *given: mat_file.read(*given)),
+    "rosbag": Format(
+        (".bag", ".db3", ".mcap"), lambda *given: ros_bag.read(*given), "rosbags", "ros"
+    ),
+    "ulog": Format((".ulg", ".ulog"), lambda *given: ulog_file.read(*given), "pyulog", "ulog"),
 }
+BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 
 
 def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
@@ -42,7 +65,7 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
             f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
         )
     _check(path)
-    if not path.is_dir():
+    if not path.is_dir() or _is_bag(path, options):
         return {source.name: source for source in _read(path, options)}
     sources: dict[str, Source] = {}
     for file, name in _files(path, options).items():
@@ -55,7 +78,12 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
 
 def _read(path: Path, options: ReadOptions) -> list[Source]:
     """The sources of one file, by the option or by its suffix."""
-    kind = options.format or _format_of(path) or "csv"
+    kind = options.format or ("rosbag" if path.is_dir() else _format_of(path)) or "csv"
+    package, extra = FORMATS[kind].package, FORMATS[kind].extra
+    if package is not None and find_spec(package) is None:
+        raise ConfigurationError(
+            f"{path}: {package} is not installed: pip install 'seatrial[{extra}]'"
+        )
     try:
         return FORMATS[kind].read(path, ReadOptions(kind, options.text))
     except OSError as error:
@@ -65,6 +93,11 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
 def _format_of(path: Path) -> str | None:
     suffix = path.suffix.lower()
     return next((name for name, form in FORMATS.items() if suffix in form.suffixes), None)
+
+
+def _is_bag(path: Path, options: ReadOptions) -> bool:
+    """Whether a folder is a bag of ROS 2."""
+    return (path / BAG).is_file() and options.format in (None, "rosbag")
 
 
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:

@@ -4,13 +4,13 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 from seatrial.models.errors import RecordingError
+from seatrial.models.recording.formats.titles import Names, names_of
 from seatrial.models.recording.source import TextOptions, is_empty
 
 SEPARATORS = "\t;|,"  # in this order where they fit equally well
@@ -21,16 +21,6 @@ WHITE = re.compile(rb"[ \t\v\f]+")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?:\d\d", re.ASCII)
-UNIT = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]()]*)[\])]")
-
-
-class Names(NamedTuple):
-    """Names of the columns, and what the header says besides."""
-
-    names: list[str]
-    written: dict[str, str]  # in the header, where it differs
-    units: dict[str, str]
-    repeated: Mapping[str, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,30 +39,8 @@ class Layout:
     def named(self) -> Names:
         """Names of the columns: given, from the header, or c1, c2 ...; with the units."""
         titles = [cell.strip() for cell in self.header[0]] if self.header else [""] * self.width
-        titles = list(self.given) or titles
         below = [cell.strip() for cell in self.header[1]] if len(self.header) > 1 else []
-        plain, units = [], {}
-        for place, title in enumerate(titles):
-            match = UNIT.fullmatch(title)
-            name, unit = (match["name"], match["unit"].strip()) if match else (title, "")
-            if len(below) == self.width and below[place]:
-                unit = below[place].strip("[]() ")
-            plain.append(name or ("" if self.header else f"c{place + 1}"))
-            units[place] = unit
-        counts, full = Counter(plain), Counter(titles)
-        names = [
-            title if counts[name] > 1 else name for name, title in zip(plain, titles, strict=True)
-        ]
-        names = [name or f"c{place + 1}" for place, name in enumerate(names)]
-        written = {
-            n: t for n, t in zip(names, titles, strict=True) if n != t and (t or self.header)
-        }
-        return Names(
-            names,
-            written,
-            {names[place]: unit for place, unit in units.items() if unit},
-            {title: count for title, count in full.items() if count > 1 and title},
-        )
+        return names_of(self.given or titles, below if len(below) == self.width else ())
 
 
 def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
