@@ -6,14 +6,13 @@ from pathlib import Path
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.findings import Finding
-from seatrial.models.recording.consistency import LEAST_TRUSTED, Consistency
-from seatrial.models.recording.diagnosis import Problem
+from seatrial.models.recording.consistency import LEAST_TRUSTED
+from seatrial.models.recording.examination import Examination
 from seatrial.models.recording.readers import Reader
 
 log = logging.getLogger(__name__)
 TRUST = "excitation.trust=true overrides"
 KEPT = 4  # examinations: the trials of a sweep often share a recording
-Examination = tuple[Consistency, tuple[Problem, ...]]
 _known: dict[tuple[object, ...], Examination | None] = {}
 
 
@@ -22,10 +21,9 @@ def examined(file: Reader, dofs: Sequence[str]) -> Examination | None:
     stamps = tuple(_stamp(path) for path in file.files().values())
     key = (repr(file), stamps, tuple(dofs))
     if key not in _known:
-        result = file.examine(dofs)
         while len(_known) >= KEPT:
             _known.pop(next(iter(_known)))
-        _known[key] = None if result is None else (result, file.problems(result))
+        _known[key] = file.examine(dofs)
     return _known[key]
 
 
@@ -42,7 +40,7 @@ def refuse(file: Reader, dofs: Sequence[str]) -> None:
     known = None if file.trusted else examined(file, dofs)
     if known is None:
         return
-    result, found = known
+    result, found = known.result, known.problems
     for axis in result.untrusted:
         if axis.dof in dofs:
             cures = [str(p) for p in found if axis.dof in p.axes] or [str(p) for p in found]
@@ -60,7 +58,7 @@ def findings(file: Reader, dofs: Sequence[str]) -> list[Finding]:
     known = examined(file, dofs)
     if known is None:
         return []
-    result, found = known
+    result, found = known.result, known.problems
     for problem in found:
         log.warning("recording: %s", problem)
     axes = [

@@ -4,8 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
-from seatrial.models.recording.consistency import Consistency
-from seatrial.models.recording.diagnosis import Problem, problems
+from seatrial.models.recording.examination import Examination
 from seatrial.models.recording.preprocessing import Description
 from seatrial.models.recording.recording import Recording, Split, half
 from seatrial.models.vessel.basis import Array
@@ -33,13 +32,9 @@ class Reader(ABC):
         """Descriptive statistics of the recorded columns."""
         return ()
 
-    def examine(self, dofs: Sequence[str]) -> Consistency | None:
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
         """Whether pose and velocity belong together; None if they cannot be compared."""
         return None
-
-    def problems(self, result: Consistency) -> tuple[Problem, ...]:
-        """The problems of an examined recording, with the options that cure them."""
-        return problems(result)
 
     @property
     def trusted(self) -> bool:

@@ -12,9 +12,8 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
-from seatrial.models.recording.column_map import KINDS, ColumnMap, Table, read_table
-from seatrial.models.recording.consistency import Consistency, consistency
-from seatrial.models.recording.diagnosis import Problem, problems
+from seatrial.models.recording.column_map import ColumnMap, Table, read_table
+from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
 from seatrial.models.recording.mapping import canonical
 from seatrial.models.recording.preprocessing import (
@@ -153,40 +152,13 @@ class RecordedFile(Reader):
         columns = [table.columns[as_column(name).name][rows] for name in names.values()]
         return np.column_stack(columns) if columns else None
 
-    def examine(self, dofs: Sequence[str]) -> Consistency | None:
-        """Compare pose and velocity, with all degrees of freedom that the file holds.
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
+        """Compare pose and velocity, with all degrees of freedom that the file holds."""
 
-        None if the path cannot be turned into body axes, for lack of the heading.
-        """
-        measured = self._measured_dofs()
-        for known in (measured, dofs):
-            try:
-                recording = self.read(known)
-            except (ConfigurationError, RecordingError):
-                continue
-            turned = bool(np.any(recording.attitude)) and not set(PLANAR) <= set(known)
-            if not turned:
-                recorded = [dof for dof in known if dof in self.columns.acceleration]
-                return consistency(recording, recorded)
-        return None
+        def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
+            return replace(self, columns=columns).read(known)
 
-    def _measured_dofs(self) -> tuple[str, ...]:
-        """Degrees of freedom with a pose and a velocity of their own."""
-        columns = self.columns
-        poses = set(columns.position) | (set(DOFS[3:]) if columns.orientation else set())
-        poses |= set(DOFS[:3]) if columns.geodetic else set()
-        forces = set(DOFS) if columns.inputs else set(columns.force)
-        return tuple(dof for dof in DOFS if dof in poses & set(columns.velocity) & forces)
-
-    def problems(self, result: Consistency) -> tuple[Problem, ...]:
-        """The problems of an examined recording; the cures name the columns of the file."""
-        columns = self.columns
-        names = {
-            f"{kind}.{dof}": as_column(name).column
-            for kind in KINDS
-            for dof, name in getattr(columns, kind).items()
-        }
-        return problems(result, names)
+        return examine(read, self.columns, read_sources(self.file, ReadOptions()), dofs)
 
     @property
     def trusted(self) -> bool:
