@@ -18,6 +18,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
+from seatrial.runner.recording_map import with_map
 from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
 
@@ -185,6 +186,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         target = {"_target_": "seatrial.models.identification.adaptive.Update"}
         nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
+    nodes["excitation"] = with_map(nodes["excitation"])
     _check_roles(nodes)
     settings = build_as(Settings, nodes, "")
     return Trial(

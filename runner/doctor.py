@@ -25,11 +25,14 @@ from seatrial.runner.invocation import PROJECT, ROOT, in_checkout, program_versi
 EXTRAS = {
     "browse": "seatrial-results browse",
     "fmu": "validation of what seatrial-results model --to fmu writes",
+    "mat": "excitation=recording with files of MATLAB 7.3",
     "postgresql": "database=postgresql",
     "ray": "hydra/launcher=ray",
     "rivals": "identifier=sparse",
+    "ros": "excitation=recording with bags of ROS and MCAP",
     "search": "hydra/sweeper=optuna",
     "slurm": "hydra/launcher=submitit_local, submitit_slurm",
+    "ulog": "excitation=recording with logs of PX4",
 }
 PROGRAMS = {
     "cc": "seatrial-results model --to fmu",

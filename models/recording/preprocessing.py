@@ -52,29 +52,6 @@ def interpolated(t: Array, values: Array, wrong: Mask) -> Array:
     return np.where(wrong, np.interp(t, t[~wrong], values[~wrong]), values)
 
 
-def common_rate(
-    channels: Mapping[str, tuple[Array, Array]], rate_hz: float
-) -> tuple[Array, dict[str, Array]]:
-    """Interpolate channels (t [s], values), each with its own samples, linearly on one time grid.
-
-    The grid starts where the last channel starts and ends where the first one ends. Angles must
-    be unwrapped and quaternions free of sign flips. There is no anti-aliasing filter, as in the
-    sources. Raises RecordingError if the channels do not overlap.
-    """
-    start = max(t[0] for t, _ in channels.values())
-    end = min(t[-1] for t, _ in channels.values())
-    count = int(np.floor((end - start) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
-    if count < 2:
-        last = max(channels, key=lambda name: channels[name][0][0])
-        first = min(channels, key=lambda name: channels[name][0][-1])
-        raise RecordingError(
-            f"got channels that overlap by fewer than two samples at {rate_hz:g} Hz: {last} begins "
-            f"at {start:g} s, {first} ends at {end:g} s"
-        )
-    grid = start + np.arange(count) / rate_hz
-    return grid, {name: np.interp(grid, t, x) for name, (t, x) in channels.items()}
-
-
 def without_bias(acceleration: Array, velocity: Array, period_s: float) -> Array:
     """Acceleration [m/s^2] minus a constant, so that its integral equals the change of velocity.
 

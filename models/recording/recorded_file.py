@@ -1,6 +1,6 @@
 """Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -11,12 +11,15 @@ from annotated_types import Ge
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.csv_table import ColumnMap, Table, read_table
+from seatrial.models.recording.column import Column, as_column
+from seatrial.models.recording.column_map import ColumnMap, Table, read_table
+from seatrial.models.recording.examination import Examination, examine
+from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
+from seatrial.models.recording.mapping import canonical
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Description,
     Differentiation,
-    common_rate,
     describe,
     interpolated,
     outliers,
@@ -24,10 +27,10 @@ from seatrial.models.recording.preprocessing import (
 )
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
+from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
-MOST_RESAMPLED = 100  # samples for each recorded one
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
@@ -62,6 +65,7 @@ class RecordedFile(Reader):
     sample_time_s: Positive | None
     resample_hz: Positive | None
     max_gap_s: Positive
+    at_gap: AtGap
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
@@ -72,11 +76,13 @@ class RecordedFile(Reader):
     differentiation: Differentiation
     thrusters: AzimuthThrusters
     statistics: tuple[str, ...]
+    trust: bool = False
+    map: str | None = None  # file of the columns; its content is in the other options
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.path:
-            raise ConfigurationError("excitation.path: expected a CSV file, got none")
+            raise ConfigurationError("excitation.path: expected a recording, got none")
         if any(character in self.path for character in "\0\r\n"):
             raise ConfigurationError(f"path: got {self.path!r}, expected one line of text")
         if self.start_s is not None and self.end_s is not None and self.start_s >= self.end_s:
@@ -106,7 +112,8 @@ class RecordedFile(Reader):
 
     def files(self) -> dict[str, Path]:
         """The recorded file."""
-        return {"path": self.file}
+        own = {"path": self.file}
+        return own if self.map is None else {**own, "map": Path(self.map).expanduser()}
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
@@ -118,11 +125,15 @@ class RecordedFile(Reader):
         Raises RecordingError, which names file, line and column. The low-pass filter of an
         identifier is applied later: it is linear, so it commutes with the differentiation.
         """
-        table = self._table(dofs)
-        t = table.columns[self.columns.time]
+        reader, table = self._prepared(dofs)
+        return reader._recording(table, dofs)
+
+    def _recording(self, table: Table, dofs: Sequence[str]) -> Recording:
+        t = table.columns[self._time]
         period_s = float((t[-1] - t[0]) / (len(t) - 1))
         nu = self.columns.values(table, "velocity", dofs)
-        tau = self.columns.values(table, "force", dofs)
+        steered = bool(self.columns.inputs) and not self.columns.force
+        tau = np.zeros_like(nu) if steered else self.columns.values(table, "force", dofs)
         nu_dot, acting = self._acceleration(table, nu, period_s, dofs), self._acting(table, dofs)
         rows = self._window(t)
         attitude = self.columns.attitude(table, np.radians(self.heading_deg))[rows]
@@ -130,7 +141,29 @@ class RecordedFile(Reader):
         return Recording(
             tuple(dofs), t[rows], self._pose(table, rows, attitude, dofs), nu[rows], nu_dot[rows],
             tau[rows], attitude, tau_actual=None if acting is None else acting[rows],
+            inputs=self._inputs(table, rows, self.columns.inputs),
+            commands=self._inputs(table, rows, self.columns.commands),
+            input_names=tuple(self.columns.inputs),
         )  # fmt: skip
+
+    @staticmethod
+    def _inputs(table: Table, rows: Mask, names: Mapping[str, str | Column]) -> Array | None:
+        """Inputs or commands (N, n_inputs) by the names of a vessel; None if not recorded."""
+        columns = [table.columns[as_column(name).name][rows] for name in names.values()]
+        return np.column_stack(columns) if columns else None
+
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
+        """Compare pose and velocity, with all degrees of freedom that the file holds."""
+
+        def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
+            return replace(self, columns=columns).read(known)
+
+        return examine(read, self.columns, read_sources(self.file, ReadOptions()), dofs)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether `trust` overrides what does not agree."""
+        return self.trust
 
     def split(self, t: Array) -> Split:
         """Training and test samples of the recording that `read` returns; times t [s], (N,).
@@ -143,21 +176,47 @@ class RecordedFile(Reader):
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each used column, over the entire file."""
-        table = self._measured(dofs)
-        return {name: int(np.sum(wrong)) for name, wrong in self._outliers(table).items()}
+        reader, table = self._mapped(dofs)
+        return {name: int(np.sum(wrong)) for name, wrong in reader._outliers(table).items()}
 
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns `statistics` in the window."""
-        table = read_table(self.file, (self.columns.time,), self.statistics, gaps=True)
-        window = self._window(table.columns[self.columns.time])
+        if not self.columns.is_plain:
+            return ()
+        table = read_table(self.file, (self._time,), self.statistics, gaps=True)
+        window = self._window(table.columns[self._time])
         names = [name for name in self.statistics if name in table.columns]
         return describe({name: table.columns[name][window] for name in names})
 
-    def _table(self, dofs: Sequence[str]) -> Table:
+    @property
+    def _time(self) -> str:
+        """The column of time."""
+        return as_column(self.columns.time).name
+
+    def _mapped(self, dofs: Sequence[str]) -> "tuple[RecordedFile, Table]":
+        """The used columns in SI units and our frames, and the reader whose map names them."""
+        if self.columns.is_plain:
+            return self, self._measured(dofs)
+        self.check(dofs)
+        sources = read_sources(self.file, ReadOptions())
+        grid = self.resample_hz and Grid(self.resample_hz, self.max_gap_s, self.at_gap)
+        try:
+            known = canonical(sources, self.columns, dofs, grid or None)
+        except RecordingError as error:
+            named = str(error).startswith(str(self.file))
+            raise error if named else RecordingError(f"{self.file}: {error}") from error
+        if grid is None or self.at_gap == "refuse":
+            check_time(known.table, "time", self.sample_time_s)
+        return replace(self, columns=known.columns, resample_hz=None), known.table
+
+    def _prepared(self, dofs: Sequence[str]) -> "tuple[RecordedFile, Table]":
         """The used columns on one uniform grid, with outliers replaced if configured."""
-        table = self._measured(dofs)
+        reader, table = self._mapped(dofs)
+        return reader, reader._cleaned(table)
+
+    def _cleaned(self, table: Table) -> Table:
         if self.outliers.replace:
-            columns, t = dict(table.columns), table.columns[self.columns.time]
+            columns, t = dict(table.columns), table.columns[self._time]
             for name, wrong in self._outliers(table).items():
                 valid = ~np.isnan(columns[name])
                 columns[name] = columns[name].copy()
@@ -171,20 +230,22 @@ class RecordedFile(Reader):
         required = self.columns.required(dofs)
         if self._has_thruster_force(dofs):
             required += [*self.thrusters.rpm, *self.thrusters.angle]
-        optional = (*(self.columns.orientation or ()), *self.columns.angles())
+        optional = (*self.columns.quaternion, *self.columns.angles())
         gaps = self.resample_hz is not None
         table = read_table(self.file, required, optional, gaps=gaps)
-        if gaps:
-            check_gaps(table, self.columns.time, self.max_gap_s)
+        if gaps and self.at_gap == "split":
+            check_increasing(table, self._time)
+        elif gaps:
+            check_gaps(table, self._time, self.max_gap_s)
         else:
-            check_time(table, self.columns.time, self.sample_time_s)
+            check_time(table, self._time, self.sample_time_s)
         return self.columns.continuous(table, self.thrusters.angle)
 
     def _outliers(self, table: Table) -> dict[str, Mask]:
         """Masks (N,) of the outliers in every column except time, among its own samples."""
         masks = {}
         for name, values in table.columns.items():
-            if name != self.columns.time:
+            if name != self._time:
                 valid = ~np.isnan(values)
                 masks[name] = np.zeros(len(values), dtype=bool)
                 masks[name][valid] = outliers(
@@ -193,23 +254,17 @@ class RecordedFile(Reader):
         return masks
 
     def _resampled(self, table: Table, rate_hz: float) -> Table:
-        t = table.columns[self.columns.time]
-        rows = float(t[-1] - t[0]) * rate_hz
-        if rows > MOST_RESAMPLED * len(t):
-            raise ConfigurationError(
-                f"excitation.resample_hz: got {rate_hz:g} Hz, {rows:.2g} samples from the "
-                f"{len(t)} of {table.path}; expected at most {MOST_RESAMPLED} times as many"
-            )
-        channels = {}
+        t, channels = table.columns[self._time], {}
         for name, values in table.columns.items():
             valid = ~np.isnan(values)
-            if name != self.columns.time:
-                channels[name] = (t[valid], values[valid])
+            if name != self._time:
+                channels[name] = Channel(t[valid], values[valid])
         try:
-            grid, columns = common_rate(channels, rate_hz)
+            grid = Grid(rate_hz, self.max_gap_s, self.at_gap)
+            joined = join_channels(channels, grid)
         except RecordingError as error:
             raise RecordingError(f"{table.path}: {error}") from error
-        return replace(table, columns={self.columns.time: grid, **columns})
+        return replace(table, columns={self._time: joined.t, **joined.columns})
 
     def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated."""
@@ -277,7 +332,7 @@ def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got a step of "
+            f"{table.path}, column {name}, {table.place(k + 1)}: got a step of "
             f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
         )
 
@@ -291,7 +346,7 @@ def check_increasing(table: Table, name: str) -> None:
     if np.any(wrong):
         k = int(np.argmax(wrong))
         raise RecordingError(
-            f"{table.path}, column {name}, line {table.line(k + 1)}: got {t[k + 1]:.6f} s after "
+            f"{table.path}, column {name}, {table.place(k + 1)}: got {t[k + 1]:.6f} s after "
             f"{t[k]:.6f} s, expected time to increase"
         )
 
@@ -313,6 +368,6 @@ def check_gaps(table: Table, time: str, longest_s: float) -> None:
         if np.max(gaps) > longest_s:
             k = int(np.argmax(gaps > longest_s))
             raise RecordingError(
-                f"{table.path}, column {name}, line {table.line(int(rows[k]))}: got no sample for "
+                f"{table.path}, column {name}, {table.place(int(rows[k]))}: got no sample for "
                 f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
             )

@@ -1,7 +1,7 @@
-"""Recordings as objects: read from a file or a frame, cut into blocks, and joined."""
+"""Recordings as objects: read from a file or a frame, and cut into blocks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, Self
 
@@ -10,6 +10,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
 from seatrial.models.recording import recording as recordings
+from seatrial.models.recording.joining import UNIFORMITY
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import GAP, attitude_of, blocks, half
@@ -30,9 +31,6 @@ else:
 
     pd = lazy_loader.load("pandas")
     in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
-
-BETWEEN = 10  # sample times between two recordings that are joined
-UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,36 +187,6 @@ class Recording(recordings.Recording):
             for name, v in frame.items()
         ]
         return Table(grid_of(title, ("column", "min", "mean", "max", "std"), rows))
-
-
-def joined(parts: Sequence[recordings.Recording]) -> recordings.Recording:
-    """Return recordings as one with gaps in time between them; consecutive blocks stay together.
-
-    Raises RecordingError if they differ in degrees of freedom, sample time or what was measured.
-    """
-    first = parts[0]
-    period, t, end = first.period_s, [first.t], float(first.t[-1])
-    for part in parts[1:]:
-        if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
-            raise RecordingError(
-                f"recordings: got {', '.join(part.dofs)} every {part.period_s:g} s, "
-                f"expected {', '.join(first.dofs)} every {period:g} s as in the first"
-            )
-        steps = (float(part.t[0]) - end) / period
-        follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
-        shift = 0.0 if follows else end + BETWEEN * period - float(part.t[0])
-        t.append(part.t + shift)
-        end = float(t[-1][-1])
-    columns: dict[str, Array | None] = {}
-    for field in fields(first):
-        values = [getattr(part, field.name) for part in parts]
-        if field.name in ("dofs", "without_lag", "t"):
-            continue
-        if len({value is None for value in values}) > 1:
-            raise RecordingError(f"recordings: {field.name} is in some, expected it in all or none")
-        columns[field.name] = None if values[0] is None else np.concatenate(values)
-    changes: dict[str, object] = {**columns, "t": np.concatenate(t)}
-    return replace(first, **changes)  # type: ignore[arg-type]
 
 
 def _columns(table: "pd.DataFrame", names: list[str]) -> Array:

@@ -23,11 +23,11 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.identification.validation import combined, prediction, scores
 from seatrial.models.recording import recording as recordings
+from seatrial.models.recording.joining import end_to_end
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.config import build_as
 from seatrial.runner.interface.arguments import overrides_of, text_of
-from seatrial.runner.interface.recordings import joined
 from seatrial.runner.interface.vessel_models import Model
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ class Estimator:
 
     def predict(self, X: Recordings) -> "pd.DataFrame":
         """Predict the motion, anew every 30 s from the measured state; see `Model.predict`."""
-        return self._fitted().predict(joined(_listed(X)))
+        return self._fitted().predict(end_to_end(_listed(X)))
 
     def score(self, X: Recordings, y: None = None) -> float:
         """Return R^2 of the velocity in predictions of 30 s, the mean over the axes that moved.
@@ -224,6 +224,6 @@ def _with_lag(X: Recordings, vessel: VesselParameters) -> recordings.Recording:
     One that was filtered before it was cut stays as it is.
     """
     lag = vessel.thruster
-    return joined(
+    return end_to_end(
         [part if part.tau_filtered is not None else part.with_thruster(lag) for part in _listed(X)]
     )

@@ -33,7 +33,7 @@ from tests.trials import asked_for, composed
             ["excitation=prbs", "vessel.thruster.amplitude_limit=[50.0,500.0,500.0]"],
             r"excitation\.amplitude\.surge: the signal reaches 100, expected .* 50",
         ),
-        (["excitation=recording"], "excitation.path: expected a CSV file, got none"),
+        (["excitation=recording"], "excitation.path: expected a recording, got none"),
         (["controller.kp=[1.0]"], "kp|ki"),
     ],
 )

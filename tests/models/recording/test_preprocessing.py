@@ -12,12 +12,11 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.csv_table import read_table
+from seatrial.models.recording.column_map import read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Differentiation,
     central_difference,
-    common_rate,
     describe,
     interpolated,
     outliers,
@@ -131,33 +130,6 @@ def test_constant_and_short_signals_have_no_outliers() -> None:
     assert not np.any(outliers(np.array([0.0, 0.0, 9.0, 0.0])))
     everything = np.ones(3, dtype=bool)
     np.testing.assert_array_equal(interpolated(np.arange(3.0), np.ones(3), everything), 1.0)
-
-
-# One grid
-
-
-def test_common_rate_is_exact_for_straight_lines_and_within_all_channels() -> None:
-    rng = np.random.default_rng(4)
-    one, two = (np.sort(rng.uniform(a, b, 200)) for a, b in ((0.0, 9.0), (1.0, 10.0)))
-    grid, values = common_rate({"x": (one, 3.0 * one), "y": (two, 1.0 - two)}, 10.0)
-    assert grid[0] == two[0]
-    assert one[-1] - 0.1 < grid[-1] <= one[-1]
-    np.testing.assert_allclose(np.diff(grid), 0.1)
-    np.testing.assert_allclose(values["x"], 3.0 * grid)
-    np.testing.assert_allclose(values["y"], 1.0 - grid)
-
-
-def test_common_rate_keeps_samples_that_are_on_the_grid() -> None:
-    t = 0.1 * np.arange(1001)
-    grid, values = common_rate({"x": (t, np.sin(t))}, 10.0)
-    assert len(grid) == 1001
-    np.testing.assert_allclose(values["x"], np.sin(t), atol=1e-12)
-
-
-def test_channels_that_do_not_overlap() -> None:
-    early, late = np.linspace(0.0, 1.0, 5), np.linspace(2.0, 3.0, 5)
-    with pytest.raises(RecordingError, match="b begins at 2 s, a ends at 1 s"):
-        common_rate({"a": (early, early), "b": (late, late)}, 10.0)
 
 
 # Derivatives

@@ -333,8 +333,8 @@ def test_quality_of_surge_1(beluga: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"path": None}, "excitation.path: expected a CSV file, got none"),
-        ({"path": ""}, "excitation.path: expected a CSV file, got none"),
+        ({"path": None}, "excitation.path: expected a recording, got none"),
+        ({"path": ""}, "excitation.path: expected a recording, got none"),
         (
             {"start_s": 5.0, "end_s": 5.0},
             "excitation: start_s must lie before end_s = 5, got 5",

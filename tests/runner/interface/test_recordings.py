@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import seatrial as st
-from seatrial.runner.interface.recordings import joined
+from seatrial.models.recording.joining import end_to_end
 
 DATA = os.environ.get("SEATRIAL_DATA")
 
@@ -60,10 +60,10 @@ def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
     assert [len(block) for block in blocks] == [40, 40, 40, 50]
     for before, after in pairwise(blocks):
         assert after.t[0] - before.t[-1] == pytest.approx(1.1)
-    whole = joined(recording.blocks(4))
+    whole = end_to_end(recording.blocks(4))
     np.testing.assert_array_equal(whole.t, recording.t)
     assert np.count_nonzero(whole.piece_starts) == 1
-    assert np.count_nonzero(joined([blocks[0], blocks[2]]).piece_starts) == 2
+    assert np.count_nonzero(end_to_end([blocks[0], blocks[2]]).piece_starts) == 2
     with pytest.raises(st.ConfigurationError, match="expected at least two samples in each"):
         recording.blocks(4, gap_s=5.0)
     train, test = recording.split(0.25)
@@ -72,7 +72,7 @@ def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
 
 def test_recordings_of_one_start_are_joined_one_after_the_other(frame: pd.DataFrame) -> None:
     recording = st.Recording.from_frame(frame)
-    twice = joined([recording, recording])
+    twice = end_to_end([recording, recording])
     assert len(twice) == 400
     assert np.count_nonzero(twice.piece_starts) == 2
     assert np.all(np.diff(twice.t) > 0.0)
@@ -81,7 +81,7 @@ def test_recordings_of_one_start_are_joined_one_after_the_other(frame: pd.DataFr
     with pytest.raises(
         st.RecordingError, match=r"got surge every 0.2 s, expected surge every 0.1 s"
     ):
-        joined([recording, slow])
+        end_to_end([recording, slow])
 
 
 @pytest.mark.skipif(DATA is None, reason="SEATRIAL_DATA is not set: no outside data")

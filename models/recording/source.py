@@ -1,0 +1,215 @@
+"""Columns as they were recorded, and how a file is to be read."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from textwrap import shorten
+from typing import Annotated, NamedTuple, TypeAlias
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.ranges import check_ranges
+from seatrial.models.vessel.basis import Array
+
+LARGEST = 1e30  # larger numbers are not measurements, and their squares could overflow
+LARGEST_BYTES = 2**28  # of a text file, and of the numbers of any recording
+MOST_CELLS = LARGEST_BYTES // 8
+TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
+
+
+class Cell(NamedTuple):
+    """A cell as it is written in its file, for messages; `text` is None where there is no text."""
+
+    place: str  # such as "line 7"
+    text: str | None
+
+
+def _row(row: int, column: str) -> Cell:
+    return Cell(f"row {row + 1}", None)
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Columns that share a clock: a table, a topic, a group.
+
+    Columns of numbers hold NaN for an empty cell; a column with any other cell holds its text as
+    written, such as date-times. `units` are those of the header (`t [s]` is the column `t` in `s`).
+    """
+
+    name: str  # stem of the file, or topic, relative to the folder
+    path: Path
+    columns: dict[str, Array | TextArray]  # (N,) each
+    units: dict[str, str] = field(default_factory=dict)
+    written: dict[str, str] = field(default_factory=dict)  # names in the header, where they differ
+    repeated: Mapping[str, int] = field(default_factory=dict)  # names that several columns have
+    cell: Callable[[int, str], Cell] = _row  # reads the file again
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def find(self, name: str) -> str | None:
+        """The column of a name, which may be written as in the header; None if there is none."""
+        if name in self.columns:
+            return name
+        return next((plain for plain, full in self.written.items() if full == name), None)
+
+    def numbers(self, name: str, *, gaps: bool = False) -> Array:
+        """The column `name` as numbers, shape (N,); `gaps` allows NaN, for empty cells.
+
+        Raises RecordingError, with file, column and line, if a cell is not a finite number.
+        """
+        column = self.find(name)
+        if column is None or name in self.repeated:
+            raise self._absent(name)
+        values = self.columns[column]
+        numeric = values.dtype != np.object_
+        parsed = np.asarray(values, dtype=np.float64) if numeric else _parsed(values.tolist())
+        wrong = ~(np.abs(parsed) < LARGEST)
+        if gaps:
+            wrong &= ~np.isnan(parsed) if numeric else ~np.array([is_empty(v) for v in values])
+        if np.any(wrong):
+            row = int(np.argmax(wrong))
+            place, text = self.cell(row, column)
+            text = str(values[row]) if text is None else text
+            got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
+            raise RecordingError(
+                f"{self.path}, column {name}, {place}: got {got}, expected a finite number"
+            )
+        return parsed
+
+    def _absent(self, name: str) -> RecordingError:
+        if name in self.repeated:
+            return RecordingError(
+                f"{self.path}: {self.repeated[name]} columns {name!r}, expected one"
+            )
+        names = [self.written.get(column, column) for column in (*self.columns, *self.repeated)]
+        listing = shorten(", ".join(names), 600, placeholder=" ...")
+        return RecordingError(f"{self.path}: no column {name!r}, expected it among {listing}")
+
+
+def is_empty(cell: str) -> bool:
+    """Whether a cell stands for no sample."""
+    return cell.strip().lstrip("+-").lower() in ("", "nan")
+
+
+def _parsed(cells: Sequence[str]) -> Array:
+    """Cells as numbers, shape (N,); NaN where a cell is none."""
+    values = np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells):
+        # float() accepts more than is written by instruments: 1_000, and digits of other scripts.
+        if cell.isascii() and "_" not in cell and not is_empty(cell):
+            try:
+                values[row] = float(cell)
+            except ValueError:
+                continue
+    return values
+
+
+def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
+    """The source and the name of a column: `column` where that is unique, or `source:column`.
+
+    A source may be named by the end of its path. Raises RecordingError if there is no such column,
+    or several.
+    """
+    if len(sources) == 1:
+        (source,) = sources.values()
+        if name in source.repeated or source.find(name) is not None:
+            return source, source.find(name) or name
+    holders = [(source, plain) for source in sources.values() if (plain := source.find(name))]
+    if not holders and ":" in name:
+        wanted, _, plain_name = name.rpartition(":")
+        named = [sources[wanted]] if wanted in sources else _ending(sources.values(), wanted)
+        if not named:
+            listing = shorten(", ".join(sources), 600, placeholder=" ...")
+            raise RecordingError(
+                f"{_place(sources)}: no source {wanted!r}, expected it among {listing}"
+            )
+        holders = [(source, plain) for source in named if (plain := source.find(plain_name))]
+        if not holders:
+            raise named[0]._absent(plain_name)
+    if len(holders) > 1:
+        listing = shorten(", ".join(source.name for source, _ in holders), 300, placeholder=" ...")
+        raise RecordingError(
+            f"{_place(sources)}: {len(holders)} sources have a column {name!r}: {listing}; "
+            f"expected one of them before it, as {holders[0][0].name}:{holders[0][1]}"
+        )
+    if not holders:
+        if len(sources) == 1:
+            raise next(iter(sources.values()))._absent(name)
+        known = [
+            f"{source.name}:{plain}" for source in sources.values() for plain in source.columns
+        ]
+        listing = shorten(", ".join(known), 600, placeholder=" ...")
+        raise RecordingError(f"{_place(sources)}: no column {name!r}, expected it among {listing}")
+    return holders[0]
+
+
+def _ending(sources: Iterable[Source], name: str) -> list[Source]:
+    return [source for source in sources if f"/{source.name}".endswith(f"/{name.lstrip('/')}")]
+
+
+def _place(sources: Mapping[str, Source]) -> str:
+    paths = [source.path for source in sources.values()]
+    shared = [
+        path
+        for path in (paths[0], *paths[0].parents)
+        if all(path == other or path in other.parents for other in paths)
+    ]
+    return str(shared[0]) if shared else ", ".join(map(str, paths))
+
+
+def check_size(path: Path, cells: int) -> None:
+    """Raise RecordingError if a recording has more numbers than fit in memory."""
+    if cells > MOST_CELLS:
+        raise RecordingError(
+            f"{path}: got {cells:.3g} numbers, expected at most {MOST_CELLS:.3g}; cut the recording"
+        )
+
+
+@dataclass(frozen=True)
+class TextOptions:
+    """How a text file is written; null: found out from the file.
+
+    `header_lines` counts the lines of names (0: none): the names stand in the first, units may
+    stand in the second. `skip_lines` are passed over before. `names` replace those of the header.
+    """
+
+    separator: str | None = None  # one character; " ": any white space
+    decimal: str | None = None  # "." or ","
+    encoding: str | None = None
+    comment: str | None = "#"  # beginning of lines that are passed over
+    skip_lines: Annotated[int, Ge(0)] = 0
+    header_lines: Annotated[int, Ge(0)] | None = None
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.separator is not None and (len(self.separator) != 1 or self.separator in '"\r\n'):
+            raise ConfigurationError(f"separator: got {self.separator!r}, expected one character")
+        if self.decimal not in (None, ".", ","):
+            raise ConfigurationError(f"decimal: got {self.decimal!r}, expected '.', ',' or null")
+        if self.decimal == "," and self.separator == ",":
+            raise ConfigurationError(
+                "decimal and separator are both ',', expected a different separator"
+            )
+        if self.encoding is not None:
+            try:
+                "".encode(self.encoding)
+            except LookupError as error:
+                raise ConfigurationError(
+                    f"encoding: got {self.encoding!r}, expected one that is known, such as "
+                    "utf-8, latin-1, utf-16"
+                ) from error
+        if len(set(self.names)) < len(self.names):
+            raise ConfigurationError(f"names: got {', '.join(self.names)}, expected each once")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How files are read; `format` null: by the suffix of each file."""
+
+    format: str | None = None
+    text: TextOptions = field(default_factory=TextOptions)

@@ -1,0 +1,108 @@
+"""Bags of ROS 1, ROS 2 and MCAP, made of the topics of a run of milliAmpere."""
+
+import csv
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seatrial.models.recording.sources import ReadOptions, read_sources
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2Writer
+from rosbags.typesys import Stores, get_typestore
+
+POSE, WRENCH = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/WrenchStamped"
+
+
+@pytest.fixture(scope="module")
+def run() -> Path:
+    path = Path(os.environ.get("SEATRIAL_DATA", "")) / "milliampere" / "nlp1"
+    if not path.is_dir():
+        pytest.skip(f"there is no {path}: no outside data")
+    return path
+
+
+def topic_rows(run: Path, name: str, most: int = 300) -> list[dict[str, str]]:
+    with (run / f"{name}.csv").open(newline="") as opened:
+        return [row for row, _ in zip(csv.DictReader(opened), range(most), strict=False)]
+
+
+def bag_of_milliampere(run: Path, path: Path, storage: StoragePlugin | None) -> None:
+    """Two topics of the run nlp1, as ROS 1 (no storage), ROS 2 or MCAP."""
+    store = get_typestore(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
+    types = store.types
+    vector, header = types["geometry_msgs/msg/Vector3"], types["std_msgs/msg/Header"]
+    stamp = types["builtin_interfaces/msg/Time"]
+
+    def head(row: dict[str, str]) -> Any:
+        seconds, nanoseconds = int(row["header_stamp_secs"]), int(row["header_stamp_nsecs"])
+        number = {} if storage is not None else {"seq": 0}
+        return header(stamp=stamp(sec=seconds, nanosec=nanoseconds), frame_id="piren", **number)
+
+    def three(row: dict[str, str], prefix: str, kind: Any = vector) -> Any:
+        return kind(**{axis: float(row[f"{prefix}_{axis}"]) for axis in "xyz"})
+
+    with (
+        BagWriter(path)
+        if storage is None
+        else Bag2Writer(path, version=9, storage_plugin=storage) as bag
+    ):
+        for topic, kind in (("navigation/pose", POSE), ("tau_actual", WRENCH)):
+            connection = bag.add_connection(f"/{topic}", kind, typestore=store)
+            for row in topic_rows(run, topic):
+                if kind == POSE:
+                    point = three(row, "pose_position", types["geometry_msgs/msg/Point"])
+                    turn = types["geometry_msgs/msg/Quaternion"](
+                        **{axis: float(row[f"pose_orientation_{axis}"]) for axis in "xyzw"}
+                    )
+                    pose = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
+                    message = types[POSE](header=head(row), pose=pose)
+                else:
+                    wrench = types["geometry_msgs/msg/Wrench"](
+                        force=three(row, "wrench_force"), torque=three(row, "wrench_torque")
+                    )
+                    message = types[WRENCH](header=head(row), wrench=wrench)
+                serialise = store.serialize_ros1 if storage is None else store.serialize_cdr
+                moment = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                bag.write(connection, moment, serialise(message, kind))
+
+
+@pytest.mark.parametrize(
+    ("name", "storage", "inner"),
+    [
+        ("one.bag", None, ""),
+        ("two", StoragePlugin.SQLITE3, ""),
+        ("two", StoragePlugin.SQLITE3, "two.db3"),
+        ("three", StoragePlugin.MCAP, ""),
+        ("three", StoragePlugin.MCAP, "three.mcap"),
+    ],
+)
+def test_bags_hold_what_was_put_in(
+    run: Path, tmp_path: Path, name: str, storage: StoragePlugin | None, inner: str
+) -> None:
+    bag_of_milliampere(run, tmp_path / name, storage)
+    sources = read_sources(tmp_path / name / inner, ReadOptions())
+    assert set(sources) == {"navigation/pose", "tau_actual"}
+    for topic, pairs in {
+        "navigation/pose": {
+            "pose.position.x": "pose_position_x",
+            "pose.orientation.w": "pose_orientation_w",
+            "header.stamp.sec": "header_stamp_secs",
+            "header.stamp.nanosec": "header_stamp_nsecs",
+        },
+        "tau_actual": {"wrench.torque.z": "wrench_torque_z"},
+    }.items():
+        rows, source = topic_rows(run, topic), sources[topic]
+        for column_, written in pairs.items():
+            np.testing.assert_array_equal(
+                source.columns[column_], [float(row[written]) for row in rows]
+            )
+        stamp = source.numbers("header.stamp.sec") + 1e-9 * source.numbers("header.stamp.nanosec")
+        np.testing.assert_allclose(source.numbers("time"), stamp, rtol=0.0, atol=1e-6)
+        assert source.columns["header.frame_id"].tolist() == ["piren"] * len(rows)
