@@ -28,7 +28,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError, Reco
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.validation import RESTART_S, prediction
-from seatrial.models.recording.recording import Recording, blocked_k_fold
+from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -129,7 +129,7 @@ class Blocks:
     def problems(self) -> tuple[Problem, ...]:
         """The problem without each of the blocks, of which only the model is wanted."""
         training = self.problem.training
-        parts = (training.part(s.train) for s in blocked_k_fold(len(training), self.folds))
+        parts = (training.part(s.train) for s in training.folds(self.folds))
         return tuple(
             replace(self.problem, training=part, validation=part, compared=True) for part in parts
         )
@@ -138,7 +138,7 @@ class Blocks:
     def left_out(self) -> tuple[Recording, ...]:
         """The blocks."""
         training = self.problem.training
-        return tuple(training.part(s.test) for s in blocked_k_fold(len(training), self.folds))
+        return tuple(training.part(s.test) for s in training.folds(self.folds))
 
     def errors(self, models: Sequence[Vessel]) -> LeftOut:
         """Errors of models on the blocks, each of one that was identified without its block.

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.csv_table import read_table
+from seatrial.models.recording.column_map import read_table
 from seatrial.models.vessel.basis import Array
 
 DEGREES = "_deg"  # suffix of a quantity in degrees
