@@ -56,9 +56,10 @@ def doubts(devices: Mapping[str, Device], x: Array) -> list[str]:
             if one.name != "J" or not len(values):
                 continue
             median = float(np.median(values))
-            if median < SMALL * one.high and PER_MINUTE * median < PLAUSIBLE * one.high:
+            common = PER_MINUTE * median
+            if median < SMALL * one.high and common < PLAUSIBLE * one.high:
                 found.append(
                     f"{name}: J = {median:.2g} in the median, expected up to {one.high:.2g}; with "
-                    f"n divided by 60 it is {PER_MINUTE * median:.2g}: is n in 1/min instead of 1/s?"
+                    f"n divided by 60 it is {common:.2g}: is n in 1/min instead of 1/s?"
                 )
     return found
