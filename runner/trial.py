@@ -30,6 +30,7 @@ from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.devices import validity
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import budget, recording_checks
 from seatrial.runner.closed_loop import (
@@ -252,6 +253,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *identified.findings,
             *predicted.findings,
             *excitation_report(problem, excited.recording),
+            *device_report(problem.nominal, excited.recording),
             *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,
         ],
@@ -329,6 +331,19 @@ def excitation_report(problem: Problem, recording: Recording) -> list[Finding]:
     for warning in filter(None, (report.warning() for report in reports)):
         log.warning("excitation: %s", warning)
     return excitation_results.excitation_report(reports)
+
+
+def device_report(nominal: Vessel, recording: Recording) -> list[Finding]:
+    """Report where devices were outside of their data, for how long [s] and how far; warn of it."""
+    if not nominal.devices or recording.inputs is None:
+        return []
+    x = recording.variables()
+    for doubt in validity.doubts(nominal.devices, x):
+        log.warning("excitation: %s", doubt)
+    found = validity.excesses(nominal.devices, x, recording.period_s)
+    for excess in found:
+        log.warning("excitation: %s", excess.text)
+    return [Finding("outside", "all", one.seconds, "s", label=one.text) for one in found]
 
 
 def unreached(excited: ExcitationData) -> list[Metric]:

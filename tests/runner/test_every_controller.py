@@ -15,10 +15,12 @@ CONTROLLERS = sorted({path.stem for path in (CONF / "controller").glob("*.yaml")
 PRBS = ("excitation=prbs", "excitation.length_s=20", "sample_time_s=0.5", "integration_step_s=0.1")
 KEEPING = (*PRBS, "evaluation=station_keeping", "evaluation.duration_s=20")
 RUNS = ("excitation=constant_velocity", "excitation.run_s=1", "excitation.rest_s=1")
+STEERED = tuple(name for name in vessels() if parameters_of(name).inputs)
+FORCED = tuple(name for name in vessels() if name not in STEERED)
 SIX = "controller: got a vessel in {}, expected one in surge, sway, yaw, or in some of surge, sway"
 
 
-@pytest.mark.parametrize("vessel", vessels())
+@pytest.mark.parametrize("vessel", FORCED)
 def test_every_vessel_with_every_controller(vessel: str) -> None:
     """Under noise; a vessel in six degrees of freedom has no linear design."""
     spatial = parameters_of(vessel).dofs == DOFS
@@ -41,6 +43,15 @@ def test_every_vessel_with_every_controller(vessel: str) -> None:
         failed = [one.value for one in results.metrics if one.name in ("failures", "held_commands")]
         assert failed
         assert not any(failed), (vessel, controller)
+
+
+@pytest.mark.parametrize("vessel", STEERED)
+def test_a_vessel_with_inputs_is_refused_where_forces_are_commanded(vessel: str) -> None:
+    """In one line, with every controller, for an excitation by forces on its axes."""
+    for controller in CONTROLLERS:
+        with pytest.raises(ConfigurationError) as refusal:
+            trials.check(composed(f"vessel={vessel}", f"controller={controller}", *KEEPING))
+        assert "\n" not in str(refusal.value)
 
 
 def test_cybership_from_its_paper_sails_with_every_controller(seatrial: Command) -> None:

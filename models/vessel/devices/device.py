@@ -40,6 +40,16 @@ class Bounds(NamedTuple):
     high: float
 
 
+class Range(NamedTuple):
+    """A quantity of a device over samples, and the range of its data."""
+
+    name: str
+    unit: str
+    values: Array  # (N,), NaN where it is not defined
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class Device(ABC):
     """Options of a device: its parameters, and the names of its inputs.
@@ -69,6 +79,10 @@ class Device(ABC):
         `first` is the position of its first parameter in the array of all parameters, `place` that
         of its two numbers in `wake`, and `places` are those of the devices before it, by name.
         """
+
+    def ranges(self, x: Array) -> tuple[Range, ...]:
+        """Quantities with limited data, for samples of the variables x (N, N_VARIABLES); none."""
+        return ()
 
     def values(self) -> Array:
         """Values of the parameters, in SI units, in the order of `PARAMETERS`."""

@@ -26,7 +26,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import INDEX, Array
-from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, input_index
+from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, Range, input_index
 
 U, V, R, SPEED, OVER_SPEED = (INDEX[name] for name in ("u", "v", "r", "U", "1/U"))
 D_P, K_0, K_1, K_2, W_P0, C_1, C_2_PLUS, C_2_MINUS, T_P, X_P, RHO, LENGTH = range(12)
@@ -91,6 +91,16 @@ class Propeller(Device):
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> PropellerStructure:
         """Input and parameters in the arrays of the kernels."""
         return PropellerStructure(input_index(self.n), first, place, WAKES.index(self.wake))
+
+    def ranges(self, x: Array) -> tuple[Range, ...]:
+        """J = u (1 - w_P0) / (n D_P) ahead, up to that without thrust; no data for n < 0."""
+        n, none = x[:, input_index(self.n)], np.full(len(x), np.nan)
+        advance = x[:, U] * (1.0 - self.w_P0) / self.diameter_m
+        ratio = np.divide(advance, n, out=none, where=n > 0.0)
+        roots = np.roots([self.k_2, self.k_1, self.k_0])
+        free = [float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0.0]
+        highest = min(free, default=np.inf)
+        return Range("J", "", ratio, 0.0, highest), Range("n", "1/s", n, 0.0, np.inf)
 
 
 @lean_kernel

@@ -22,7 +22,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import where
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.vessel.basis import INDEX, Array
-from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, input_index
+from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, Range, input_index
 
 U, V, R = (INDEX[name] for name in ("u", "v", "r"))
 AHEAD, ASTERN, DEAD, CURVE, ADVANCE, CROSSING, ANGLE, X_T, Y_T = range(9)
@@ -73,6 +73,13 @@ class Thruster(Device):
     def inputs(self) -> tuple[str, ...]:
         """What runs it, and its azimuth if it has one."""
         return (self.drive,) if self.alpha is None else (self.drive, self.alpha)
+
+    def ranges(self, x: Array) -> tuple[Range, ...]:
+        """The input itself, if reverse running is not known."""
+        if self.astern is not None:
+            return ()
+        unit = "1/s" if self.drive.startswith("n") else ""
+        return (Range(self.drive, unit, x[:, input_index(self.drive)], 0.0, np.inf),)
 
     def values(self) -> Array:
         """Values of the parameters; reverse running that is not known is that ahead."""
