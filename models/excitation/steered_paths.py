@@ -207,7 +207,7 @@ class PathFollowing(SteeredClosedLoop):
     """Way-points (north, east) in ship lengths, by line of sight with integral action `sigma`.
 
     A way-point is passed within `radius`, the line of sight looks `ahead`, both in ship lengths;
-    `sigma` is in units of U / L.
+    `sigma` is in units of U.
     """
 
     waypoints: tuple[tuple[float, ...], ...]
@@ -238,6 +238,6 @@ class PathFollowing(SteeredClosedLoop):
         points = self.length_m * np.array(self.waypoints, dtype=np.float64)
         path = Path(
             self.yaw, points, self.radius * self.length_m, self.ahead * self.length_m,
-            self.sigma / self.unit_s, period,
+            self.sigma * self.speed_m_s, period,
         )  # fmt: skip
         return path, np.array([0.0, 0.0, start[self.yaw]])

@@ -1,0 +1,199 @@
+"""The autopilot on a ship that is Nomoto's equation, and on KVLCC2 in wind moment and current."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seatrial.models.control.autopilot import Autopilot, AutopilotTable
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.setpoints import Step
+from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.steering import Nomoto, steering_model
+from seatrial.models.vessel.thruster import Input
+from seatrial.models.weather.weather import Weather
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from tests.trials import composed
+
+GAIN, TIME_S, SPEED, LENGTH = 0.2, 5.0, 1.0, 4.0
+PERIOD_S = 0.05
+
+
+def nomoto_ship(gain: float = GAIN, time_s: float = TIME_S) -> VesselParameters:
+    """T r_dot + r = K delta exactly; sway and surge are damped by themselves."""
+    return VesselParameters(
+        name="nomoto", dofs=("surge", "sway", "yaw"), coriolis=False, length_m=LENGTH,
+        inertia=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), speed_m_s=SPEED,
+        derivatives={
+            "X_u": -0.1, "X_n": 0.1, "Y_v": -1.0, "N_r": -1.0 / time_s,
+            "N_delta": gain / time_s,
+        },
+        inputs={
+            "delta": Input(-0.6, 0.6, rate_limit=0.5), "n": Input(0.0, 4.0, start=1.0)
+        },
+        velocity_limits=(50.0, 50.0, 50.0),
+    )  # fmt: skip
+
+
+def autopilot(ship: VesselParameters, **options: object) -> Autopilot:
+    return Autopilot(
+        speed_m_s=ship.approach_speed_m_s, length_m=LENGTH, input_names=ship.input_names,
+        input_start=ship.input_start, input_low=ship.input_low, input_high=ship.input_high,
+        input_rates=ship.input_rates, **options,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def steered(
+    ship: VesselParameters, controller: Autopilot, heading: float, duration_s: float,
+    moment: float = 0.0, ahead: float = 0.0, wind_up: bool = False,
+) -> Voyage:  # fmt: skip
+    """A step of the heading reference, in a constant moment and a constant force ahead."""
+    n = round(duration_s / PERIOD_S)
+    parameters, state = controller.build(ship.nominal(), PERIOD_S)
+    assert isinstance(parameters, AutopilotTable)
+    if wind_up:
+        parameters = parameters._replace(track=0.0)
+    setpoints = np.zeros((n, 3))
+    setpoints[:, 2] = heading
+    still = [np.zeros((n, 3)) for _ in range(3)]
+    force = np.zeros((n, 3))
+    force[:, 0], force[:, 2] = ahead, moment
+    return sail(
+        ship.plant(ship.nominal()), Weather(still[0], still[1], still[2], force),
+        (Timetable(setpoints), np.zeros(1)), Step().table(PERIOD_S), (parameters, state),
+        np.zeros(3), PERIOD_S, 0.01, start_nu=np.array([SPEED, 0.0, 0.0]),
+    )  # fmt: skip
+
+
+def test_the_first_order_model_of_a_ship_that_is_one() -> None:
+    ship = nomoto_ship()
+    linear = steering_model(ship.nominal(), SPEED, np.array(ship.input_start))
+    np.testing.assert_allclose(linear.nomoto(0), Nomoto(GAIN, TIME_S), rtol=1e-7)
+    assert ship.input_signs == (1.0, 1.0)
+    assert ship.nomoto_gain == pytest.approx((GAIN, 0.0))
+
+
+@pytest.mark.parametrize("gain", [GAIN, -GAIN])
+@pytest.mark.parametrize("time_s", [TIME_S, -TIME_S])
+@pytest.mark.parametrize("damping", [0.7, 1.0])
+def test_the_heading_settles_as_the_poles_promise(
+    gain: float, time_s: float, damping: float
+) -> None:
+    """psi'' + 2 zeta omega psi' + omega^2 psi = omega^2 psi_d, also of an unstable ship."""
+    gain = gain if time_s > 0.0 else -gain
+    ship = nomoto_ship(gain, time_s)
+    controller = autopilot(ship, integral=False, feedforward=False, damping=damping)
+    step = np.radians(2.0)
+    voyage = steered(ship, controller, step, 60.0)
+    omega = controller.omega
+    t = np.maximum(voyage.t - PERIOD_S, 0.0)  # the reference comes one instant late
+    promised = step * second_order(t, omega, damping)
+    # half an instant of delay by the sampled command remains
+    np.testing.assert_allclose(voyage.log.eta[:, 2], promised, atol=0.03 * step)
+    assert voyage.log.eta[-1, 2] == pytest.approx(step, rel=1e-3)
+
+
+def second_order(t: Array, omega: float, damping: float) -> Array:
+    """Step response of omega^2 / (s^2 + 2 zeta omega s + omega^2)."""
+    if damping == 1.0:
+        return np.asarray(1.0 - (1.0 + omega * t) * np.exp(-omega * t))
+    fast = omega * np.sqrt(1.0 - damping**2)
+    decay = np.exp(-damping * omega * t)
+    return np.asarray(1.0 - decay * (np.cos(fast * t) + damping * omega / fast * np.sin(fast * t)))
+
+
+def test_no_steady_heading_error_under_a_constant_moment() -> None:
+    """Without the integral, k_p e = -moment / N_delta remains."""
+    ship, moment = nomoto_ship(), 0.004
+    voyage = steered(ship, autopilot(ship), 0.0, 600.0, moment)
+    assert np.max(np.abs(voyage.log.eta[:, 2])) > np.radians(1.0)
+    assert abs(voyage.log.eta[-1, 2]) < np.radians(0.01)
+    proportional = autopilot(ship, integral=False)
+    linear = proportional.steered(ship.nominal())
+    left = steered(ship, proportional, 0.0, 600.0, moment).log.eta[-1, 2]
+    expected = moment / (GAIN / TIME_S) / proportional.gains(linear)[0]
+    assert left == pytest.approx(expected, rel=1e-3)
+
+
+def test_no_steady_speed_error_under_a_constant_resistance() -> None:
+    ship = nomoto_ship()
+    voyage = steered(ship, autopilot(ship), 0.0, 900.0, ahead=-0.05)
+    assert np.min(voyage.log.nu[:, 0]) < 0.9 * SPEED
+    assert voyage.log.nu[-1, 0] == pytest.approx(SPEED, rel=1e-3)
+    kept = steered(ship, autopilot(ship, shaft=None), 0.0, 900.0, ahead=-0.05)
+    assert kept.log.nu[-1, 0] == pytest.approx(SPEED - 0.5, rel=1e-3)
+
+
+def test_limits_and_rates_are_respected() -> None:
+    ship = nomoto_ship()
+    log = steered(ship, autopilot(ship), np.pi / 2.0, 60.0).log
+    helm = log.tau[:, 0]
+    assert np.max(np.abs(helm)) == pytest.approx(0.6)
+    change = np.diff(np.concatenate([[0.0], helm]))
+    assert np.max(np.abs(change)) == pytest.approx(0.5 * PERIOD_S)
+
+
+def test_no_wind_up_after_saturation() -> None:
+    """A turn of 170 degrees with the helm at its limit: the overshoot is that of a small step."""
+    ship = nomoto_ship()
+    controller = autopilot(ship)
+    overshoots = []
+    for step, wind_up in ((np.radians(2.0), False), (np.radians(170.0), False),
+                          (np.radians(170.0), True)):  # fmt: skip
+        psi = steered(ship, controller, step, 400.0, wind_up=wind_up).log.eta[:, 2]
+        overshoots.append(float(np.max(psi)) / step - 1.0)
+        assert psi[-1] == pytest.approx(step, rel=1e-2)
+    small, large, wound_up = overshoots
+    assert large <= small + 0.02
+    assert wound_up > 3.0 * max(large, 0.02)
+
+
+def test_a_vessel_without_the_helm_is_refused() -> None:
+    ship = nomoto_ship()
+    with pytest.raises(ConfigurationError, match="got fin, expected a vessel in surge and yaw"):
+        autopilot(ship, helm="fin").build(ship.nominal(), PERIOD_S)
+
+
+@cache
+def across(sigma: float, vessel: str = "kvlcc2") -> Array:
+    """Distance from a leg to the north [L] in a current to the east of a tenth of the speed."""
+    trial = composed(
+        f"vessel={vessel}", "excitation=path_following", "controller=autopilot",
+        "identifier=none", "evaluation=none", "disturbance=current",
+        "disturbance.current.variation=constant", "disturbance.current.direction_deg=90",
+        "disturbance.current.speed_m_s=0.12", "excitation.waypoints=[[0,0],[120,0]]",
+        f"excitation.sigma={sigma}",
+    )  # fmt: skip
+    trials.check(trial)
+    streams = closed_loop.Streams(0)
+    sailed = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail()
+    return np.asarray(sailed.voyage.log.eta[:, 1] / trial.vessel.length_m)
+
+
+def test_integral_line_of_sight_has_no_cross_track_error_in_a_current() -> None:
+    """Line of sight alone settles aside, by Delta tan of the drift angle (Fossen, 12.5)."""
+    assert abs(across(0.3)[-1]) < 0.02
+    aside = across(0.0)[-1]
+    assert aside == pytest.approx(4.0 * np.tan(np.arcsin(0.12 / 1.18)), rel=0.1)
+
+
+def test_way_points_scale_with_the_ship() -> None:
+    """The same path in ship lengths of a ship of 7 m and one of 161 m."""
+    for name, length in (("kvlcc2", 7.0), ("mariner", 160.93)):
+        trial = composed(
+            f"vessel={name}", "excitation=path_following", "controller=autopilot",
+            "identifier=none", "evaluation=none", "disturbance=calm",
+        )  # fmt: skip
+        streams = closed_loop.Streams(0)
+        setup = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation)
+        log = setup.sail().voyage.log
+        path = log.eta_d[:, :2] / length
+        error = np.hypot(*(log.eta[:, :2] / length - path).T)
+        assert path[-1] == pytest.approx([60.0, 20.0], abs=12.0)
+        assert np.max(error) < 2.5  # at the corners
+        assert np.median(error) < 0.4
