@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -100,18 +101,19 @@ def from_derivatives(
 
 def derivative_table(name: str, dofs: Sequence[str], derivatives: Mapping[str, float]) -> Vessel:
     """Table of hydrodynamic or wind derivatives only; its entries are minus the derivatives."""
-    table = Vessel(name, tuple(dofs), (), np.zeros((0, len(dofs))))
+    rows: dict[Term, Array] = {}
     for key, value in derivatives.items():
         dof, term = parse_derivative(key)
         if dof not in dofs:
             raise ConfigurationError(
                 f"derivatives.{key}: got {dof}, expected one of {', '.join(dofs)}"
             )
-        row = np.array([[-value if d == dof else 0.0 for d in dofs]])
-        table = table + Vessel(name, tuple(dofs), (term,), row)
-    return table
+        rows.setdefault(term, np.zeros(len(dofs)))[dofs.index(dof)] -= value
+    theta = np.array([*rows.values()]).reshape(len(rows), len(dofs))
+    return Vessel(name, tuple(dofs), tuple(rows), theta)
 
 
+@lru_cache(maxsize=1024)
 def parse_derivative(key: str) -> tuple[str, Term]:
     """`Y_|v|r` -> ("sway", the term |v|r); `X_udot` names an added mass, `Y_0` a constant."""
     letter, _, rest = key.partition("_")

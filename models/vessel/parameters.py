@@ -118,7 +118,7 @@ class VesselParameters:
         if self.inertia is not None:
             check_inertia(self.inertia, len(self.dofs))
         for name in self.parameter_sets or (None,):  # those that are not chosen as well
-            nominal = self._with_parameters(name)
+            nominal = self._nominal if name == self.parameters else self._with_parameters(name)
             check_condition("inertia, with the added mass,", nominal.inertia)
             nominal.plant_table()
 
