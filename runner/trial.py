@@ -252,6 +252,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         diagnostics=[
             *identified.findings,
             *predicted.findings,
+            *validation_metrics.per_file(problem, identified),
             *excitation_report(problem, excited.recording),
             *device_report(problem.nominal, excited.recording),
             *deployment_metrics.loop_findings(excited.sailed, "excitation"),
