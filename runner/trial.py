@@ -98,7 +98,7 @@ def check(trial: Trial) -> None:
 def _check_samples(identifier: Identifier, file: Reader, recording: Recording) -> None:
     """Check that a recording has enough samples to train and to test; raises RecordingError."""
     name = ", ".join(map(str, file.files().values())) or type(file).__name__
-    split, needs = file.split(recording.t), identifier.needs()
+    split, needs = file.split_of(recording), identifier.needs()
     parts = (("training", split.train, needs.samples), ("testing", split.test, FEWEST))
     for purpose, mask, fewest in parts:
         count = int(np.count_nonzero(mask))
@@ -362,7 +362,11 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         sailed = sailed_excitation(prepare(trial, seeds, model, trial.excitation))
         recording = recording_of(sailed.voyage, sailed.voyage.weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
-    split = trial.excitation.split(recording.t)
+    split = (
+        trial.excitation.split_of(recording)
+        if isinstance(trial.excitation, Reader)
+        else trial.excitation.split(recording.t)
+    )
     recording = recording.with_thruster(vessel.thruster)
     return ExcitationData(recording, split.train, split.test, truth, sailed)
 

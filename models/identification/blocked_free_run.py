@@ -28,7 +28,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError, Reco
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.validation import RESTART_S, prediction
-from seatrial.models.recording.recording import Recording, blocked_k_fold
+from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -130,7 +130,7 @@ class Blocks:
     def problems(self) -> Iterator[Problem]:
         """The problem without each of the blocks, of which only the model is wanted."""
         training = self.problem.training
-        for split in blocked_k_fold(len(training), self.folds):
+        for split in training.folds(self.folds):
             part = training.part(split.train)
             yield replace(self.problem, training=part, validation=part, compared=True)
 
@@ -140,7 +140,7 @@ class Blocks:
         Raises IdentificationError when one of them cannot be simulated.
         """
         training = self.problem.training
-        splits = blocked_k_fold(len(training), self.folds)
+        splits = training.folds(self.folds)
         errors = [
             self.runs(model, training.part(split.test))
             for model, split in zip(models, splits, strict=True)

@@ -28,8 +28,16 @@ def check_folds(folds: int) -> None:
         raise ConfigurationError(f"folds must be at least 2, got {folds}")
 
 
-def folds(selection: Selection, n: int, count: int, rng: np.random.Generator) -> list[Fold]:
+def folds(
+    selection: Selection,
+    n: int,
+    count: int,
+    rng: np.random.Generator,
+    file: NDArray[np.int64] | None = None,
+) -> list[Fold]:
     """Indices (training, left out) of n samples for each of `count` folds.
+
+    Blocks are files where the samples are of several, by their numbers `file` (N,).
 
     `rolling` and `kfold` are scikit-learn's splitters. Raises IdentificationError when there are
     fewer than two samples per fold.
@@ -41,7 +49,7 @@ def folds(selection: Selection, n: int, count: int, rng: np.random.Generator) ->
         )
     indices = np.arange(n)
     if selection == "blocked":
-        return [(np.delete(indices, part), indices[part]) for part in blocks(n, count)]
+        return [(np.delete(indices, part), indices[part]) for part in blocks(n, count, file)]
     from sklearn.model_selection import KFold, TimeSeriesSplit  # slow to import
 
     if selection == "rolling":
@@ -100,13 +108,18 @@ class Splits:
 
 
 def split(
-    selection: Selection, x: Array, held_out: Array | None, count: int, rng: np.random.Generator
+    selection: Selection,
+    x: Array,
+    held_out: Array | None,
+    count: int,
+    rng: np.random.Generator,
+    file: NDArray[np.int64] | None = None,
 ) -> Splits:
     """Splits of regressors x (N, 1 + J); `held_out` is Z of the validation part, for `test`."""
     if selection == "test":
         assert held_out is not None
         return Splits((part(x, slice(None)),), (), held_out.T @ held_out)
-    left = [part(x, _as_slice(rows)) for _, rows in folds(selection, len(x), count, rng)]
+    left = [part(x, _as_slice(rows)) for _, rows in folds(selection, len(x), count, rng, file)]
     if selection != "rolling":
         others = [tuple(k for k in range(len(left)) if k != fold) for fold in range(len(left))]
         return Splits(tuple(left), tuple((used, k) for k, used in enumerate(others)), None)

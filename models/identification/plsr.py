@@ -120,7 +120,7 @@ class Plsr(PartialLeastSquares):
         samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)
         held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
-        splits = split(self.selection, z.x, held_out, self.folds, rng)
+        splits = split(self.selection, z.x, held_out, self.folds, rng, samples.file)
 
         def order_mse(moments: list[Array]) -> Array:
             return left_out_mse(

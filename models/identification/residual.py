@@ -67,6 +67,7 @@ class Samples:
     force: Array  # (N, n_dof) [N, Nm], what epsilon was formed with
     heading: Array  # (N, 2), cos(psi) and sin(psi)
     period_s: float
+    file: NDArray[np.int64] | None = None  # (N,)
 
     def __len__(self) -> int:
         return len(self.phi)
@@ -253,7 +254,8 @@ class ResidualOptions(Identifier):
             basis.evaluate(NED_COLUMNS, x),
         )
         phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
-        samples = Samples(terms, phi, epsilon, force, heading, recording.period_s)
+        file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
+        samples = Samples(terms, phi, epsilon, force, heading, recording.period_s, file)
         if not (np.all(np.isfinite(samples.phi)) and np.all(np.isfinite(samples.epsilon))):
             raise IdentificationError("the training part has values that are not finite")
         if len(samples) <= len(terms) + 1:

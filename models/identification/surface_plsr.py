@@ -200,7 +200,7 @@ class SurfacePlsr(PartialLeastSquares):
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
-        splits = split(self.validation, z.x, held_out, self.folds, rng)
+        splits = split(self.validation, z.x, held_out, self.folds, rng, samples.file)
         all_samples = part(z.x, slice(None))
         moment, pairs = all_samples.moment(z.y), splits.pairs(splits.moments(z.y))
         stages: list[list[Choice]] = []

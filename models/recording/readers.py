@@ -28,6 +28,10 @@ class Reader(ABC):
         """Training and test samples of the recording that `read` returns; times t [s], (N,)."""
         return half(len(t))
 
+    def split_of(self, recording: Recording) -> Split:
+        """Training and test samples of the recording that `read` returns."""
+        return self.split(recording.t)
+
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns."""
         return ()

@@ -1,7 +1,9 @@
 """Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -10,10 +12,11 @@ from annotated_types import Ge
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
 from seatrial.models.recording.column_map import ColumnMap, Table, read_table
 from seatrial.models.recording.examination import Examination, examine
+from seatrial.models.recording.file_set import file_set
 from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
 from seatrial.models.recording.mapping import canonical
 from seatrial.models.recording.preprocessing import (
@@ -26,8 +29,17 @@ from seatrial.models.recording.preprocessing import (
     without_bias,
 )
 from seatrial.models.recording.readers import Reader
-from seatrial.models.recording.recording import Mask, Recording, Split, by_trips, half, trips
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.recording import (
+    Mask,
+    Recording,
+    Split,
+    by_trips,
+    half,
+    piece_edges,
+    sample_time,
+    trips,
+)
+from seatrial.models.recording.sources import ReadOptions, TextOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
@@ -56,7 +68,8 @@ class RecordedFile(Reader):
     median step), or every column has its own samples with empty cells between them, and all
     columns are resampled on one grid with `resample_hz`. `heading_deg` is the heading of the frame
     of the positions in the frame of the orientation: 180 if both horizontal positions are
-    reversed.
+    reversed. `train` and `test` name several files instead, which are read one by one; without
+    `test`, `train_fraction` splits each of them. The first `initial_s` of a file are not tested on.
     """
 
     path: str | None
@@ -76,14 +89,27 @@ class RecordedFile(Reader):
     differentiation: Differentiation
     thrusters: AzimuthThrusters
     statistics: tuple[str, ...]
+    train: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
+    initial_s: NotNegative = 0.0
+    format: str | None = None
+    text: TextOptions = field(default_factory=TextOptions)
     trust: bool = False
     map: str | None = None  # file of the columns; its content is in the other options
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.path:
+        if self.path and (self.train or self.test):
+            raise ConfigurationError(
+                "excitation.path and excitation.train name files, expected one of them to be null"
+            )
+        if self.test and not self.train:
+            raise ConfigurationError("excitation.test requires excitation.train, got none")
+        if self.train and self.trip_starts_s:
+            raise ConfigurationError("trip_starts_s is of one file, got excitation.train")
+        if not self.path and not self.train:
             raise ConfigurationError("excitation.path: expected a recording, got none")
-        if any(character in self.path for character in "\0\r\n"):
+        if any(character in (self.path or "") for character in "\0\r\n"):
             raise ConfigurationError(f"path: got {self.path!r}, expected one line of text")
         if self.start_s is not None and self.end_s is not None and self.start_s >= self.end_s:
             raise ConfigurationError(
@@ -111,8 +137,12 @@ class RecordedFile(Reader):
         return Path(self.path or "").expanduser()
 
     def files(self) -> dict[str, Path]:
-        """The recorded file."""
+        """The recorded files, by option."""
         own = {"path": self.file}
+        if self.train:
+            known = file_set(self.train, self.test)
+            parts = {"train": known.train, "test": known.test}
+            own = {f"{k}[{i}]": path for k, files in parts.items() for i, path in enumerate(files)}
         return own if self.map is None else {**own, "map": Path(self.map).expanduser()}
 
     def check(self, dofs: Sequence[str]) -> None:
@@ -125,16 +155,21 @@ class RecordedFile(Reader):
         Raises RecordingError, which names file, line and column. The low-pass filter of an
         identifier is applied later: it is linear, so it commutes with the differentiation.
         """
+        if self.train:
+            return file_set(self.train, self.test).read(lambda file: self._alone(file).read(dofs))
         reader, table = self._prepared(dofs)
         return reader._recording(table, dofs)
 
+    def _alone(self, file: Path) -> "RecordedFile":
+        """The reader of one of several files."""
+        return replace(self, path=str(file), train=(), test=())
+
     def _recording(self, table: Table, dofs: Sequence[str]) -> Recording:
         t = table.columns[self._time]
-        period_s = float((t[-1] - t[0]) / (len(t) - 1))
         nu = self.columns.values(table, "velocity", dofs)
         steered = bool(self.columns.inputs) and not self.columns.force
         tau = np.zeros_like(nu) if steered else self.columns.values(table, "force", dofs)
-        nu_dot, acting = self._acceleration(table, nu, period_s, dofs), self._acting(table, dofs)
+        nu_dot, acting = self._acceleration(table, nu, dofs), self._acting(table, dofs)
         rows = self._window(t)
         attitude = self.columns.attitude(table, np.radians(self.heading_deg))[rows]
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
@@ -158,7 +193,8 @@ class RecordedFile(Reader):
         def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
             return replace(self, columns=columns).read(known)
 
-        return examine(read, self.columns, read_sources(self.file, ReadOptions()), dofs)
+        files = file_set(self.train, self.test).files if self.train else (self.file,)
+        return examine(read, self.columns, read_sources(files[0], self._options), dofs)
 
     @property
     def trusted(self) -> bool:
@@ -174,19 +210,41 @@ class RecordedFile(Reader):
             return half(len(t), self.train_fraction)
         return by_trips(trips(t, self.trip_starts_s), self.training_trips)
 
+    def split_of(self, recording: Recording) -> Split:
+        """Training and test samples; several files are split by file."""
+        if not self.train:
+            return self.split(recording.t)
+        files = file_set(self.train, self.test)
+        return files.split(recording, self.train_fraction, self.initial_s)
+
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each used column, over the entire file."""
+        if self.train:
+            totals: Counter[str] = Counter()
+            for file in file_set(self.train, self.test).files:
+                totals.update(self._alone(file).outlier_counts(dofs))
+            return dict(totals)
         reader, table = self._mapped(dofs)
         return {name: int(np.sum(wrong)) for name, wrong in reader._outliers(table).items()}
 
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns `statistics` in the window."""
+        if self.train:
+            return tuple(
+                replace(row, name=f"{file.stem}:{row.name}")
+                for file in file_set(self.train, self.test).files
+                for row in self._alone(file).describe()
+            )
         if not self.columns.is_plain:
             return ()
-        table = read_table(self.file, (self._time,), self.statistics, gaps=True)
+        table = read_table(self.file, (self._time,), self.statistics, self._options, gaps=True)
         window = self._window(table.columns[self._time])
         names = [name for name in self.statistics if name in table.columns]
         return describe({name: table.columns[name][window] for name in names})
+
+    @property
+    def _options(self) -> ReadOptions:
+        return ReadOptions(self.format, self.text)
 
     @property
     def _time(self) -> str:
@@ -198,7 +256,7 @@ class RecordedFile(Reader):
         if self.columns.is_plain:
             return self, self._measured(dofs)
         self.check(dofs)
-        sources = read_sources(self.file, ReadOptions())
+        sources = read_sources(self.file, self._options)
         grid = self.resample_hz and Grid(self.resample_hz, self.max_gap_s, self.at_gap)
         try:
             known = canonical(sources, self.columns, dofs, grid or None)
@@ -232,7 +290,7 @@ class RecordedFile(Reader):
             required += [*self.thrusters.rpm, *self.thrusters.angle]
         optional = (*self.columns.quaternion, *self.columns.angles())
         gaps = self.resample_hz is not None
-        table = read_table(self.file, required, optional, gaps=gaps)
+        table = read_table(self.file, required, optional, self._options, gaps=gaps)
         if gaps and self.at_gap == "split":
             check_increasing(table, self._time)
         elif gaps:
@@ -266,15 +324,18 @@ class RecordedFile(Reader):
             raise RecordingError(f"{table.path}: {error}") from error
         return replace(table, columns={self._time: joined.t, **joined.columns})
 
-    def _acceleration(self, table: Table, nu: Array, period_s: float, dofs: Sequence[str]) -> Array:
-        """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated."""
-        nu_dot = self.differentiation.derivative(nu, period_s)
-        for i, dof in enumerate(dofs):
-            if dof in self.columns.acceleration:
-                recorded = self.columns.values(table, "acceleration", (dof,))[:, 0]
-                if self.zero_acceleration_bias:
-                    recorded = without_bias(recorded, nu[:, i], period_s)
-                nu_dot[:, i] = recorded
+    def _acceleration(self, table: Table, nu: Array, dofs: Sequence[str]) -> Array:
+        """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
+        t, nu_dot = table.columns[self._time], np.empty_like(nu)
+        period_s = sample_time(t)
+        for a, b in pairwise(piece_edges(t, period_s)):
+            nu_dot[a:b] = self.differentiation.derivative(nu[a:b], period_s)
+            for i, dof in enumerate(dofs):
+                if dof in self.columns.acceleration:
+                    recorded = self.columns.values(table, "acceleration", (dof,))[a:b, 0]
+                    if self.zero_acceleration_bias:
+                        recorded = without_bias(recorded, nu[a:b, i], period_s)
+                    nu_dot[a:b, i] = recorded
         return nu_dot
 
     def _acting(self, table: Table, dofs: Sequence[str]) -> Array | None:

@@ -18,7 +18,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 GAP = 1.5  # in sample times; a longer time step is a gap
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
-SHARED = ("dofs", "without_lag", "input_names")  # by all parts of a recording
+SHARED = ("dofs", "without_lag", "input_names", "file_names")  # by all parts of a recording
 Mask = NDArray[np.bool_]
 
 
@@ -29,7 +29,7 @@ class Recording:
     `tau` is the commanded force, `tau_filtered` the command filtered by a known thruster lag, and
     `tau_actual` the acting force if it was measured or simulated. The acting force in a row acts
     at the time of that row; the command in a row is applied from that time on. `wind` is the
-    measured velocity of the air.
+    measured velocity of the air. `file` numbers the files of a recording of several.
     """
 
     dofs: tuple[str, ...]
@@ -46,6 +46,8 @@ class Recording:
     inputs: Array | None = None  # (N, n_inputs) of a steered vessel, as they act; `tau` is zero
     commands: Array | None = None  # (N, n_inputs) of these inputs
     input_names: tuple[str, ...] = ()
+    file: NDArray[np.int64] | None = None  # (N,) in increasing order
+    file_names: tuple[str, ...] = ()  # by number
 
     def __post_init__(self) -> None:
         if len(self.t) < 2:
@@ -62,8 +64,7 @@ class Recording:
     @property
     def period_s(self) -> float:
         """Sample time [s], also if parts of the recording are missing."""
-        span = self.t[-1] - self.t[0]  # gaps, as between trips, are multiples of the sample time
-        return float(span / round(span / np.median(np.diff(self.t))))
+        return sample_time(self.t)
 
     @property
     def piece_starts(self) -> Mask:
@@ -81,6 +82,7 @@ class Recording:
             tau=self.tau[mask], attitude=self.attitude[mask],
             tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
             wind=cut(self.wind), inputs=cut(self.inputs), commands=cut(self.commands),
+            file=None if self.file is None else self.file[mask],
         )  # fmt: skip
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
@@ -163,6 +165,16 @@ class Recording:
         edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
         return [self.part(slice(a, b)) for a, b in pairwise(edges)]
 
+    def by_file(self) -> dict[str, "Recording"]:
+        """The part of each file by its name; empty unless there are several files."""
+        if self.file is None or len(numbers := np.unique(self.file)) < 2:
+            return {}
+        return {self.file_names[k]: self.part(self.file == k) for k in numbers}
+
+    def folds(self, count: int) -> tuple["Split", ...]:
+        """Splits for blocked cross-validation; several files are left out file by file."""
+        return blocked_k_fold(len(self), count, file=self.file)
+
     def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
         check_cutoff(cutoff_hz, self.period_s)
         drop = round(drop_s / self.period_s)
@@ -180,6 +192,17 @@ class Recording:
             inputs=None if self.inputs is None else smooth(self.inputs),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
+
+
+def sample_time(t: Array) -> float:
+    """Sample time [s] of times t (N,), of which parts may be missing."""
+    span = t[-1] - t[0]  # gaps, as between trips, are multiples of the sample time
+    return float(span / round(span / np.median(np.diff(t))))
+
+
+def piece_edges(t: Array, period_s: float) -> list[int]:
+    """Where the pieces without a gap begin in times t (N,) [s], and N."""
+    return [0, *(np.flatnonzero(np.diff(t) > GAP * period_s) + 1).tolist(), len(t)]
 
 
 def following(values: Array) -> Array:
@@ -216,13 +239,29 @@ def attitude_of(dofs: Sequence[str], eta: Array) -> Array:
     return attitude
 
 
-def blocks(n: int, count: int) -> list[slice]:
-    """`count` consecutive blocks that cover n samples, for blocked cross-validation."""
-    return [slice(a, b) for a, b in pairwise(_edges(n, count))]
+def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[slice]:
+    """`count` consecutive blocks that cover n samples, for blocked cross-validation.
+
+    If the samples are of several files (N,), a block is a file, or consecutive files where there
+    are more than `count`.
+    """
+    return [slice(a, b) for a, b in pairwise(_edges(n, count, file))]
 
 
-def _edges(n: int, count: int) -> list[int]:
-    return [int(edge) for edge in np.linspace(0, n, count + 1).round()]
+def _edges(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[int]:
+    even = np.linspace(0, n, count + 1).round()
+    if file is None or file[0] == file[-1]:
+        return [int(edge) for edge in even]
+    starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
+    if len(starts) > count:  # from file to file, as nearly even as they can be
+        chosen = [0]
+        for i, edge in enumerate(even[1:-1], 1):
+            left = starts[
+                (starts > chosen[-1]) & (len(starts) - np.arange(len(starts)) >= count - i)
+            ]
+            chosen.append(int(left[np.argmin(np.abs(left - edge))]))
+        starts = np.array(chosen)
+    return [*map(int, starts), n]
 
 
 class Split(NamedTuple):
@@ -284,23 +323,27 @@ def rolling_origin(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
     )
 
 
-def blocked_k_fold(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
-    """`count` splits that test on one block each and train on the others.
+def blocked_k_fold(
+    n: int, count: int, gap: int = 0, file: NDArray[np.int64] | None = None
+) -> tuple[Split, ...]:
+    """`count` splits that test on one block each and train on the others; see `blocks` for files.
 
     `gap` samples on both sides of the test block are left out.
     """
     k = np.arange(n)
     return tuple(
         Split((k < start - gap) | (k >= end + gap), (start <= k) & (k < end))
-        for start, end in pairwise(_checked_edges(n, count, gap))
+        for start, end in pairwise(_checked_edges(n, count, gap, file))
     )
 
 
-def _checked_edges(n: int, count: int, gap: int) -> list[int]:
+def _checked_edges(
+    n: int, count: int, gap: int, file: NDArray[np.int64] | None = None
+) -> list[int]:
     """Edges of `count` blocks that cover n samples; each block must be longer than the gap."""
     if count < 2 or gap < 0 or n // count <= gap:
         raise ConfigurationError(
             f"cannot cut {n} samples into {count} blocks with a gap of {gap}, "
             f"expected at least 2 blocks that are longer than the gap"
         )
-    return _edges(n, count)
+    return _edges(n, count, file)

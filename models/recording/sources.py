@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.formats import text_file
@@ -14,20 +14,6 @@ from seatrial.models.recording.source import Source as Source
 from seatrial.models.recording.source import TextArray as TextArray
 from seatrial.models.recording.source import TextOptions as TextOptions
 from seatrial.models.recording.source import column as column
-
-if TYPE_CHECKING:
-    from seatrial.models.recording.formats import mat_file, parquet_file, ros_bag, ulog_file
-else:
-    import lazy_loader
-
-    mat_file = lazy_loader.load("seatrial.models.recording.formats.mat_file", suppress_warning=True)
-    parquet_file = lazy_loader.load(
-        "seatrial.models.recording.formats.parquet_file", suppress_warning=True
-    )
-    ros_bag = lazy_loader.load("seatrial.models.recording.formats.ros_bag", suppress_warning=True)
-    ulog_file = lazy_loader.load(
-        "seatrial.models.recording.formats.ulog_file", suppress_warning=True
-    )
 
 MOST_FILES = 1000  # of a folder
 
@@ -41,15 +27,40 @@ class Format(NamedTuple):
     extra: str = ""  # that installs the package
 
 
+# Loaded where they are used: some need packages that may not be installed.
+
+
+def _parquet(path: Path, options: ReadOptions) -> list[Source]:
+    from seatrial.models.recording.formats import parquet_file
+
+    return parquet_file.read(path, options)
+
+
+def _mat(path: Path, options: ReadOptions) -> list[Source]:
+    from seatrial.models.recording.formats import mat_file
+
+    return mat_file.read(path, options)
+
+
+def _bag(path: Path, options: ReadOptions) -> list[Source]:
+    from seatrial.models.recording.formats import ros_bag
+
+    return ros_bag.read(path, options)
+
+
+def _ulog(path: Path, options: ReadOptions) -> list[Source]:
+    from seatrial.models.recording.formats import ulog_file
+
+    return ulog_file.read(path, options)
+
+
 FORMATS: dict[str, Format] = {
     "csv": Format((".csv", ".tsv"), text_file.read),
     "dat": Format((".dat", ".txt", ".asc"), text_file.read),
-    "parquet": Format((".parquet", ".pq"), lambda *given: parquet_file.read(*given)),
-    "mat": Format((".mat",), lambda *given: mat_file.read(*given)),
-    "rosbag": Format(
-        (".bag", ".db3", ".mcap"), lambda *given: ros_bag.read(*given), "rosbags", "ros"
-    ),
-    "ulog": Format((".ulg", ".ulog"), lambda *given: ulog_file.read(*given), "pyulog", "ulog"),
+    "parquet": Format((".parquet", ".pq"), _parquet),
+    "mat": Format((".mat",), _mat),
+    "rosbag": Format((".bag", ".db3", ".mcap"), _bag, "rosbags", "ros"),
+    "ulog": Format((".ulg", ".ulog"), _ulog, "pyulog", "ulog"),
 }
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 

@@ -3,7 +3,6 @@
 import zlib
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -13,15 +12,6 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.formats.bounded import bounded
 from seatrial.models.recording.formats.nested import sources_of_arrays
 from seatrial.models.recording.source import LARGEST_BYTES, ReadOptions, Source
-
-if TYPE_CHECKING:
-    from seatrial.models.recording.formats import hdf5_file
-else:
-    import lazy_loader
-
-    hdf5_file = lazy_loader.load(
-        "seatrial.models.recording.formats.hdf5_file", suppress_warning=True
-    )
 
 EXPECTED = "a MATLAB file"
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -39,6 +29,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             raise ConfigurationError(
                 f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install 'seatrial[mat]'"
             )
+        from seatrial.models.recording.formats import hdf5_file  # needs h5py
+
         with bounded(path, EXPECTED):
             arrays = hdf5_file.datasets(path)
     else:
