@@ -14,6 +14,7 @@ from seatrial.models.recording.column import as_column
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.consistency import LONGEST_LAG_S
 from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.mapping import EPOCH_S, first_time
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
@@ -144,8 +145,6 @@ def _offsets(
 
 def _origin(sources: Mapping[str, Source], columns: ColumnMap) -> float:
     """The time that is zero in the recording, where times are dates."""
-    from seatrial.models.recording.mapping import EPOCH_S, first_time
-
     start = first_time(sources, columns)
     return start if start > EPOCH_S else 0.0
 
@@ -205,7 +204,11 @@ def _terms(recording: Recording) -> dict[str, tuple[str, ...]]:
         zip(recording.dofs, velocities_of(recording.dofs), strict=True)
     ):
         own = speeds[name]
-        terms = {f"{name}_dot": recording.nu_dot[:, i], name: own, f"|{name}|{name}": abs(own) * own}
+        terms = {
+            f"{name}_dot": recording.nu_dot[:, i],
+            name: own,
+            f"|{name}|{name}": abs(own) * own,
+        }
         for first, second in (("v", "r"), ("u", "r"), ("u", "v")):
             if {first, second} <= set(speeds) and name not in (first, second):
                 terms[f"{first}{second}"] = speeds[first] * speeds[second]
