@@ -13,7 +13,12 @@ from seatrial.models.recording.column_map import KINDS, ColumnMap
 from seatrial.models.recording.consistency import Consistency, consistency
 from seatrial.models.recording.diagnosis import Problem, problems
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sampling import of_angles, resampled, sampling
+from seatrial.models.recording.sampling import (
+    of_angles,
+    original_rate,
+    resampled,
+    sampling,
+)
 from seatrial.models.recording.source import Source, column
 from seatrial.models.vessel.basis import Array
 
@@ -59,7 +64,10 @@ def examine(
             for kind in KINDS
             for dof, name in getattr(columns, kind).items()
         }
-        found = (*angles, *_resampled(columns, sources), *problems(result, names))
+        slower = _resampled(columns, sources)
+        if slower and slower[0].value:  # delays are of the samples that were recorded
+            result = replace(result, period_s=1.0 / slower[0].value)
+        found = (*angles, *slower, *problems(result, names))
         return Examination(result, found, recording)
     return None
 
@@ -97,27 +105,25 @@ def _in_degrees(columns: ColumnMap, angles: Sequence[Problem]) -> dict[str, str 
 
 
 def _resampled(columns: ColumnMap, sources: Mapping[str, Source]) -> list[Problem]:
-    """Problems of the columns of motion that were interpolated from a slower recording."""
-    found: dict[tuple[str, float | None], Problem] = {}
+    """The problem of a source whose columns of motion were interpolated from a slower one."""
+    groups: dict[str, list[Array]] = {}
     for kind in MOTION:
         named: Mapping[str, str | Column] = getattr(columns, kind)
-        groups: dict[str, list[Array]] = {}
-        for dofs in (DOFS[:3], DOFS[3:]):
-            for dof in dofs:
-                if dof in named:
-                    place = _place(sources, as_column(named[dof]))
-                    values = _numbers(sources, as_column(named[dof]))
-                    if values is not None:
-                        groups.setdefault(f"{place}:{dofs[0]}", []).append(values)
-        for key, members in groups.items():
-            source = sources[key.rpartition(":")[0]]
-            try:
-                t = seconds(source, as_column(columns.time))
-            except (ConfigurationError, RecordingError):
-                continue
-            for problem in resampled(kind, np.column_stack(members), sampling(t).rate_hz):
-                found.setdefault((source.name, problem.value), problem)
-    return list(found.values())
+        for dof, spec in named.items():
+            values = _numbers(sources, as_column(spec))
+            if values is not None:
+                part = f"{_place(sources, as_column(spec))}:{kind}{dof in DOFS[3:]}"
+                groups.setdefault(part, []).append(values)
+    rates: dict[str, tuple[float, list[float | None]]] = {}
+    for part, members in groups.items():
+        name = part.rpartition(":")[0]
+        try:
+            rate = sampling(seconds(sources[name], as_column(columns.time))).rate_hz
+        except (ConfigurationError, RecordingError):
+            continue
+        own = original_rate(np.column_stack(members), rate)
+        rates.setdefault(name, (rate, []))[1].append(own)
+    return [problem for rate, known in rates.values() for problem in resampled(known, rate)]
 
 
 def _place(sources: Mapping[str, Source], spec: Column) -> str:

@@ -129,6 +129,7 @@ def _channels(
     time = as_column(columns.time)
     clocks: dict[str, Array] = {}
     channels, holders = {}, {}
+    start = first_time(sources, columns)
     for option, spec in wanted(columns, dofs).items():
         source, name = column(sources, spec.name)
         if source.name not in clocks:
@@ -140,13 +141,23 @@ def _channels(
         holders[option] = source
     if not channels:
         raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-    start = min(float(t[0]) for t in clocks.values())
     if start > EPOCH_S:  # times since 1970: only differences matter
         channels = {
             name: Channel(channel.t - start, channel.values, channel.held)
             for name, channel in channels.items()
         }
     return _unit_quaternions(channels), holders
+
+
+def first_time(sources: Sources, columns: ColumnMap) -> float:
+    """The first time [s] of all sources that have one, so that it does not depend on the vessel."""
+    firsts = []
+    for source in sources.values():
+        try:
+            firsts.append(float(seconds(source, _time_of(as_column(columns.time), source))[0]))
+        except (RecordingError, ConfigurationError):
+            continue
+    return min(firsts, default=0.0)
 
 
 def _time_of(time: Column, source: Source) -> Column:

@@ -193,7 +193,8 @@ class RecordedFile(Reader):
         def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
             return replace(self, columns=columns).read(known)
 
-        return examine(read, self.columns, read_sources(self.file, ReadOptions()), dofs)
+        files = file_set(self.train, self.test).files if self.train else (self.file,)
+        return examine(read, self.columns, read_sources(files[0], self._options), dofs)
 
     @property
     def trusted(self) -> bool:

@@ -14,10 +14,11 @@ from seatrial.models.vessel.basis import Array
 
 GAP = 1.5  # in sample times
 ROUNDING = 1e-6  # of the typical second difference: smaller ones are those of a straight line
-MADE_UP = 0.4  # share of samples on straight lines that makes a file a resampled one
+MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
 FULL_TURN_DEG = 360.0
 NEAR_TURN = 0.2  # by which a jump of a heading in degrees may differ from a full turn
-FEWEST = 20
+FEWEST = 20  # samples for an original rate
+NEAR_WHOLE = 0.05  # distance of a rate from a whole number, relative to it
 
 
 @dataclass(frozen=True)
@@ -90,16 +91,18 @@ def original_rate(values: Array, rate_hz: float) -> float | None:
     return rate_hz * runs / len(bent)
 
 
-def resampled(name: str, values: Array, rate_hz: float) -> list[Problem]:
-    """The problem of columns that were interpolated from a slower recording."""
-    rate = original_rate(values, rate_hz)
-    if rate is None:
+def resampled(rates: Sequence[float | None], rate_hz: float) -> list[Problem]:
+    """The problem of a file of `rate_hz` whose columns were all interpolated from `rates` [Hz]."""
+    known = [rate for rate in rates if rate is not None]
+    if not known or len(known) < len(rates):
         return []
-    nice = float(f"{rate:.2g}")
+    rate = max(known)  # columns that stand still for a while have fewer samples than they had
+    whole = round(rate)
+    nice = float(whole) if abs(rate - whole) < NEAR_WHOLE * rate else float(f"{rate:.2g}")
     return [
         Problem(
-            "resampled", (), f"the columns of {name} are interpolated from {nice:g} Hz, the file "
-            f"has {rate_hz:.3g} Hz", f"excitation.resample_hz={nice:g}", nice,
+            "resampled", (), f"the columns are interpolated from {nice:g} Hz, the file has "
+            f"{rate_hz:.3g} Hz", f"excitation.resample_hz={nice:g}", nice,
         )
     ]  # fmt: skip
 

@@ -44,7 +44,7 @@ def per_file(problem: Problem, identified: Identified) -> list[Finding]:
     for i, (name, part) in enumerate(problem.validation.by_file().items()):
         alone = replace(problem, validation=part)
         rows = validation(part, problem.nominal, identified, None)
-        rows += prediction_metrics(alone, identified, None)[0]
+        rows += predictions(alone, identified, None).metrics
         findings.append(Finding("file_duration", "all", part.t[-1] - part.t[0], "s", i, 0, name))
         findings += [
             Finding(f"file_{row.name}", row.dof, row.value, row.unit, i, MODELS.index(row.model),
