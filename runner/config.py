@@ -18,7 +18,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
-from seatrial.runner.recording_map import with_map
 from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
 
@@ -30,11 +29,12 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.recording.readers import Reader
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
-    from seatrial.runner import options, roles
+    from seatrial.runner import options, recording_map, roles
     from seatrial.runner.record.own_metrics import OwnMetric
 else:
     import lazy_loader
 
+    recording_map = lazy_loader.load("seatrial.runner.recording_map", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
     roles = lazy_loader.load("seatrial.runner.roles", suppress_warning=True)
 
@@ -186,7 +186,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         target = {"_target_": "seatrial.models.identification.adaptive.Update"}
         nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
-    nodes["excitation"] = with_map(nodes["excitation"])
+    nodes["excitation"] = recording_map.with_map(nodes["excitation"])
     _check_roles(nodes)
     settings = build_as(Settings, nodes, "")
     return Trial(

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 FILES = sorted(
     path.relative_to(CONF).as_posix()
     for path in CONF.rglob("*.yaml")
-    if path.relative_to(CONF).parts[0] != "hydra"  # Hydra's own options
+    if path.relative_to(CONF).parts[0] not in ("hydra", "benchmark")  # Hydra's own options, tasks
 )
 
 

@@ -52,7 +52,7 @@ def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
 
 def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     """Return the unit of each series column, by its name."""
-    units = {"t": "s", "train": "", "start": "", "e_pos": "m", "e_psi": "rad"}
+    units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
     units |= {
         f"{medium}_{axis}": "m/s" for medium in ("wind", "current") for axis in ("north", "east")
     }
@@ -181,22 +181,24 @@ def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identi
 def prediction_series(held_out: Recording, predicted: Predicted) -> Series:
     """Return the held-out motion and its predictions; NaN where they diverge.
 
-    `start` is 1 at the measured states from which the free runs begin. `u_identified` is the free
-    run, `u_identified_10s` the velocity predicted from the state measured 10 s before.
+    `start` is 1 at the measured states from which the free runs begin. `surge` is the measured
+    velocity, `surge_identified` that of the free run, `surge_identified_10s` that predicted from
+    the state measured 10 s before; likewise `x` and `x_identified`.
     """
-    dofs, velocities = held_out.dofs, velocities_of(held_out.dofs)
-    names = (*poses_of(dofs), *velocities)
+    dofs = held_out.dofs
+    names, unit = (*poses_of(dofs), *dofs), _units(dofs, (*poses_of(dofs), *velocities_of(dofs)))
+    unit_of = dict(zip(names, unit.values(), strict=True))
     columns = {"t": held_out.t, "start": held_out.piece_starts.astype(np.float64)}
     columns |= _columns(names, np.hstack([held_out.eta, held_out.nu]))
-    units = _units(dofs, columns)
+    units = {"t": "s", "start": "", **unit_of}
     parts = [(names, model, motion) for model, motion in predicted.free_runs.items()]
     parts += [
-        (velocities, f"{model}_{seconds:g}s", values)
+        (dofs, f"{model}_{seconds:g}s", values)
         for (model, seconds), values in predicted.after.items()
     ]
     for of, suffix, values in parts:
         columns |= _columns([f"{name}_{suffix}" for name in of], values)
-        units |= {f"{name}_{suffix}": units[name] for name in of}
+        units |= {f"{name}_{suffix}": unit_of[name] for name in of}
     return Series("prediction", columns, units)
 
 

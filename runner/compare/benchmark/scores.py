@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seatrial.models.notation import velocities_of
 from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
@@ -52,31 +51,30 @@ def score(
 
     `outputs` are degrees of freedom. A model without a prediction scores inf.
     """
-    names = velocities_of(outputs)
-    measured = _columns(series, names)
+    measured = _columns(series, outputs)
     starts, t = series.columns["start"], series.columns["t"]
     spread = np.std(measured, axis=0)
     after = {}
     for seconds in horizons_s:
-        values = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in names])
+        values = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in outputs])
         reached = ~np.isnan(values[:, 0])
         error = (values - measured)[reached]
-        after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(names), np.inf)
-    errors = (_free_run(series, model, names, measured, starts) - measured) / spread
-    ones = np.ones(len(names))
+        after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(outputs), np.inf)
+    errors = (_free_run(series, model, outputs, measured, starts) - measured) / spread
+    ones = np.ones(len(outputs))
     period_s = float(np.median(np.diff(t)))
     return Score(_nrmse(errors, ones), errors, starts, period_s, after)
 
 
 def _free_run(
-    series: Series, model: str, names: Sequence[str], measured: Sample, starts: Sample
+    series: Series, model: str, outputs: Sequence[str], measured: Sample, starts: Sample
 ) -> Sample:
     if model == MEAN_MOTION:
         return np.broadcast_to(measured.mean(axis=0), measured.shape)
     if model == PERSISTENCE:
         first = np.flatnonzero(starts)
         return measured[first[np.searchsorted(first, np.arange(len(measured)), side="right") - 1]]
-    return _columns(series, [f"{name}_{model}" for name in names])
+    return _columns(series, [f"{name}_{model}" for name in outputs])
 
 
 def _columns(series: Series, names: Sequence[str]) -> Sample:

@@ -14,8 +14,8 @@ from typing import Literal
 import yaml
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
 from seatrial.runner import options, search_path
+from seatrial.runner.vocabulary import DOF_ORDER
 
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
@@ -71,9 +71,9 @@ class Task:
 
     def __post_init__(self) -> None:
         for dof in self.outputs:
-            if dof not in DOFS:
+            if dof not in DOF_ORDER:
                 raise ConfigurationError(
-                    f"outputs: got {dof!r}, expected some of {', '.join(DOFS)}"
+                    f"outputs: got {dof!r}, expected some of {', '.join(DOF_ORDER)}"
                 )
         if not self.cases:
             raise ConfigurationError("cases: got none, expected at least one")

@@ -5,7 +5,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS, velocities_of
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
@@ -26,7 +25,7 @@ FIGURE = Figure(
     "Velocities of one run, measured and predicted in a free run over the held-out part.",
     "series prediction",
     caption="Free run of the newest run's models over the held-out part",
-    place=16,
+    place=17,
 )
 
 MODELS = (("nominal", "nominal"), ("identified", "identified"))
@@ -42,7 +41,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     series = results.reader.series(run.id, "prediction")
-    dofs = request.shown(lambda dof: dof in DOFS and velocities_of((dof,))[0] in series.columns)
+    dofs = request.shown(lambda dof: dof in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
     figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
@@ -58,11 +57,10 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
 
 
 def _panel(axes: Axes, series: Series, dof: str) -> None:
-    (name,) = velocities_of((dof,))
-    measured, starts = series.columns[name], series.columns["start"] > 0.0
+    measured, starts = series.columns[dof], series.columns["start"] > 0.0
     lines = [("measured", measured, REFERENCE)]
     for model, label in MODELS:
-        values = series.columns.get(f"{name}_{model}")
+        values = series.columns.get(f"{dof}_{model}")
         if values is not None:
             lines.append((label, values, MODEL_COLOURS[model]))
     for label, values, colour in lines:
@@ -77,7 +75,7 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
             1.005, height, f"FIT {fit_text(measured, values)}", transform=axes.transAxes,
             color=colour, fontsize=8.5, va="center",
         )  # fmt: skip
-    axes.set_ylabel(with_unit(dof.capitalize(), series.units[name]))
+    axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
     axes.margins(x=0)
 
 

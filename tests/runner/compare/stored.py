@@ -182,7 +182,7 @@ def fill_sailed(logbook: Logbook) -> None:
         logbook,
         start("iv", "calm"),
         diagnostics=_mix(),
-        series=[_quality(), *_planned()],
+        series=[_quality(), _prediction(), *_planned()],
         sweep=sweep,
     )
     turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
@@ -266,6 +266,16 @@ def _quality() -> Series:
     t = np.arange(0.0, 100.0, 0.5)
     columns = {"t": t, "x_error": 0.01 * t, "u_error": 0.02 * np.sin(t)}
     return Series("quality", columns, {"t": "s", "x_error": "m", "u_error": "m/s"})
+
+
+def _prediction() -> Series:
+    """Two pieces; the nominal model diverges in the second one."""
+    t = np.arange(0.0, 100.0, 0.5)
+    u, start = np.sin(0.1 * t), np.where(t % 50.0 == 0.0, 1.0, 0.0)
+    columns = {"t": t, "start": start, "surge": u, "surge_identified": 0.9 * u}
+    columns["surge_nominal"] = np.where(t < 80.0, 1.3 * u, np.nan)
+    units = {"t": "s", "start": "", **dict.fromkeys(list(columns)[2:], "m/s")}
+    return Series("prediction", columns, units)
 
 
 def _voyage(model: str, error: float) -> Series:

@@ -17,17 +17,17 @@ def series(noise: float, seed: int = 0) -> Series:
     columns = {
         "t": 0.1 * np.arange(N),
         "start": 1.0 * (np.arange(N) % 1000 == 0),
-        "u": u,
-        "u_identified": u + noise * rng.standard_normal(N),
-        "u_nominal": np.where(np.arange(N) < 1500, u, np.nan),
-        "u_identified_10s": after,
+        "surge": u,
+        "surge_identified": u + noise * rng.standard_normal(N),
+        "surge_nominal": np.where(np.arange(N) < 1500, u, np.nan),
+        "surge_identified_10s": after,
     }
     return Series("prediction", columns, dict.fromkeys(columns, ""))
 
 
 def test_errors_are_relative_to_the_spread_of_what_was_measured() -> None:
     stored = series(0.2)
-    spread = np.std(stored.columns["u"])
+    spread = np.std(stored.columns["surge"])
     result = score(stored, "identified", ("surge",), (10.0,))
     assert result.loss == pytest.approx(0.2 / spread, rel=0.05)
     assert result.after[10.0][0] == pytest.approx(0.1 / spread)
@@ -36,7 +36,7 @@ def test_errors_are_relative_to_the_spread_of_what_was_measured() -> None:
 
 def test_references() -> None:
     stored = series(0.2)
-    u = stored.columns["u"]
+    u = stored.columns["surge"]
     assert score(stored, MEAN_MOTION, ("surge",)).loss == pytest.approx(1.0)
     held = np.repeat([u[0], u[1000]], 1000)
     expected = np.sqrt(np.mean((held - u) ** 2)) / np.std(u)
@@ -55,5 +55,5 @@ def test_the_interval_holds_the_error_as_often_as_it_says() -> None:
     for seed in range(40):
         result = score(series(0.2, seed), "identified", ("surge",))
         low, high = interval([result])
-        held += low <= 0.2 / np.std(series(0.0).columns["u"]) <= high
+        held += low <= 0.2 / np.std(series(0.0).columns["surge"]) <= high
     assert 30 <= held <= 40
