@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from docs.vessels import parameters_of
+from docs.vessels import parameters_of, vessels
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.thruster import Thruster
@@ -95,3 +95,17 @@ def test_a_run_beyond_the_data_of_its_propeller_is_reported(
     assert 1.0 < (row.value or 0.0) < 100.0
     assert str(row.label).startswith("propeller: J up to 0.8")
     assert any("propeller: J up to" in record.message for record in caplog.records)
+
+
+@pytest.mark.parametrize("name", [name for name in vessels() if parameters_of(name).devices])
+def test_parameters_of_devices_lie_within_their_bounds(name: str) -> None:
+    """And the array that the kernels read is that of the options, in the order of the labels."""
+    vessel = parameters_of(name).nominal()
+    values = dict(zip(vessel.installed.labels, vessel.installed.parameters, strict=True))
+    for label, device in vessel.devices.items():
+        for parameter, bounds in device.PARAMETERS.items():
+            value = values[f"{label}.{parameter}"]
+            assert bounds.low <= value <= bounds.high, f"{label}.{parameter}"
+            assert value == getattr(device, parameter)
+        again = device.with_values(device.values().tolist())
+        assert again == device

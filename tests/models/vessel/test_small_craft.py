@@ -16,6 +16,7 @@ from seatrial.models.vessel.derivatives import coriolis
 from seatrial.models.vessel.devices.cross_flow import CrossFlow
 from seatrial.models.vessel.devices.device import Device, device_forces
 from seatrial.models.vessel.devices.fin import Fin
+from seatrial.models.vessel.devices.surge_drag import SurgeDrag
 from seatrial.models.vessel.devices.thruster import Thruster
 from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.parameters import VesselParameters
@@ -250,6 +251,50 @@ def test_the_blueboat_reaches_its_recorded_speed() -> None:
         np.zeros((1, 3)), np.zeros((1, 3)), inputs=np.array([[0.5, 0.0]])
     )
     assert turned[0, 2] > 0.0  # the left one alone turns it to starboard
+
+
+def of_added_mass(added: Array, nu: Array, through: Array) -> Array:
+    """C_A(nu) nu_r - C_A(nu_r) nu_r in the plane, (N, 3), by Kirchhoff's momenta of `nu`."""
+    of, relative = nu @ added, through @ added
+    change = of - relative
+    linear = np.cross(through[:, 3:], change[:, :3])
+    angular = np.cross(through[:, 3:], change[:, 3:]) + np.cross(through[:, :3], change[:, :3])
+    return np.column_stack([linear, angular])[:, PLANE]
+
+
+def test_the_supply_vessel_with_azimuths_accelerates_as_in_mss() -> None:
+    """In the plane, with the heave, roll and pitch that it has there, but for three slips.
+
+    There the added mass has Coriolis forces of the velocity over ground, the strips are 21, and
+    astern the share of the quadratic drag is negative.
+    """
+    rows, osv = oracle("mss_osv_xdot.csv"), configured("osv")
+    held = constants("mss_osv_coeffs.json")["vessel"]
+    nu, nu_dot = through_water(rows)
+    flow = osv.devices["cross_flow"]
+    assert isinstance(flow, CrossFlow)
+    vessel = replace(osv, devices={**osv.devices, "cross_flow": replace(flow, rule="ends")})
+    n = columns(rows, "n1", "n2", "n3", "n4") / 60.0
+    inputs = np.column_stack([n, rows["alpha1"], rows["alpha2"]])
+    beside = held_motion(np.array(held["M"]), nu, nu_dot)
+    beside += of_added_mass(np.array(held["MA"]), columns(rows, *VELOCITIES), nu)
+    astern, u = nu[:, 0] < 0.0, nu[:, 0]
+    d_1, d_2, _ = osv.devices["drag"].values()
+    slip = np.where(astern, np.tanh(u / 2.0) * (d_1 * u - d_2 * np.abs(u) * u), 0.0)
+    own = np.where(astern, np.tanh(-u / 2.0) * (d_1 * u - d_2 * np.abs(u) * u), 0.0)
+    tau = -beside
+    tau[:, 0] += slip - own
+    found = vessel.nominal().forward(tau, nu[:, PLANE], inputs=inputs)
+    close(found, nu_dot[:, PLANE], 1e-9)
+
+
+def test_drag_ahead_is_linear_at_first_and_quadratic_in_the_end() -> None:
+    """And as large astern as ahead."""
+    speeds = np.array([1e-4, 20.0, -1e-4, -20.0])
+    nu = np.column_stack([speeds, np.zeros((4, 2))])
+    made = forces(SurgeDrag(5.0, 3.0, 2.0), nu, np.zeros((4, 0)))[:, 0]
+    np.testing.assert_allclose(made[:2], [-5e-4, -1200.0], rtol=1e-3)
+    np.testing.assert_allclose(made[2:], -made[:2])
 
 
 def test_the_remus_accelerates_as_in_python_vehicle_simulator() -> None:
