@@ -92,35 +92,31 @@ CONTROLLERS[AutopilotTable] = _step
 
 
 @dataclass(frozen=True, kw_only=True)
-class Autopilot(Controller):
-    """Heading by the input `helm`, and speed by the input `shaft` where the vessel has it.
-
-    `bandwidth` is omega in units of U / L at the commanded speed.
-    """
+class SteeringController(Controller):
+    """A controller of the heading by the input `helm`, on the model linearised ahead."""
 
     commands_inputs: ClassVar[bool] = True
 
     helm: str = "delta"
-    shaft: str | None = "n"
-    bandwidth: Positive = 0.8
-    damping: Positive = 1.0
-    integral: bool = True
-    feedforward: bool = True
     speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
     input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
     input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
-    input_rates: Annotated[tuple[float | None, ...], FromVessel("input_rates")]
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     @property
-    def omega(self) -> float:
-        """Natural frequency of the heading loop [rad/s]."""
-        return self.bandwidth * self.speed_m_s / self.length_m
+    def index(self) -> int:
+        """Position of the helm among the inputs."""
+        return self.input_names.index(self.helm)
+
+    @property
+    def base(self) -> Array:
+        """Inputs at the start, shape (n_inputs,)."""
+        return np.array(self.input_start, dtype=np.float64)
 
     def steered(self, model: Model) -> SteeringModel:
         """The believed model linearised at the commanded speed."""
@@ -131,11 +127,31 @@ class Autopilot(Controller):
                 f"input, got {', '.join(self.input_names) or 'no inputs'} in "
                 f"{', '.join(table.dofs)}"
             )
-        return steering_model(table, self.speed_m_s, np.array(self.input_start, dtype=np.float64))
+        return steering_model(table, self.speed_m_s, self.base)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Autopilot(SteeringController):
+    """Heading by the input `helm`, and speed by the input `shaft` where the vessel has it.
+
+    `bandwidth` is omega in units of U / L at the commanded speed.
+    """
+
+    shaft: str | None = "n"
+    bandwidth: Positive = 0.8
+    damping: Positive = 1.0
+    integral: bool = True
+    feedforward: bool = True
+    input_rates: Annotated[tuple[float | None, ...], FromVessel("input_rates")]
+
+    @property
+    def omega(self) -> float:
+        """Natural frequency of the heading loop [rad/s]."""
+        return self.bandwidth * self.speed_m_s / self.length_m
 
     def gains(self, linear: SteeringModel) -> tuple[float, float, float]:
         """Gains k_p, k_i, k_d of the heading by pole placement."""
-        gain, time = linear.nomoto(self.input_names.index(self.helm))
+        gain, time = linear.nomoto(self.index)
         omega = self.omega
         kp = time * omega**2 / gain
         kd = (2.0 * self.damping * omega * time - 1.0) / gain
@@ -144,12 +160,12 @@ class Autopilot(Controller):
     def build(self, model: Model, period_s: float) -> tuple[AutopilotTable, Array]:
         """Parameters and initial state of the compiled step."""
         linear = self.steered(model)
-        helm, (kp, ki, kd) = self.input_names.index(self.helm), self.gains(linear)
+        helm, (kp, ki, kd) = self.index, self.gains(linear)
         gain, time = linear.nomoto(helm)
         shaft = self.input_names.index(self.shaft) if self.shaft in self.input_names else -1
         speed_kp, speed_ki = self._speed_gains(linear, shaft)
         rates = [np.inf if rate is None else rate for rate in self.input_rates]
-        base = np.array(self.input_start, dtype=np.float64)
+        base = self.base
         table = AutopilotTable(
             base, np.array(self.input_low), np.array(self.input_high), period_s * np.array(rates),
             helm, shaft, linear.dofs.index("yaw"), linear.dofs.index("surge"), kp, ki, kd, gain,
@@ -173,7 +189,7 @@ class Autopilot(Controller):
         linear = self.steered(model)
         kp, ki, kd = self.gains(linear)
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
-        n, helm = len(rows), self.input_names.index(self.helm)
+        n, helm = len(rows), self.index
         A = np.zeros((n + 2, n + 2))  # (velocities, heading, integral)
         A[:n, :n] = linear.A[np.ix_(rows, rows)]
         A[n, n - 1] = 1.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.autopilot import Autopilot, AutopilotTable
+from seatrial.models.control.steered_mpc import SteeredMpc
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.setpoints import Step
 from seatrial.models.simulation.loop import sail
@@ -49,14 +50,14 @@ def autopilot(ship: VesselParameters, **options: object) -> Autopilot:
 
 
 def steered(
-    ship: VesselParameters, controller: Autopilot, heading: float, duration_s: float,
+    ship: VesselParameters, controller: Autopilot | SteeredMpc, heading: float, duration_s: float,
     moment: float = 0.0, ahead: float = 0.0, wind_up: bool = False,
 ) -> Voyage:  # fmt: skip
     """A step of the heading reference, in a constant moment and a constant force ahead."""
     n = round(duration_s / PERIOD_S)
     parameters, state = controller.build(ship.nominal(), PERIOD_S)
-    assert isinstance(parameters, AutopilotTable)
     if wind_up:
+        assert isinstance(parameters, AutopilotTable)
         parameters = parameters._replace(track=0.0)
     setpoints = np.zeros((n, 3))
     setpoints[:, 2] = heading
@@ -197,3 +198,38 @@ def test_way_points_scale_with_the_ship() -> None:
         assert path[-1] == pytest.approx([60.0, 20.0], abs=12.0)
         assert np.max(error) < 2.5  # at the corners
         assert np.median(error) < 0.4
+
+
+@pytest.mark.parametrize("gain", [GAIN, -GAIN])
+def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
+    """It settles, keeps the limits of helm and rate, and leaves no error under a moment."""
+    ship = nomoto_ship(gain, -TIME_S)
+    limits = {"input_low": ship.input_low, "input_high": ship.input_high}
+    controller = SteeredMpc(
+        speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
+        input_start=ship.input_start, input_rates=ship.input_rates, **limits,
+    )  # fmt: skip
+    (finding,) = controller.remarks(ship.nominal(), PERIOD_S)
+    assert finding.value is not None
+    assert finding.value < 1.0
+    log = steered(ship, controller, np.radians(30.0), 120.0, moment=0.004).log
+    assert log.eta[-1, 2] == pytest.approx(np.radians(30.0), abs=np.radians(0.05))
+    helm, every = log.tau[:, 0], controller.command_rows(PERIOD_S)
+    assert np.max(np.abs(helm)) <= 0.6 + 1e-6
+    assert np.max(np.abs(np.diff(helm))) <= 0.5 * every * PERIOD_S + 1e-6
+    assert helm[-1] == pytest.approx(-0.004 / (gain / -TIME_S), rel=1e-2)
+
+
+def test_predictive_control_steers_kvlcc2() -> None:
+    trial = composed(
+        "vessel=kvlcc2", "excitation=heading_changes", "controller=mpc_heading",
+        "identifier=none", "evaluation=none", "disturbance=calm",
+    )  # fmt: skip
+    trials.check(trial)
+    streams = closed_loop.Streams(0)
+    sailed = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail()
+    log = sailed.voyage.log
+    assert sailed.failures == 0
+    ends = np.arange(1, 6) * len(log.eta) // 5 - 2
+    reached = np.degrees(log.eta[ends, 2])
+    np.testing.assert_allclose(reached, [0.0, 20.0, -20.0, 10.0, 0.0], atol=1.0)

@@ -1,0 +1,73 @@
+"""Every vessel with every controller and every evaluation: it sails, or one line says why not."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.models.excitation.missions import Mission
+from seatrial.runner import closed_loop
+from seatrial.runner import trial as trials
+from seatrial.runner.config import Trial
+from tests.models.simulation.test_every_combination import objects
+from tests.trials import CONF, composed
+
+ROWS = 20  # instants that are sailed
+
+
+def options(group: str) -> list[str]:
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def base(vessel: str) -> Trial:
+    """A trial with an excitation that suits the vessel, without controller and evaluation."""
+    common = (f"vessel={vessel}", "identifier=none", "controller=none", "evaluation=none")
+    for excitation in ("rudder_zigzag", "rudder_prbs", "multisine", "many_sine", "prbs"):
+        try:
+            trial = composed(*common, f"excitation={excitation}")
+            trials.check(trial)
+        except SeatrialError:
+            continue
+        return trial
+    pytest.fail(f"{vessel}: no excitation suits it")
+
+
+def part(vessel: str, group: str, name: str) -> Any:
+    return None if name == "none" else objects(vessel, group, name)
+
+
+def sailed(trial: Trial, mission: Mission) -> None:
+    """Sail the first instants of a mission with the trial's controller."""
+    nominal = trial.vessel.nominal()
+    setup = closed_loop.prepare(trial, closed_loop.Streams(0), nominal, mission, deployed=True)
+    weather = type(setup.weather)(*(rows[:ROWS] for rows in setup.weather))
+    added = None if setup.added is None else setup.added[:ROWS]
+    log = replace(setup, weather=weather, added=added).sail().voyage.log
+    assert len(log.eta) == ROWS
+    assert np.all(np.isfinite(log.eta)) and np.all(np.isfinite(log.tau))  # noqa: PT018
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vessel", options("vessel"))
+def test_the_matrix(vessel: str) -> None:
+    start, ran, refusals = base(vessel), 0, list[str]()
+    for controller in options("controller"):
+        for evaluation in options("evaluation"):
+            names = {**start.names, "controller": controller, "evaluation": evaluation}
+            try:
+                trial = replace(
+                    start, names=names, controller=part(vessel, "controller", controller),
+                    evaluation=part(vessel, "evaluation", evaluation),
+                )  # fmt: skip
+                trials.check(trial)
+                if trials.skipped(trial) is None:
+                    assert isinstance(trial.evaluation, Mission)
+                    sailed(trial, trial.evaluation)
+                    ran += 1
+            except ConfigurationError as error:
+                refusals.append(str(error))
+    assert all(refusals)
+    assert not any("\n" in text for text in refusals)
+    assert ran > 0, f"{vessel} has no controller with an evaluation"
