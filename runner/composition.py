@@ -23,7 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
 from seatrial.runner.overrides import Parser, Refused, apply
-from seatrial.runner.resolution import Resolution, interpolations, pure, shape, text_of
+from seatrial.runner.resolution import Resolution, check_size, interpolations, pure, shape, text_of
 from seatrial.runner.vessel_options import VesselOptions
 from seatrial.runner.vocabulary import GROUPS
 
@@ -71,6 +71,7 @@ def _given(hydra: DictConfig | HydraConf) -> list[str]:
 
 
 def _resolve(task: DictConfig) -> dict[str, object]:
+    check_size(task)
     return cast(
         dict[str, object], OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
     )

@@ -12,10 +12,13 @@ from typing import Any
 from hydra.core.override_parser.types import Override
 from omegaconf import Container, DictConfig, ListConfig, OmegaConf
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.overrides import Refused, apply, set_value
 
+MOST_NODES = 100_000  # of a resolved configuration
 Path = tuple[str | int, ...]
 _REFERENCE = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
+_ANY_REFERENCE = re.compile(r"\$\{(\.*)(\w[\w.\[\]]*)\}")  # ${a.b[0]}, ${..a}
 _ENVIRONMENT = re.compile(r"\$\{oc\.env:\w+(?:,[\w./-]*)?\}")
 # Resolvers of OmegaConf read the configuration and the environment alone, and so do relative paths.
 _PURE = re.compile(r"\$\{(?:oc\.[a-z.]+:|\.)")
@@ -49,6 +52,69 @@ def text_of(container: Container, key: str | int) -> str:
     """Return the text of an interpolation."""
     node: Any = container._get_node(key)
     return str(node._value())
+
+
+def check_size(config: DictConfig) -> None:
+    """Raise ConfigurationError for a configuration whose interpolations explode.
+
+    Few lines can stand for more nodes than the memory holds, as `b: [${a},${a}]`, `c: [${b},${b}]`.
+    So they are counted without being resolved; a text counts for every hundred letters.
+    """
+    try:
+        nodes = _Sizes(config).of(config)
+    except RecursionError:
+        raise ConfigurationError("interpolations refer to each other too many times") from None
+    if nodes > MOST_NODES:
+        raise ConfigurationError(
+            f"interpolations stand for {nodes:.2g} nodes, expected at most {MOST_NODES}"
+        )
+
+
+class _Sizes:
+    """Numbers of nodes with those that interpolations stand for; each node is visited once."""
+
+    def __init__(self, root: Container) -> None:
+        self._root = root
+        self._known: dict[int, int] = {}
+
+    def of(self, node: Any) -> int:
+        """The size of a node; 1 within itself, which OmegaConf refuses later."""
+        if node is None:
+            return 1
+        if id(node) not in self._known:
+            self._known[id(node)] = 1
+            self._known[id(node)] = self._counted(node)
+        return self._known[id(node)]
+
+    def _counted(self, node: Any) -> int:
+        plain = not (node._is_none() or node._is_missing() or node._is_interpolation())
+        if plain and isinstance(node, Container):
+            return 1 + sum(self.of(node._get_node(key)) for key in _keys(node))
+        text = str(node._value())
+        targets = (self._target(node, *found) for found in _ANY_REFERENCE.findall(text))
+        return 1 + len(text) // 100 + sum(map(self.of, targets))
+
+    def _target(self, node: Any, dots: str, path: str) -> Any:
+        """The node that a reference names; None if there is no such node."""
+        at: Any = self._root
+        if dots:
+            at = node._get_parent()
+            for _ in dots[1:]:
+                at = at and at._get_parent()
+        for key in re.findall(r"\w+", path):
+            at = self._followed(at)
+            if isinstance(at, ListConfig):
+                at = at._get_node(int(key)) if key.isdigit() and int(key) < len(at) else None
+            else:
+                at = at._get_node(key) if isinstance(at, DictConfig) else None
+        return at
+
+    def _followed(self, node: Any) -> Any:
+        """A node that is no interpolation, from one that may be."""
+        while node is not None and node._is_interpolation():
+            found = _ANY_REFERENCE.fullmatch(str(node._value()))
+            node = self._target(node, *found.groups()) if found else None
+        return node if isinstance(node, Container) and not node._is_none() else None
 
 
 def is_simple(override: Override) -> bool:
@@ -91,6 +157,7 @@ class Resolution:
         for override in values:
             _require_plain_path(task, override)
         apply(task, values)
+        check_size(task)
         self._task = task
         self._plain: Any = OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
         for override in filter(is_simple, values):

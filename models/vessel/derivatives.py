@@ -88,10 +88,24 @@ def from_derivatives(
     matrix = np.asarray(inertia, dtype=np.float64)
     if matrix.shape != (n, n):
         raise ConfigurationError(f"inertia: got shape {matrix.shape}, expected ({n}, {n})")
+    rows = tuple(map(tuple, matrix.tolist()))
+    return _table(name, tuple(dofs), rows, tuple(derivatives.items()), with_coriolis)
+
+
+@lru_cache(maxsize=64)
+def _table(
+    name: str,
+    dofs: tuple[str, ...],
+    inertia: tuple[tuple[float, ...], ...],
+    items: tuple[tuple[str, float], ...],
+    with_coriolis: CoriolisForces,
+) -> Vessel:
+    """The table of `from_derivatives`; a trial builds its vessel several times."""
+    matrix, derivatives = np.array(inertia), dict(items)
     accelerations = basis.terms(ACCELERATIONS[DOFS.index(dof)] for dof in dofs)
     added = {key: v for key, v in derivatives.items() if parse_derivative(key)[1] in accelerations}
     damping = {key: value for key, value in derivatives.items() if key not in added}
-    vessel = Vessel(name, tuple(dofs), accelerations, matrix.T)
+    vessel = Vessel(name, dofs, accelerations, matrix.T)
     vessel = vessel + derivative_table(name, dofs, added)
     if with_coriolis:
         forces = coriolis(vessel.inertia, dofs)

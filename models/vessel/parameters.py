@@ -144,6 +144,8 @@ class VesselParameters:
         derivatives = _summed(derivatives, self.restoring)
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
+        if self.attitude == table.attitude and not self.inputs and not self.devices:
+            return table
         return replace(
             table, attitude=self.attitude, inputs=tuple(self.inputs), devices=self.devices
         )

@@ -120,21 +120,30 @@ def _length(model: Vessel) -> float:
     return float(np.sqrt(model.inertia[yaw, yaw] / mass)) / GYRATION
 
 
-def _drag(model: Vessel, speeds: Array) -> Array:
-    """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,)."""
+def _drag(model: Vessel, speeds: Array, at_rest: Array | None = None) -> Array:
+    """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,).
+
+    `at_rest` is `_at_rest(model)`, if it is known.
+    """
     nu = np.diag(speeds)
-    still = np.zeros_like(nu)
-    return np.asarray(np.diag(model.inverse(still, nu) - model.inverse(still, still)))
+    at_rest = _at_rest(model) if at_rest is None else at_rest
+    return np.asarray(np.diag(model.inverse(np.zeros_like(nu), nu) - at_rest))
+
+
+def _at_rest(model: Vessel) -> Array:
+    """Force without motion [N, Nm], once for each axis, shape (n_dof, n_dof)."""
+    still = np.zeros((len(model.dofs), len(model.dofs)))
+    return model.inverse(still, still)
 
 
 def _attainable(model: Vessel, limits: Array, largest: Array) -> Array:
     """Speed at which the drag equals the limit, at most `largest` [m/s, rad/s]."""
-    speeds = largest.copy()
-    for i in np.flatnonzero(_drag(model, largest) > limits):
+    speeds, at_rest = largest.copy(), _at_rest(model)
+    for i in np.flatnonzero(_drag(model, largest, at_rest) > limits):
         unit = np.eye(len(limits))[i]
 
         def excess(speed: float, unit: Array = unit, i: int = int(i)) -> float:
-            return float(_drag(model, speed * unit)[i] - limits[i])
+            return float(_drag(model, speed * unit, at_rest)[i] - limits[i])
 
         speeds[i] = brentq(excess, 0.0, largest[i], rtol=1e-12)
     return speeds

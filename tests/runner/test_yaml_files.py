@@ -56,3 +56,16 @@ def test_aliases_count_as_often_as_they_stand(tmp_path: Path) -> None:
     path.write_text(f"a: &a [{half}]\nb: *a\nc: *a\n")
     with pytest.raises(ConfigurationError, match="line 3: got more than"):
         check_file(path)
+
+
+@pytest.mark.parametrize("level", ["[{0}]", "'{0}'"])  # a list, a text
+@pytest.mark.parametrize("sweep", [(), ("-m", "seed=1,2")])
+def test_interpolations_that_explode_are_refused(
+    seatrial: Command, level: str, sweep: tuple[str, ...]
+) -> None:
+    words = ["+n0=[1,2]"]
+    for i in range(12):
+        words.append(f"+n{i + 1}=" + level.format(",".join([f"${{n{i}}}"] * 10)))
+    line = seatrial.refuses(*sweep, *words)
+    assert "interpolations stand for" in line
+    assert "expected at most 100000" in line

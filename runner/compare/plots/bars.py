@@ -34,6 +34,7 @@ FIGURE = Figure(
 
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
+FRAME, WORD = 0.9, 0.7  # [in] beside the axes of a panel, and of a count above a bar
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
@@ -69,7 +70,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         for dof in dofs
     }  # fmt: skip
     first = tables[dofs[0]]
-    width = max(3.4, 0.9 + 0.32 * len(first.row_keys) * len(first.column_keys))
+    width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
     figure, axes = panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
@@ -93,13 +94,24 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
     axes.set_xlabel(request.columns)
     axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
-    axes.margins(y=0.12)
+    axes.margins(y=0.35 if _turn_marks(axes, table, panel_width) else 0.12)
     if _logarithmic(table, request):
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     if sum(len(key[0]) for key in table.column_keys) * 0.09 > panel_width:
         axes.tick_params(axis="x", rotation=20)
+
+
+def _turn_marks(axes: Axes, table: Pivot, panel_width: float) -> bool:
+    """Turn the counts above narrow bars, which would overlap; return whether there are any."""
+    words = [text for text in axes.texts if text.get_text() != "†"]
+    bars = len(table.column_keys) * len(table.row_keys)
+    if not words or (panel_width - FRAME) * GROUP_WIDTH / bars > WORD:
+        return False
+    for text in words:
+        text.set_rotation(90)
+    return True
 
 
 def _logarithmic(table: Pivot, request: PlotRequest) -> bool:

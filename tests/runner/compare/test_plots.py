@@ -102,6 +102,21 @@ def test_bars_are_means_with_deviations_and_points_are_seeds(results: Results) -
     assert {50.0, 51.0, 55.0} <= set(points.tolist())
 
 
+def test_marks_above_narrow_bars_do_not_overlap(tmp_path: Path) -> None:
+    with stored.logbook_at(tmp_path) as logbook:
+        for identifier in ("none", "ls", "plsr", "iv", "ridge"):
+            for seed, value in enumerate((1.0, float("nan"))):
+                metrics = [stored.force_mse(value, dof) for dof in ("surge", "sway", "yaw")]
+                stored.finish(logbook, stored.start(identifier, "noise", seed), metrics)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as narrow:
+        (drawing,) = drawings("bars", narrow, rows="identifier", columns="disturbance")
+    for axes in drawing.figure.axes:
+        marks = [text for text in axes.texts if text.get_text() == "1 no value"]
+        boxes = [text.get_window_extent() for text in marks]
+        assert len(boxes) == 5
+        assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
 def test_a_facet_makes_a_figure_each_with_a_safe_name(results: Results) -> None:
     names = [one.name for one in drawings("bars", results, facet="seed", rows="identifier")]
     assert names == ["bars-force_mse-seed-0", "bars-force_mse-seed-1", "bars-force_mse-seed-2"]
