@@ -46,11 +46,12 @@ from seatrial.runner.stop_signals import StopSignals
 from seatrial.runner.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner import completion, doctor
+    from seatrial.runner import completion, data_commands, doctor
 else:
     import lazy_loader
 
     completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
+    data_commands = lazy_loader.load("seatrial.runner.data_commands", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
 
 VARIANT = "--variant"  # options that change together in a sweep
@@ -62,6 +63,7 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "--version": lambda words: _show_version(),
     "--install-completion": lambda words: completion.install(words),
+    "data": lambda words: data_commands.main(words),
     "doctor": lambda words: doctor.main(words),
     "init": lambda words: init.run(words),
 }

@@ -49,6 +49,11 @@ def read_map(path: Path) -> dict[str, object]:
             f"excitation.map: {path}: got no time, expected the columns of a recording, such as "
             "time: t and velocity: {surge: u}"
         )
+    return options_of(content)
+
+
+def options_of(content: dict[str, object]) -> dict[str, object]:
+    """Options of a recording from the content of a map."""
     columns = {**NONE, **{key: content.pop(key) for key in COLUMNS if key in content}}
     position = dict(columns["position"] if isinstance(columns["position"], dict) else {})
     for alias, dof in ALIASES.items():

@@ -31,7 +31,7 @@ from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import budget
+from seatrial.runner import budget, recording_checks
 from seatrial.runner.closed_loop import (
     ExcitationData,
     MissionSetup,
@@ -79,6 +79,7 @@ def check(trial: Trial) -> None:
         period = recording.period_s
         budget.check(trial, len(recording))
         _check_samples(trial.identifier, excitation, recording)
+        recording_checks.refuse(excitation, dofs)
         if skipped(trial) is None:
             _check_evaluation(trial)
     else:
@@ -312,6 +313,7 @@ def with_quality(results: Results, file: Reader, recording: Recording) -> Result
     findings = [
         *excitation_results.column_statistics(file),
         *excitation_results.outlier_counts(file, recording.dofs),
+        *recording_checks.findings(file, recording.dofs),
     ]
     return replace(
         results,

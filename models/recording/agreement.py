@@ -76,7 +76,8 @@ def best_order(rho: Array, excited: Sequence[bool], samples: float) -> tuple[int
 
     def gain(order: Sequence[int]) -> float:
         moved = [i for i in range(k) if order[i] != i and excited[i]]
-        return sum(float(z[i, order[i]] - z[i, i]) for i in moved) - CERTAIN * error * len(moved)
+        better = sum(float(z[i, order[i]] - z[i, i]) for i in moved)
+        return better - CERTAIN * float(error) * len(moved)
 
     best = max(permutations(straight), key=gain)
     moved = [i for i in straight if best[i] != i]

@@ -30,7 +30,7 @@ def seconds(source: Source, column: Column) -> Array:
         times = _of_dates(source, name)
     else:
         unit = column.unit or source.units.get(name)
-        times = source.numbers(name) * (factor(unit, "s") if unit else 1.0)
+        times = source.numbers(name, gaps=True) * (factor(unit, "s") if unit else 1.0)
     if column.nanoseconds is not None:
         times = times + 1e-9 * source.numbers(column.nanoseconds)
     if column.uniform and len(times) > 1:

@@ -45,6 +45,7 @@ class Consistency:
     best: tuple[Agreement, ...]
     reading: Reading
     lag_s: float
+    shared_lag_s: float  # of all axes; what exceeds it is the delay of a filter
     lag_error_s: float
     period_s: float
     cutoff_hz: float
@@ -79,8 +80,9 @@ def consistency(recording: Recording, measured: Sequence[str] = ()) -> Consisten
         lag_s += more
         if not first or abs(more) < recording.period_s:
             break
+    shared = _shared_lag(Motion(_ahead(recording, lag_s)), cutoff, reading, best, lag_s)
     return Consistency(
-        plain, _accelerations(motion, cutoff, measured), best, reading, lag_s, error,
+        plain, _accelerations(motion, cutoff, measured), best, reading, lag_s, shared, error,
         recording.period_s, cutoff, motion.samples(cutoff),
     )  # fmt: skip
 
@@ -88,8 +90,10 @@ def consistency(recording: Recording, measured: Sequence[str] = ()) -> Consisten
 def _best_reading(motion: Motion, cutoff_hz: float) -> tuple[Reading, tuple[Agreement, ...]]:
     """The simplest reading that agrees as well as the best one, and the agreement of its axes."""
     degrees = _in_degrees(motion, cutoff_hz)
-    tried = []
+    tried: list[tuple[float, float, Reading, tuple[Agreement, ...]]] = []
     for reading in READINGS if motion.turns else READINGS[:1]:
+        if tried and tried[0][0] >= 1.0 - AS_GOOD and tried[0][1] == 0.0:
+            break  # nothing is simpler or better
         reading = replace(reading, degrees=degrees)
         angular = motion.compared(motion.angular, cutoff_hz, reading)
         linear = motion.compared(motion.linear, cutoff_hz, reading)
@@ -157,6 +161,24 @@ def _lag(
     share = max(1.0 / max(rho, 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / motion.samples(cutoff_hz)) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     return seconds, float(error)
+
+
+def _shared_lag(
+    motion: Motion, cutoff_hz: float, reading: Reading, axes: Sequence[Agreement], lag_s: float
+) -> float:
+    """The lag [s] of the axis that is nearest to the pose; 0 if axes are on both sides of it.
+
+    A clock that is apart delays all axes alike, a filter some more than others. `lag_s` is what
+    the velocities of the motion have been shifted by.
+    """
+    own = [
+        lag_s + _lag(motion, cutoff_hz, reading, (axis,))[0]
+        for axis in axes
+        if axis.excited and abs(axis.correlation) > SURE
+    ]
+    if not own or min(own) < 0.0 < max(own):
+        return 0.0
+    return min(own, key=abs)
 
 
 def _accelerations(

@@ -10,8 +10,9 @@ from seatrial.models.recording.agreement import CERTAIN, Agreement
 from seatrial.models.recording.consistency import LEAST_TRUSTED, Consistency
 from seatrial.models.recording.motion import DEGREE, Reading
 
-SAME = 1.2  # scales within this factor of one are calibration, not units
+SAME = 1.39  # scales within this factor of one are nearer to it than to the next unit, the knot
 NEAR = 1.25  # a scale is that of a unit within this factor
+UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
 SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 CHANGED_SIGN_IN_FLU = ("sway", "heave", "pitch", "yaw")
 # What multiplies a recorded value to give the derivative that it is compared with.
@@ -185,6 +186,8 @@ def _scales(axes: Sequence[Agreement], names: Names) -> list[Problem]:
             if axis.dof in dofs and _off(axis):
                 size = abs(axis.scale)
                 velocity, pose = _nearest(size, rates), _nearest(size, poses)
+                if not (velocity or pose) and 1.0 / UNNAMED < size < UNNAMED:
+                    continue
                 kind = "position" if pose and not velocity else "velocity"
                 key = (kind, velocity or pose, 0.0 if velocity or pose else size)
                 groups.setdefault(key, []).append(axis.dof)
@@ -215,7 +218,9 @@ def _units(kind: str, dofs: Sequence[str], unit: str, names: Names) -> str:
 def _clock(result: Consistency) -> list[Problem]:
     """A clock of the velocities that is apart from that of the pose."""
     lag = result.lag_s
-    if abs(lag) < SAMPLES_APART * result.period_s or abs(lag) < CERTAIN * result.lag_error_s:
+    # A filter delays some axes, a clock that is apart all of them.
+    least = max(SAMPLES_APART * result.period_s, CERTAIN * result.lag_error_s)
+    if abs(lag) < least or result.shared_lag_s == 0.0:
         return []
     behind = "behind" if lag > 0.0 else "ahead of"
     message = f"the velocities are {abs(lag):.3g} s {behind} the pose"

@@ -98,8 +98,9 @@ def canonical(
 def _check_complete(source: Source, channels: Mapping[str, Channel]) -> None:
     """Raise RecordingError if a column has empty cells."""
     for name, channel in channels.items():
-        if np.any(np.isnan(channel.values)):
-            row = int(np.argmax(np.isnan(channel.values)))
+        empty = np.isnan(channel.values) | np.isnan(channel.t)
+        if np.any(empty):
+            row = int(np.argmax(empty))
             place = source.cell(row, next(iter(source.columns))).place
             raise RecordingError(
                 f"{source.path}, columns.{name}, {place}: got an empty cell, expected a number in "
@@ -115,7 +116,7 @@ def _rate(channels: Mapping[str, Channel]) -> float:
 
 def _clean(channel: Channel) -> Channel:
     """The channel without empty cells, and without samples that are not later than the last."""
-    valid = ~np.isnan(channel.values)
+    valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
     t, values = channel.t[valid], channel.values[valid]
     later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]]) if len(t) else valid
     return Channel(t[later], values[later], channel.held)
@@ -128,6 +129,7 @@ def _channels(
     time = as_column(columns.time)
     clocks: dict[str, Array] = {}
     channels, holders = {}, {}
+    start = first_time(sources, columns)
     for option, spec in wanted(columns, dofs).items():
         source, name = column(sources, spec.name)
         if source.name not in clocks:
@@ -139,13 +141,23 @@ def _channels(
         holders[option] = source
     if not channels:
         raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-    start = min(float(t[0]) for t in clocks.values())
     if start > EPOCH_S:  # times since 1970: only differences matter
         channels = {
             name: Channel(channel.t - start, channel.values, channel.held)
             for name, channel in channels.items()
         }
     return _unit_quaternions(channels), holders
+
+
+def first_time(sources: Sources, columns: ColumnMap) -> float:
+    """The first time [s] of all sources that have one, so that it does not depend on the vessel."""
+    firsts = []
+    for source in sources.values():
+        try:
+            firsts.append(float(seconds(source, _time_of(as_column(columns.time), source))[0]))
+        except (RecordingError, ConfigurationError):
+            continue
+    return min(firsts, default=0.0)
 
 
 def _time_of(time: Column, source: Source) -> Column:

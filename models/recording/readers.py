@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
+from seatrial.models.recording.examination import Examination
 from seatrial.models.recording.preprocessing import Description
 from seatrial.models.recording.recording import Recording, Split, half
 from seatrial.models.vessel.basis import Array
@@ -34,6 +35,15 @@ class Reader(ABC):
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns."""
         return ()
+
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
+        """Whether pose and velocity belong together; None if they cannot be compared."""
+        return None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the recording is taken also if pose and velocity do not belong together."""
+        return False
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each column."""

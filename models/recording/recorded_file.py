@@ -15,6 +15,7 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
 from seatrial.models.recording.column_map import ColumnMap, Table, read_table
+from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.file_set import file_set
 from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
 from seatrial.models.recording.mapping import canonical
@@ -194,6 +195,20 @@ class RecordedFile(Reader):
         """Inputs or commands (N, n_inputs) by the names of a vessel; None if not recorded."""
         columns = [table.columns[as_column(name).name][rows] for name in names.values()]
         return np.column_stack(columns) if columns else None
+
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
+        """Compare pose and velocity, with all degrees of freedom that the file holds."""
+
+        def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
+            return replace(self, columns=columns).read(known)
+
+        files = file_set(self.train, self.test).files if self.train else (self.file,)
+        return examine(read, self.columns, read_sources(files[0], self._options), dofs)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether `trust` overrides what does not agree."""
+        return self.trust
 
     def split(self, t: Array) -> Split:
         """Training and test samples of the recording that `read` returns; times t [s], (N,).

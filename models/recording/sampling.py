@@ -1,0 +1,133 @@
+"""How a recording was sampled: rate, gaps, repeated times, and files made of slower ones.
+
+Linear interpolation leaves second differences of zero between the original samples, a hold leaves
+equal samples. Each original sample ends a run of them, so the runs count the original samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.recording.diagnosis import Problem
+from seatrial.models.vessel.basis import Array
+
+GAP = 1.5  # in sample times
+ROUNDING = 1e-6  # of the typical second difference: smaller ones are those of a straight line
+MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
+FULL_TURN_DEG = 360.0
+NEAR_TURN = 0.2  # by which a jump of a heading in degrees may differ from a full turn
+FEWEST = 20  # samples for an original rate
+NEAR_WHOLE = 0.05  # distance of a rate from a whole number, relative to it
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Times of a source: median rate, gaps, and times that do not increase."""
+
+    count: int
+    start_s: float
+    duration_s: float
+    rate_hz: float
+    jitter: float  # standard deviation of the steps without gaps, relative to the median step
+    gaps: int  # steps of more than 1.5 sample times
+    longest_gap_s: float
+    longest_gap_at_s: float
+    missing: float  # share of the duration in gaps, beyond one sample time each
+    not_later: int  # times that are not later than the one before
+
+    def __str__(self) -> str:
+        text = f"{self.count} rows in {self.duration_s:.0f} s, {self.rate_hz:.3g} Hz"
+        if self.gaps:
+            text += (
+                f", {self.gaps} gaps, the longest {self.longest_gap_s:.3g} s at "
+                f"{self.longest_gap_at_s:.0f} s, {100.0 * self.missing:.0f} % missing"
+            )
+        return text
+
+
+def sampling(t: Array) -> Sampling:
+    """Describe times t (N,) [s]."""
+    known = t[~np.isnan(t)]
+    steps = np.diff(known)
+    later = steps[steps > 0.0]
+    if not len(later):
+        return Sampling(len(known), float(known[0]) if len(known) else 0.0, 0.0, 0.0, 0.0, 0, 0.0,
+                        0.0, 0.0, len(steps))  # fmt: skip
+    period = float(np.median(later))
+    gaps = steps > GAP * period
+    k = int(np.argmax(steps))
+    regular = later[later <= GAP * period]
+    duration = float(known[-1] - known[0])
+    lost = float(np.sum(steps[gaps] - period))
+    return Sampling(
+        len(known), float(known[0]), duration, 1.0 / period, float(np.std(regular) / period),
+        int(np.sum(gaps)), float(steps[k]), float(known[k] - known[0]),
+        lost / duration if duration > 0.0 else 0.0, int(np.sum(~(steps > 0.0))),
+    )  # fmt: skip
+
+
+def original_rate(values: Array, rate_hz: float) -> float | None:
+    """The rate [Hz] of the samples that columns (N, k) were interpolated from; None if recorded.
+
+    All columns must lie on straight lines at the same samples, while they move.
+    """
+    if len(values) < FEWEST or np.any(np.isnan(values)):
+        return None
+    size = np.std(np.diff(values, axis=0), axis=0)
+    moving = size > 0.0
+    if not np.any(moving):
+        return None
+    bends = np.abs(np.diff(values[:, moving], 2, axis=0)) > ROUNDING * size[moving]
+    bent = np.any(bends, axis=1)
+    steps = np.any(np.diff(values[:, moving], axis=0) != 0.0, axis=1)
+    held = 1.0 - float(np.mean(steps))
+    if held > MADE_UP:
+        return rate_hz * float(np.mean(steps))
+    if 1.0 - float(np.mean(bent)) <= MADE_UP:
+        return None
+    # A sample between two of the new ones bends the line at both of them.
+    runs = int(np.sum(bent[1:] & ~bent[:-1])) + int(bent[0])
+    return rate_hz * runs / len(bent)
+
+
+def resampled(rates: Sequence[float | None], rate_hz: float) -> list[Problem]:
+    """The problem of a file of `rate_hz` whose columns were all interpolated from `rates` [Hz]."""
+    known = [rate for rate in rates if rate is not None]
+    if not known or len(known) < len(rates):
+        return []
+    rate = max(known)  # columns that stand still for a while have fewer samples than they had
+    whole = round(rate)
+    nice = float(whole) if abs(rate - whole) < NEAR_WHOLE * rate else float(f"{rate:.2g}")
+    return [
+        Problem(
+            "resampled", (), f"the columns are interpolated from {nice:g} Hz, the file has "
+            f"{rate_hz:.3g} Hz", f"excitation.resample_hz={nice:g}", nice,
+        )
+    ]  # fmt: skip
+
+
+def in_degrees(angles: Array) -> bool:
+    """Whether angles (N,) must be degrees: they exceed a turn in radians, or jump by 360."""
+    known = angles[~np.isnan(angles)]
+    if len(known) < 2:
+        return False
+    jumps = np.abs(np.diff(known))
+    turns = np.abs(jumps / FULL_TURN_DEG - 1.0) < NEAR_TURN
+    inside = float(np.max(known)) <= FULL_TURN_DEG and float(np.min(known)) >= -FULL_TURN_DEG
+    wide = float(np.max(np.abs(known))) > 2.5 * np.pi
+    wrapped = bool(np.any(np.abs(jumps / (2.0 * np.pi) - 1.0) < NEAR_TURN))
+    return bool(np.any(turns)) or (inside and wide and not wrapped)
+
+
+def of_angles(columns: Sequence[tuple[str, str, Array]]) -> list[Problem]:
+    """The problem of angles (axis, column, values) that are in degrees by their range."""
+    return [
+        Problem(
+            "scale", (dof,), f"the angle ranges from {np.nanmin(values):.4g} to "
+            f"{np.nanmax(values):.4g}: degrees, not radians",
+            f"excitation.columns.position.{dof}: {{column: {name}, unit: deg}}", 180.0 / np.pi,
+        )
+        for dof, name, values in columns
+        if in_degrees(values)
+    ]  # fmt: skip

@@ -1,0 +1,73 @@
+"""Checks of a measured recording in a trial: warnings, and refusal of what does not agree."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from seatrial.models.errors import RecordingError
+from seatrial.models.findings import Finding
+from seatrial.models.recording.consistency import LEAST_TRUSTED
+from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.readers import Reader
+
+log = logging.getLogger(__name__)
+TRUST = "excitation.trust=true overrides"
+KEPT = 4  # examinations: the trials of a sweep often share a recording
+_known: dict[tuple[object, ...], Examination | None] = {}
+
+
+def examined(file: Reader, dofs: Sequence[str]) -> Examination | None:
+    """Examine a recording; None if pose and velocity cannot be compared."""
+    stamps = tuple(_stamp(path) for path in file.files().values())
+    key = (repr(file), stamps, tuple(dofs))
+    if key not in _known:
+        while len(_known) >= KEPT:
+            _known.pop(next(iter(_known)))
+        _known[key] = file.examine(dofs)
+    return _known[key]
+
+
+def _stamp(path: Path) -> tuple[float, int]:
+    try:
+        stat = path.stat()
+    except (OSError, ValueError):
+        return 0.0, 0
+    return stat.st_mtime, stat.st_size
+
+
+def refuse(file: Reader, dofs: Sequence[str]) -> None:
+    """Raise RecordingError if an excited axis agrees with nothing and the file is not trusted."""
+    known = None if file.trusted else examined(file, dofs)
+    if known is None:
+        return
+    result, found = known.result, known.problems
+    for axis in result.untrusted:
+        if axis.dof in dofs:
+            cures = [str(p) for p in found if axis.dof in p.axes] or [str(p) for p in found]
+            cure = f"{cures[0]}; " if cures else ""
+            name = ", ".join(map(str, file.files().values()))
+            raise RecordingError(
+                f"{name}: {axis.dof}: got a correlation of {axis.correlation:.2f} between the "
+                f"velocity and the derivative of the pose, expected {LEAST_TRUSTED} or more; "
+                f"{cure}{TRUST}"
+            )
+
+
+def findings(file: Reader, dofs: Sequence[str]) -> list[Finding]:
+    """Warn of every problem in one line, and return what was found as findings."""
+    known = examined(file, dofs)
+    if known is None:
+        return []
+    result, found = known.result, known.problems
+    for problem in found:
+        log.warning("recording: %s", problem)
+    axes = [
+        Finding(f"consistency_{name}", axis.dof, value)
+        for axis in result.velocities
+        for name, value in (("correlation", axis.correlation), ("scale", axis.scale))
+    ]
+    problems = [
+        Finding(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
+        for i, p in enumerate(found)
+    ]
+    return [*axes, Finding("consistency_lag", "all", result.lag_s, "s"), *problems]

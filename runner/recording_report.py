@@ -1,0 +1,263 @@
+"""What `seatrial data check` reports of a recording."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
+from seatrial.models.recording.agreement import correlations, lag
+from seatrial.models.recording.clocks import seconds
+from seatrial.models.recording.column import as_column
+from seatrial.models.recording.column_map import ColumnMap
+from seatrial.models.recording.consistency import LONGEST_LAG_S
+from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.mapping import EPOCH_S, first_time
+from seatrial.models.recording.preprocessing import outliers
+from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.sampling import Sampling, sampling
+from seatrial.models.recording.smoothing import lowpass, noise_floor
+from seatrial.models.recording.source import Source
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import unroll
+
+SIMILAR = 0.9  # correlation of two signals that are of the same quantity
+COVERED = 0.5  # share of the recording that a signal must cover to be compared
+SINGULAR = 0.01  # of a singular value, relative to the largest, of terms not told apart
+SHARE = 0.3  # relative weight of a term in a combination
+FEWEST = 50  # samples of a signal that is compared
+SLOW = 0.2  # of the Nyquist frequency: cut-off for clock offsets
+SHORT_S = 120.0  # [s] below which a recording is short
+
+
+class Offset(NamedTuple):
+    """By how much a source is behind the recording, by the signals that agree best."""
+
+    source: str
+    column: str
+    signal: str
+    seconds: float
+    correlation: float
+
+
+class Range(NamedTuple):
+    """Range, noise and outliers of one signal of the recording."""
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    deviation: float
+    noise: float
+    outliers: int
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that the page shows."""
+
+    path: str
+    samplings: Mapping[str, Sampling]
+    examination: Examination | None
+    why_not: str  # the recording could not be read; empty if it could
+    ranges: tuple[Range, ...]
+    offsets: tuple[Offset, ...]
+    terms: Mapping[str, tuple[str, ...]]  # by axis, terms that the data do not tell apart
+    advice: tuple[str, ...]
+
+
+def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap) -> Report:
+    """Examine a recording by a map; what cannot be read is said, the rest is reported."""
+    samplings = _samplings(sources, columns)
+    dofs = tuple(dof for dof in DOFS if dof in columns.velocity)
+    why, known = "", None
+    try:
+        known = file.examine(dofs)
+        if known is None:
+            file.read(dofs)
+            why = "the heading is not recorded: the path cannot be turned into body axes"
+    except (ConfigurationError, RecordingError) as error:
+        why = str(error)
+    if known is None:
+        return Report(str(file.path), samplings, None, why, (), (), {}, _cures(samplings, why))
+    recording = known.recording
+    return Report(
+        str(file.path), samplings, known, "", _ranges(recording),
+        _offsets(recording, sources, columns), _terms(recording),
+        (*_cures(samplings, ""), *_advice(known, samplings)),
+    )  # fmt: skip
+
+
+def _samplings(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sampling]:
+    result = {}
+    for name, source in sources.items():
+        try:
+            result[name] = sampling(seconds(source, as_column(columns.time)))
+        except (ConfigurationError, RecordingError):
+            continue
+    return result
+
+
+def _ranges(recording: Recording) -> tuple[Range, ...]:
+    noise = noise_floor(recording.nu, recording.piece_starts, recording.period_s).deviation
+    return tuple(
+        Range(
+            name, VELOCITY_UNIT[dof], float(np.min(values)), float(np.max(values)),
+            float(np.std(values)), float(noise[i]), int(np.sum(outliers(values))),
+        )
+        for i, (name, dof, values) in enumerate(
+            zip(velocities_of(recording.dofs), recording.dofs, recording.nu.T, strict=True)
+        )
+    )  # fmt: skip
+
+
+def _offsets(
+    recording: Recording, sources: Mapping[str, Source], columns: ColumnMap
+) -> tuple[Offset, ...]:
+    """Clock offsets of the sources, by cross-correlation with pose and velocity."""
+    if len(sources) < 2:
+        return ()
+    poses = np.column_stack([recording.eta, recording.nu])
+    names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
+    origin = _origin(sources, columns)
+    found = []
+    for source in sources.values():
+        try:
+            t = seconds(source, as_column(columns.time)) - origin
+        except (ConfigurationError, RecordingError):
+            continue
+        best = max(
+            (
+                offset
+                for name, values in signals(source).items()
+                if (offset := _offset(source.name, name, t, values, recording, poses, names))
+            ),
+            key=lambda offset: abs(offset.correlation),
+            default=None,
+        )
+        if best is not None:
+            found.append(best)
+    return tuple(found)
+
+
+def _origin(sources: Mapping[str, Source], columns: ColumnMap) -> float:
+    """The time that is zero in the recording, where times are dates."""
+    start = first_time(sources, columns)
+    return start if start > EPOCH_S else 0.0
+
+
+def signals(source: Source) -> dict[str, Array]:
+    """Columns of numbers that move, and the heading of a quaternion; angles are unrolled."""
+    result = {}
+    for name in source.columns:
+        try:
+            values = source.numbers(name, gaps=True)
+        except RecordingError:
+            continue
+        if len(values) >= FEWEST and np.nanstd(values) > 0.0 and "stamp" not in name:
+            result[name] = values
+    stem = next((name[:-1] for name in result if name.endswith("_w")), None)
+    if stem and f"{stem}z" in result:
+        w, z = result[f"{stem}w"], result[f"{stem}z"]
+        result[f"heading of {stem.rstrip('_')}"] = unroll(2.0 * np.arctan2(z, w))
+    return result
+
+
+def _offset(
+    source: str, name: str, t: Array, values: Array, recording: Recording, known: Array,
+    names: Sequence[str],
+) -> Offset | None:  # fmt: skip
+    """The offset by one column, if it is of the quantity of a signal of the recording."""
+    valid = ~(np.isnan(values) | np.isnan(t))
+    t, values = t[valid], values[valid]
+    inside = (recording.t >= t[0]) & (recording.t <= t[-1]) if len(t) >= FEWEST else None
+    if inside is None or np.mean(inside) < COVERED or np.any(np.diff(t) < 0.0):
+        return None
+    period = recording.period_s
+    fine = min(period, float(np.median(np.diff(t))) or period)
+    grid = np.arange(recording.t[inside][0], recording.t[inside][-1], fine)
+    own = np.interp(grid, t, values)[:, None]
+    others = np.column_stack([np.interp(grid, recording.t, column) for column in known.T])
+    cutoff = SLOW * 0.5 / period
+    own, others = (np.diff(lowpass(x, cutoff, fine), axis=0) for x in (own, others))
+    rho = correlations(own, others)[0]
+    best = int(np.argmax(np.abs(rho)))
+    if abs(rho[best]) < SIMILAR - 0.4:
+        return None
+    sign = np.sign(rho[best])
+    behind = lag(sign * own, others[:, [best]], round(LONGEST_LAG_S / fine)) * fine
+    moved = np.interp(grid[:-1] + behind, grid[:-1], own[:, 0])[:, None]
+    agreed = float(correlations(moved, others[:, [best]])[0, 0])
+    if abs(agreed) < SIMILAR:
+        return None
+    return Offset(source, name, names[best], behind, agreed)
+
+
+def _terms(recording: Recording) -> dict[str, tuple[str, ...]]:
+    """Terms of a common model that the data do not tell apart, by degree of freedom."""
+    speeds = dict(zip(velocities_of(recording.dofs), recording.nu.T, strict=True))
+    result = {}
+    for i, (dof, name) in enumerate(
+        zip(recording.dofs, velocities_of(recording.dofs), strict=True)
+    ):
+        own = speeds[name]
+        terms = {
+            f"{name}_dot": recording.nu_dot[:, i],
+            name: own,
+            f"|{name}|{name}": abs(own) * own,
+        }
+        for first, second in (("v", "r"), ("u", "r"), ("u", "v")):
+            if {first, second} <= set(speeds) and name not in (first, second):
+                terms[f"{first}{second}"] = speeds[first] * speeds[second]
+        phi = np.column_stack(list(terms.values()))
+        size = np.linalg.norm(phi, axis=0)
+        if np.any(size == 0.0):
+            result[dof] = tuple(n for n, s in zip(terms, size, strict=True) if s == 0.0)
+            continue
+        _, values, ways = np.linalg.svd(phi / size, full_matrices=False)
+        if values[-1] < SINGULAR * values[0]:
+            weight = np.abs(ways[-1]) / np.max(np.abs(ways[-1]))
+            result[dof] = tuple(n for n, w in zip(terms, weight, strict=True) if w > SHARE)
+    return result
+
+
+def _cures(samplings: Mapping[str, Sampling], why: str) -> tuple[str, ...]:
+    """What sampling asks for."""
+    advice = [why] if why else []
+    for name, known in samplings.items():
+        if known.not_later:
+            advice.append(
+                f"{name}: {known.not_later} times are not later than the one before: "
+                "columns.time: {column: NAME, uniform: true} if they are rounded"
+            )
+        if known.gaps and known.missing > 0.01:
+            advice.append(
+                f"{name}: {known}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
+            )
+    return tuple(advice)
+
+
+MANOEUVRES = {
+    "surge": "accelerate and stop, at several speeds",
+    "sway": "zig-zags of 20 degrees, or sideways steps",
+    "heave": "steps in depth",
+    "roll": "roll decay, or zig-zags at speed",
+    "pitch": "pitch decay, or steps of the trim",
+    "yaw": "zig-zags of 10 and 20 degrees and turning circles",
+}
+
+
+def _advice(known: Examination, samplings: Mapping[str, Sampling]) -> list[str]:
+    """What to run next."""
+    advice = [
+        f"{axis.dof} hardly moves: {MANOEUVRES[axis.dof]}"
+        for axis in known.result.velocities
+        if not axis.excited
+    ]
+    seconds_long = known.recording.t[-1] - known.recording.t[0]
+    if seconds_long < SHORT_S:
+        advice.append(f"the recording lasts {seconds_long:.0f} s: run several minutes")
+    return advice or ["nothing is missing: seatrial excitation=recording identifier=auto"]
