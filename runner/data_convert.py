@@ -64,7 +64,9 @@ def _axes(reader: RecordedFile, asked: str | None) -> tuple[str, ...]:
     if asked is not None:
         names = tuple(name.strip() for name in asked.split(","))
         if unknown := [name for name in names if name not in DOFS]:
-            raise ConfigurationError(f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}")
+            raise ConfigurationError(
+                f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}"
+            )
         return names
     mapped = tuple(dof for dof in DOFS if _is_mapped(reader, dof))
     if not mapped:

@@ -148,9 +148,7 @@ def _recording(columns: Mapping[str, Array], known: Mapping[str, object]) -> Rec
         found = [columns[name] for name in names if name in columns]
         return np.column_stack(found) if found and len(found) == len(names) else None
 
-    fields = {
-        field: stacked([name for name, _ in pairs]) for field, pairs in _names(dofs).items()
-    }
+    fields = {field: stacked([name for name, _ in pairs]) for field, pairs in _names(dofs).items()}
     return Recording(
         dofs,
         columns["t"],
