@@ -1,4 +1,4 @@
-"""`seatrial data`: examines recordings and proposes maps of their columns."""
+"""`seatrial data`: examines and converts recordings, and proposes maps of their columns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +17,7 @@ from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
+from seatrial.runner.data_convert import convert
 from seatrial.runner.recording_map import options_of, read_map, with_map
 from seatrial.runner.recording_page import page, sheets
 from seatrial.runner.recording_report import Report, report
@@ -24,7 +25,7 @@ from seatrial.runner.search_path import CONF
 
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
-    add_completion=False, help="Examine recordings, and propose maps of their columns.",
+    add_completion=False, help="Examine and convert recordings, and propose maps of their columns.",
 )  # fmt: skip
 File = Annotated[Path, typer.Argument(help="A file, or a folder with a file a topic.")]
 MapFile = Annotated[
@@ -36,6 +37,7 @@ Html = Annotated[
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
+app.command()(convert)
 DEFAULT = CONF / "excitation" / "recording.yaml"
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
 FLIPPED = {"frames.velocity=earth": ("velocity", "earth"),

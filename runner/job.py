@@ -129,7 +129,7 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunS
     stored = {key: value for key, value in order.config.items() if key not in apart}
     return database.RunStart(
         fingerprint=order.fingerprint(provenance.sources),
-        **{group: order.names[group] for group in GROUPS},
+        **{group: trial.names[group] for group in GROUPS},
         seed=trial.seed,
         config=stored,
         overrides=list(order.overrides),
