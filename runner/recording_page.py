@@ -31,8 +31,10 @@ def sheets(report: Report) -> Iterator[Sheet]:
          f"{100.0 * s.missing:.1f}", f"{s.not_later}")
         for name, s in report.samplings.items()
     ]  # fmt: skip
-    heads: tuple[str, ...] = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
-             "repeated times")  # fmt: skip
+    heads: tuple[str, ...] = (
+        "source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
+        "repeated times",
+    )  # fmt: skip
     yield Sheet("Sampling", heads, rows)
     if report.examination is None:
         return
