@@ -187,8 +187,12 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     nodes["excitation"] = with_map(nodes["excitation"])
     _check_roles(nodes)
     settings = build_as(Settings, nodes, "")
+    parts = {name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")}
+    if roles.only_validates(settings.excitation, settings.evaluation):
+        parts |= {"controller": None, "evaluation": None}
+        names = {**names, "controller": "none", "evaluation": "none"}
     return Trial(
-        **{name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")},
+        **parts,
         sample_time_s=settings.sample_time_s,
         integration_step_s=settings.integration_step_s,
         plant_scale=settings.plant.scale,

@@ -6,12 +6,14 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.file_set import file_set
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 from seatrial.runner.plugins import targets
 from seatrial.runner.shared import once
@@ -54,7 +56,7 @@ class _Compared:
 
 def _compared(key: str, node: object) -> _Compared:
     if key == "excitation":
-        node = _by_content(node, "path")
+        node = _recordings_by_content(node)
     if key == "identifier":
         node = _program_by_content(node)
     if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
@@ -73,6 +75,28 @@ def _program_by_content(node: object) -> object:
         if isinstance(words, list | tuple):
             changed[key] = [_by_content({"word": word}, "word") for word in words]
     return {**node, **changed}
+
+
+def _recordings_by_content(node: object) -> object:
+    """Replace measured files, folders of them, and patterns by the digests of their content."""
+    if not isinstance(node, Mapping):
+        return node
+    changed: dict[str, object] = {}
+    path = node.get("path")
+    if isinstance(path, str) and Path(path).expanduser().is_dir():
+        files = sorted(file for file in Path(path).expanduser().rglob("*") if file.is_file())
+        changed["path"] = _digests(files)
+    if isinstance(node.get("train"), list | tuple) and node["train"]:
+        try:
+            known = file_set(node["train"], node.get("test") or ())
+        except ConfigurationError:  # which the trial says
+            return node
+        changed |= {"train": _digests(known.train), "test": _digests(known.test)}
+    return {**_by_content(node, "path"), **changed}  # type: ignore[dict-item]
+
+
+def _digests(files: Iterable[Path]) -> list[object]:
+    return [_by_content({"path": str(file)}, "path") for file in files]
 
 
 def _by_content(node: object, key: str) -> object:

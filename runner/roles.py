@@ -19,3 +19,8 @@ ROLES: dict[str, type | UnionType] = {
     "evaluation": Evaluation | None,
 }
 METRIC = OwnMetric
+
+
+def only_validates(excitation: object, evaluation: object) -> bool:
+    """Whether a trial has no deployment: a measured recording has no replay of its references."""
+    return isinstance(excitation, Reader) and not isinstance(evaluation, Mission)

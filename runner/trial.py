@@ -251,6 +251,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         diagnostics=[
             *identified.findings,
             *reasons,
+            *validation_metrics.per_file(problem, identified),
             *excitation_report(problem, excited.recording),
             *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,

@@ -40,6 +40,7 @@ from seatrial.models.recording.recording import (
     trips,
 )
 from seatrial.models.recording.sources import ReadOptions, TextOptions, read_sources
+from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 
@@ -157,8 +158,16 @@ class RecordedFile(Reader):
         """
         if self.train:
             return file_set(self.train, self.test).read(lambda file: self._alone(file).read(dofs))
+        if self._is_stored:
+            recording = read_recording(self.file, dofs)
+            return recording.part(self._window(recording.t))
         reader, table = self._prepared(dofs)
         return reader._recording(table, dofs)
+
+    @property
+    def _is_stored(self) -> bool:
+        """Whether the file is in our own form, which needs no map; options that clean are void."""
+        return is_stored(self.file)
 
     def _alone(self, file: Path) -> "RecordedFile":
         """The reader of one of several files."""
@@ -224,6 +233,8 @@ class RecordedFile(Reader):
             for file in file_set(self.train, self.test).files:
                 totals.update(self._alone(file).outlier_counts(dofs))
             return dict(totals)
+        if self._is_stored:
+            return {}
         reader, table = self._mapped(dofs)
         return {name: int(np.sum(wrong)) for name, wrong in reader._outliers(table).items()}
 
@@ -235,7 +246,7 @@ class RecordedFile(Reader):
                 for file in file_set(self.train, self.test).files
                 for row in self._alone(file).describe()
             )
-        if not self.columns.is_plain:
+        if not self.columns.is_plain or self._is_stored:
             return ()
         table = read_table(self.file, (self._time,), self.statistics, self._options, gaps=True)
         window = self._window(table.columns[self._time])

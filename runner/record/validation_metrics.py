@@ -1,5 +1,7 @@
 """Validation metrics on the held-out part: force residuals, coefficients and predictions."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from seatrial.models.errors import IdentificationError
@@ -22,6 +24,29 @@ from seatrial.runner.database.records import Metric
 from seatrial.runner.record.metric_rows import metric, per_dof
 
 QUANTITIES = ("pose", "velocity")
+MODELS = ("nominal", "identified")
+PER_FILE = ("force_mse", *(f"{q}_{kind}_free_run" for q in QUANTITIES for kind in ("rmse", "r2")))
+
+
+def per_file(problem: Problem, identified: Identified) -> list[Finding]:
+    """Compute errors on each file of the held-out part; i is the file, named by the label.
+
+    A free run starts from the first state of the part of the file that is tested on, whose length
+    is a finding too. Nothing is computed unless there are several files.
+    """
+    findings: list[Finding] = []
+    for i, (name, part) in enumerate(problem.validation.by_file().items()):
+        alone = replace(problem, validation=part)
+        rows = validation(part, problem.nominal, identified, None)
+        rows += prediction_metrics(alone, identified, None)[0]
+        findings.append(Finding("file_duration", "all", part.t[-1] - part.t[0], "s", i, 0, name))
+        findings += [
+            Finding(f"file_{row.name}", row.dof, row.value, row.unit, i, MODELS.index(row.model),
+                    f"{name}, {row.model} model")
+            for row in rows
+            if row.name in PER_FILE and row.model in MODELS
+        ]  # fmt: skip
+    return findings
 
 
 def validation(

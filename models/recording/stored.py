@@ -1,0 +1,166 @@
+"""Recordings as Parquet: written with their metadata, and read back to the bit."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import (
+    POSE_UNIT,
+    VELOCITY_UNIT,
+    accelerations_of,
+    poses_of,
+    velocities_of,
+)
+from seatrial.models.recording.formats.bounded import bounded
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.source import check_size
+from seatrial.models.vessel.basis import Array
+
+KEY = b"seatrial"  # of the metadata of the schema
+VERSION = 1
+EXPECTED = "a recording written by seatrial data convert"
+FORCE_UNIT = {"m/s": "N", "rad/s": "Nm"}
+PER_DOF = ("eta", "nu", "nu_dot", "tau", "tau_filtered", "tau_actual")
+ANGLES = ("attitude_phi", "attitude_theta", "attitude_psi")
+WIND = ("wind_u", "wind_v")
+
+
+def write_recording(recording: Recording, path: Path, metadata: Mapping[str, object]) -> None:
+    """Write a recording with all it holds, and `metadata` that JSON can hold, as one file.
+
+    The file appears when it is complete. Raises RecordingError if it cannot be written.
+    """
+    arrays, fields = [], []
+    for name, unit, values in _columns(recording):
+        array = pa.array(np.ascontiguousarray(values))
+        arrays.append(array)
+        fields.append(pa.field(name, array.type, metadata={"unit": unit}))
+    known = {
+        "version": VERSION,
+        "dofs": recording.dofs,
+        "without_lag": recording.without_lag,
+        "input_names": recording.input_names,
+        "file_names": recording.file_names,
+        **metadata,
+    }
+    schema = pa.schema(fields, metadata={KEY: json.dumps(known, default=str).encode()})
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), part)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        reason = error.strerror or str(error)
+        raise RecordingError(f"{path}: cannot be written ({reason})") from error
+
+
+def is_stored(path: Path) -> bool:
+    """Whether a file is a recording that was written so; a file of another kind is not read."""
+    return bool(stored_metadata(path))
+
+
+def stored_metadata(path: Path) -> dict[str, object]:
+    """What was stored beside the columns; empty if the file is no such recording."""
+    if path.suffix != ".parquet" or not path.is_file():
+        return {}
+    with bounded(path, "a Parquet file"):
+        content = (parquet.read_schema(path).metadata or {}).get(KEY)
+        known = json.loads(content) if content else {}
+    return known if isinstance(known, dict) else {}
+
+
+def read_recording(path: Path, dofs: Sequence[str] | None = None) -> Recording:
+    """Read a recording, or those of its degrees of freedom that are asked for.
+
+    Raises RecordingError if the file cannot be read, ConfigurationError if it lacks one.
+    """
+    known = stored_metadata(path)
+    if known.get("version") != VERSION:
+        raise RecordingError(f"{path}: got version {known.get('version')}, expected {EXPECTED}")
+    with bounded(path, EXPECTED), parquet.ParquetFile(path) as file:
+        check_size(path, file.metadata.num_rows * file.metadata.num_columns)
+        table = file.read(use_threads=False)
+        columns = {name: table[name].to_numpy() for name in table.column_names}
+        recording = _recording(columns, known)
+    wanted = recording.dofs if dofs is None else tuple(dofs)
+    if missing := [dof for dof in wanted if dof not in recording.dofs]:
+        raise ConfigurationError(
+            f"{path}: got {', '.join(recording.dofs)}, expected {', '.join(missing)} too"
+        )
+    return recording if wanted == recording.dofs else _restricted(recording, wanted)
+
+
+def _restricted(recording: Recording, dofs: tuple[str, ...]) -> Recording:
+    index = [recording.dofs.index(dof) for dof in dofs]
+    values = {name: getattr(recording, name) for name in PER_DOF}
+    cut = {name: None if array is None else array[:, index] for name, array in values.items()}
+    return replace(recording, dofs=dofs, **cut)  # type: ignore[arg-type]
+
+
+def _names(dofs: Sequence[str]) -> dict[str, list[tuple[str, str]]]:
+    """Names and units of the columns of each field with a column a degree of freedom."""
+    forces = [FORCE_UNIT[VELOCITY_UNIT[dof]] for dof in dofs]
+    names = {
+        "eta": zip(poses_of(dofs), [POSE_UNIT[dof] for dof in dofs], strict=True),
+        "nu": zip(velocities_of(dofs), [VELOCITY_UNIT[dof] for dof in dofs], strict=True),
+        "nu_dot": zip(accelerations_of(dofs), [f"{VELOCITY_UNIT[dof]}^2" for dof in dofs],
+                      strict=True),
+        **{kind: zip([f"{kind}_{dof}" for dof in dofs], forces, strict=True)
+           for kind in ("tau", "tau_filtered", "tau_actual")},
+    }  # fmt: skip
+    return {field: list(pairs) for field, pairs in names.items()}
+
+
+def _columns(recording: Recording) -> Iterator[tuple[str, str, Array]]:
+    """Name, unit and values of every column."""
+    yield "t", "s", recording.t
+    for field, pairs in _names(recording.dofs).items():
+        values = getattr(recording, field)
+        if values is not None:
+            yield from ((name, unit, values[:, i]) for i, (name, unit) in enumerate(pairs))
+    yield from ((name, "rad", recording.attitude[:, i]) for i, name in enumerate(ANGLES))
+    if recording.wind is not None:
+        yield from ((name, "m/s", recording.wind[:, i]) for i, name in enumerate(WIND))
+    for kind in ("inputs", "commands"):
+        values = getattr(recording, kind)
+        if values is not None:
+            for i, name in enumerate(recording.input_names):
+                yield f"{kind}.{name}", "", values[:, i]
+    if recording.file is not None:
+        yield "file", "", recording.file  # type: ignore[misc]
+
+
+def _recording(columns: Mapping[str, Array], known: Mapping[str, object]) -> Recording:
+    """The recording of its columns and metadata; raises KeyError and the like if they are not."""
+    dofs, inputs, files = (
+        tuple(map(str, known[name]))  # type: ignore[call-overload]
+        for name in ("dofs", "input_names", "file_names")
+    )
+
+    def stacked(names: Sequence[str]) -> Array | None:
+        found = [columns[name] for name in names if name in columns]
+        return np.column_stack(found) if found and len(found) == len(names) else None
+
+    fields = {
+        field: stacked([name for name, _ in pairs]) for field, pairs in _names(dofs).items()
+    }
+    return Recording(
+        dofs,
+        columns["t"],
+        attitude=np.column_stack([columns[name] for name in ANGLES]),
+        wind=stacked(WIND),
+        without_lag=bool(known["without_lag"]),
+        inputs=stacked([f"inputs.{name}" for name in inputs]),
+        commands=stacked([f"commands.{name}" for name in inputs]),
+        input_names=inputs,
+        file=columns.get("file"),  # type: ignore[arg-type]
+        file_names=files,
+        **fields,  # type: ignore[arg-type]
+    )

@@ -1,0 +1,62 @@
+"""Trials on several recordings, through the command line."""
+
+import os
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.runner.__main__ import main
+
+DATA = os.environ.get("SEATRIAL_DATA")
+
+
+@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+def test_beluga_on_several_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The pooled mean square is that of the files, weighed by their samples."""
+    folder = Path(DATA or "") / "beluga"
+    monkeypatch.chdir(tmp_path)
+    words = ["seatrial", "vessel=beluga_diagonal", "excitation=recording", "identifier=ls"]
+    words += [f"excitation.train=[{folder}/surge-1.csv,{folder}/sway-1.csv]"]
+    words += [f"excitation.test=[{folder}/heave-1.csv,{folder}/ran*-1.csv]"]
+    monkeypatch.setattr("sys.argv", [*words, "excitation.initial_s=5"])
+    assert main() == 0, capfd.readouterr().err
+    with sqlite3.connect(tmp_path / "results" / "results.db") as database:
+        findings = database.execute(
+            "select name, dof, value, i, j, label from diagnostic where name like 'file_%'"
+        ).fetchall()
+        pooled = database.execute(
+            "select dof, value from metric where name = 'force_mse' and model = 'identified'"
+        ).fetchall()
+    seconds = {row[5]: row[2] for row in findings if row[0] == "file_duration"}
+    assert list(seconds) == ["heave-1.csv", "random-1.csv"]
+    assert seconds["random-1.csv"] == pytest.approx(300.0 - 5.0, abs=0.2)
+    samples = np.array(list(seconds.values())) / 0.1 + 1.0
+    for dof, value in pooled:
+        parts = [r[2] for r in findings if (r[0], r[1], r[4]) == ("file_force_mse", dof, 1)]
+        assert value == pytest.approx(np.average(parts, weights=samples), rel=1e-9)
+    free = {(r[3], r[1]) for r in findings if r[0] == "file_velocity_rmse_free_run" and r[4] == 1}
+    assert {number for number, _ in free} == {0, 1}
+
+
+def test_a_recording_needs_no_controller_and_no_evaluation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A recording has no replay; an evaluation that is asked for is sailed."""
+    k = np.arange(400)
+    u = np.sin(0.05 * k) + 0.4 * np.sin(0.31 * k)
+    force = 20.0 * np.gradient(u, 0.1) + 5.0 * u
+    rows = [f"{0.1 * i:.10g},0,{u[i]},{force[i]}" for i in k]
+    text = "\n".join(["Time,position_x,surge_vel,force_x", *rows])
+    (tmp_path / "a.csv").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    words = ["seatrial", "vessel=surge_linear", "excitation=recording", "excitation.path=a.csv"]
+    for more in ([], ["evaluation=setpoints", "controller=pid_ff"]):
+        monkeypatch.setattr("sys.argv", [*words, "identifier=ls", *more])
+        assert main() == 0, capfd.readouterr().err
+    with sqlite3.connect(tmp_path / "results" / "results.db") as database:
+        runs = database.execute("select controller, evaluation from run order by id").fetchall()
+    assert runs == [("none", "none"), ("pid_ff", "setpoints")]
