@@ -171,7 +171,8 @@ def signals(source: Source) -> dict[str, Array]:
             values = source.numbers(name, gaps=True)
         except RecordingError:
             continue
-        if len(values) >= FEWEST and np.nanstd(values) > 0.0 and "stamp" not in name:
+        known = values[~np.isnan(values)]
+        if len(known) >= FEWEST and np.ptp(known) > 0.0 and "stamp" not in name:
             result[name] = values
     stem = next((name[:-1] for name in result if name.endswith("_w")), None)
     if stem and f"{stem}z" in result:
