@@ -39,6 +39,7 @@ Out = Annotated[
 ]
 app.command()(convert)
 DEFAULT = CONF / "excitation" / "recording.yaml"
+WIDE = 120  # letters of a line that goes to a file
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
 FLIPPED = {"frames.velocity=earth": ("velocity", "earth"),
            "frames.position=ENU": ("position", "ENU"),
@@ -196,6 +197,8 @@ def _reader(file: Path, node: dict[str, object]) -> RecordedFile:
 
 def _show(known: Report) -> None:
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=WIDE)
     problems = () if known.examination is None else known.examination.problems
     for problem in problems:
         console.print(f"problem: {problem}", markup=False, soft_wrap=True)
@@ -203,6 +206,7 @@ def _show(known: Report) -> None:
         console.print("no problem: pose and velocity belong together")
     for sheet in sheets(known):
         grid = Grid(*sheet.heads, title=sheet.title, title_justify="left", box=None)
+        grid.columns[0].no_wrap = True
         for row in sheet.rows:
             grid.add_row(*row)
         console.print(grid)

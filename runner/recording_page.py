@@ -1,6 +1,6 @@
 """The report of a recording as tables in the terminal and as a page with figures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from seatrial.models.recording.consistency import Consistency
@@ -20,7 +20,7 @@ class Sheet(NamedTuple):
 
     title: str
     heads: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
 
 
 def sheets(report: Report) -> Iterator[Sheet]:
@@ -31,8 +31,10 @@ def sheets(report: Report) -> Iterator[Sheet]:
          f"{100.0 * s.missing:.1f}", f"{s.not_later}")
         for name, s in report.samplings.items()
     ]  # fmt: skip
-    heads = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
-             "repeated times")  # fmt: skip
+    heads: tuple[str, ...] = (
+        "source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
+        "repeated times",
+    )  # fmt: skip
     yield Sheet("Sampling", heads, rows)
     if report.examination is None:
         return
@@ -79,12 +81,10 @@ def page(report: Report) -> str:
 def _pictures(report: Report) -> tuple[Picture, ...]:
     if report.examination is None:
         return ()
+    known = report.examination
     drawn = (
-        (
-            recording_figures.velocities(report.examination),
-            "Velocities, recorded and from the pose",
-        ),
-        (recording_figures.spectra(report.examination), "Spectra of the velocities"),
-        (recording_figures.track(report.examination), "Track"),
+        (recording_figures.velocities(known), "Velocities, recorded and from the pose"),
+        (recording_figures.spectra(known), "Spectra of the velocities"),
+        (recording_figures.track(known), "Track"),
     )
     return tuple(picture(sheet, text, f"f{i}-") for i, (sheet, text) in enumerate(drawn))

@@ -10,17 +10,17 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
 from seatrial.models.recording.agreement import correlations, lag
 from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import as_column
+from seatrial.models.recording.column import Column, as_column
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.consistency import LONGEST_LAG_S
 from seatrial.models.recording.examination import Examination
-from seatrial.models.recording.mapping import EPOCH_S, first_time
+from seatrial.models.recording.mapping import EPOCH_S, first_time, wanted
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sampling import Sampling, sampling
+from seatrial.models.recording.sampling import Sampling, is_later, sampling
 from seatrial.models.recording.smoothing import lowpass, noise_floor
-from seatrial.models.recording.source import Source
+from seatrial.models.recording.source import Source, column
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll
 
@@ -73,6 +73,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
     """Examine a recording by a map; what cannot be read is said, the rest is reported."""
     samplings = _samplings(sources, columns)
     dofs = tuple(dof for dof in DOFS if dof in columns.velocity)
+    used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
     why, known = "", None
     try:
         known = file.examine(dofs)
@@ -82,13 +83,26 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
     except (ConfigurationError, RecordingError) as error:
         why = str(error)
     if known is None:
-        return Report(str(file.path), samplings, None, why, (), (), {}, _cures(samplings, why))
+        return Report(str(file.path), samplings, None, why, (), (), {}, _cures(used, why))
     recording = known.recording
     return Report(
         str(file.path), samplings, known, "", _ranges(recording),
         _offsets(recording, sources, columns), _terms(recording),
-        (*_cures(samplings, ""), *_advice(known, samplings)),
+        (*_cures(used, ""), *_advice(known)),
     )  # fmt: skip
+
+
+def _is_used(name: str, sources: Mapping[str, Source], columns: ColumnMap) -> bool:
+    """Whether a map takes a column from a source."""
+    specs = wanted(columns, DOFS).values()
+    return len(sources) == 1 or any(_holds(sources, spec, name) for spec in specs)
+
+
+def _holds(sources: Mapping[str, Source], spec: Column, name: str) -> bool:
+    try:
+        return column(sources, spec.name)[0].name == name
+    except RecordingError:
+        return False
 
 
 def _samplings(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sampling]:
@@ -157,7 +171,8 @@ def signals(source: Source) -> dict[str, Array]:
             values = source.numbers(name, gaps=True)
         except RecordingError:
             continue
-        if len(values) >= FEWEST and np.nanstd(values) > 0.0 and "stamp" not in name:
+        known = values[~np.isnan(values)]
+        if len(known) >= FEWEST and np.ptp(known) > 0.0 and "stamp" not in name:
             result[name] = values
     stem = next((name[:-1] for name in result if name.endswith("_w")), None)
     if stem and f"{stem}z" in result:
@@ -173,8 +188,9 @@ def _offset(
     """The offset by one column, if it is of the quantity of a signal of the recording."""
     valid = ~(np.isnan(values) | np.isnan(t))
     t, values = t[valid], values[valid]
+    t, values = t[is_later(t)], values[is_later(t)]
     inside = (recording.t >= t[0]) & (recording.t <= t[-1]) if len(t) >= FEWEST else None
-    if inside is None or np.mean(inside) < COVERED or np.any(np.diff(t) < 0.0):
+    if inside is None or np.mean(inside) < COVERED:
         return None
     period = recording.period_s
     fine = min(period, float(np.median(np.diff(t))) or period)
@@ -250,7 +266,7 @@ MANOEUVRES = {
 }
 
 
-def _advice(known: Examination, samplings: Mapping[str, Sampling]) -> list[str]:
+def _advice(known: Examination) -> list[str]:
     """What to run next."""
     advice = [
         f"{axis.dof} hardly moves: {MANOEUVRES[axis.dof]}"

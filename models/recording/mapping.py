@@ -20,6 +20,7 @@ from seatrial.models.recording.column import Column, Frames, Geodetic, as_column
 from seatrial.models.recording.column_map import KINDS, ColumnMap, Table
 from seatrial.models.recording.joining import Channel, Grid, join_channels
 from seatrial.models.recording.preprocessing import without_sign_flips
+from seatrial.models.recording.sampling import is_later
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.units import SI, factor, input_factor, is_known
@@ -118,7 +119,7 @@ def _clean(channel: Channel) -> Channel:
     """The channel without empty cells, and without samples that are not later than the last."""
     valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
     t, values = channel.t[valid], channel.values[valid]
-    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]]) if len(t) else valid
+    later = is_later(t)
     return Channel(t[later], values[later], channel.held)
 
 

@@ -142,7 +142,8 @@ def _named(source: Source, option: str, many: bool) -> Column | None:
 
 def _moves(source: Source, name: str) -> bool:
     values = _numbers(source, name)
-    return values is not None and bool(np.nanstd(values) > 0.0)
+    known = np.empty(0) if values is None else values[~np.isnan(values)]
+    return len(known) > 0 and bool(np.ptp(known) > 0.0)
 
 
 def _unit(source: Source, name: str, option: str) -> str | None:

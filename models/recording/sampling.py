@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.recording.diagnosis import Problem
 from seatrial.models.vessel.basis import Array
@@ -46,24 +47,31 @@ class Sampling:
         return text
 
 
+def is_later(t: Array) -> NDArray[np.bool_]:
+    """Which times (N,) are later than all before them."""
+    highest = np.maximum.accumulate(t)
+    return np.concatenate([np.ones(min(len(t), 1), dtype=np.bool_), t[1:] > highest[:-1]])
+
+
 def sampling(t: Array) -> Sampling:
     """Describe times t (N,) [s]."""
     known = t[~np.isnan(t)]
-    steps = np.diff(known)
-    later = steps[steps > 0.0]
+    repeated = int(np.sum(~(np.diff(known) > 0.0)))
+    later = np.diff(known[is_later(known)])
     if not len(later):
         return Sampling(len(known), float(known[0]) if len(known) else 0.0, 0.0, 0.0, 0.0, 0, 0.0,
-                        0.0, 0.0, len(steps))  # fmt: skip
+                        0.0, 0.0, repeated)  # fmt: skip
     period = float(np.median(later))
-    gaps = steps > GAP * period
-    k = int(np.argmax(steps))
+    gaps = later > GAP * period
+    k = int(np.argmax(later))
     regular = later[later <= GAP * period]
     duration = float(known[-1] - known[0])
-    lost = float(np.sum(steps[gaps] - period))
+    lost = float(np.sum(later[gaps] - period))
+    times = known[is_later(known)]
     return Sampling(
         len(known), float(known[0]), duration, 1.0 / period, float(np.std(regular) / period),
-        int(np.sum(gaps)), float(steps[k]), float(known[k] - known[0]),
-        lost / duration if duration > 0.0 else 0.0, int(np.sum(~(steps > 0.0))),
+        int(np.sum(gaps)), float(later[k]), float(times[k] - times[0]),
+        lost / duration if duration > 0.0 else 0.0, repeated,
     )  # fmt: skip
 
 

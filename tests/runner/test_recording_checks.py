@@ -1,0 +1,166 @@
+"""Examined recordings: maps and reports from the command line, clock offsets, and refusals."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from seatrial.models.recording.clocks import seconds
+from seatrial.models.recording.column import Column
+from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.runner import data_commands
+from seatrial.runner.recording_report import _offset, signals
+from tests.runner.programs import ended, program
+
+DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
+needs_data = pytest.mark.skipif(
+    "SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set: no outside data"
+)
+PLANAR = ("surge", "sway", "yaw")
+MAPS: dict[str, dict[str, object]] = {
+    "esso": {
+        "time": "t", "resample_hz": 10,
+        "position": {"surge": "x_position_mid", "sway": "y_position_mid", "yaw": "psi_hat"},
+        "velocity": {"surge": "u_velo", "sway": "vm_velo", "yaw": "r_angvelo"},
+        "inputs": {"delta": "delta_rudder", "n": "n_prop"},
+    },
+    "blueboat": {
+        "time": {"column": "original_timestamp", "unit": "ms"}, "resample_hz": 10,
+        "position": {"surge": "x_ned", "sway": "y_ned", "yaw": {"column": "yaw", "unit": "deg"}},
+        "velocity": {"surge": "surge", "sway": "sway", "yaw": "yaw_rate"},
+        "inputs": {"left": "left_force", "right": "right_force"},
+    },
+    "kvlcc2/hsva": {
+        "time": "c1", "frames": {"velocity": "earth"},
+        "position": {"surge": "c2", "sway": "c3", "yaw": {"column": "c4", "unit": "deg"}},
+        "velocity": {"surge": "c5", "sway": "c6", "yaw": {"column": "c7", "unit": "deg/s"}},
+        "inputs": {"delta": {"column": "-c9", "unit": "deg"}, "n": "c10"},
+    },
+}  # fmt: skip
+
+
+def mapped(file: Path, columns: dict[str, object]) -> RecordedFile:
+    return data_commands._reader(file, data_commands.options_of(dict(columns)))
+
+
+@needs_data
+@pytest.mark.parametrize("name", MAPS)
+def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: str) -> None:
+    """Delays are real: the velocities of some runs of the Esso Osaka are 0.2 to 0.8 s behind."""
+    files = sorted((DATA / name).rglob("*.csv")) or sorted((DATA / name).glob("*.dat"))
+    assert files
+    for file in files[::6]:
+        known = mapped(file, MAPS[name]).examine(PLANAR)
+        assert known is not None
+        assert not known.result.untrusted
+        assert {problem.kind for problem in known.problems} <= {"clock"}, file
+
+
+@needs_data
+def test_velocities_along_the_basin_are_named() -> None:
+    file = next((DATA / "kvlcc2" / "hsva").glob("*20_05.dat"))
+    plain = {key: value for key, value in MAPS["kvlcc2/hsva"].items() if key != "frames"}
+    known = mapped(file, plain).examine(PLANAR)
+    assert known is not None
+    assert [problem.kind for problem in known.problems] == ["earth"]
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["nlp1", "qp1"])
+def test_a_folder_of_topics_is_mapped_and_examined(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = DATA / "milliampere" / name, tmp_path / "map.yaml"
+    assert data_commands.main(["map", str(folder), "--out", str(out)]) == 0
+    text = out.read_text()
+    assert len(text.splitlines()) <= 15
+    assert yaml.safe_load(text)["frames"] == {"velocity": "earth"}  # the estimate's are
+    html = tmp_path / "page.html"
+    words = ["check", str(folder), "--map", str(out), "--html", str(html)]
+    assert data_commands.main(words) == 0
+    shown = capsys.readouterr().out
+    assert "no problem" in shown
+    assert "vectorVS330/heading" in shown
+    if name == "nlp1":
+        assert "navigation/nav_estimate: 442 rows in 490 s, 0.937 Hz, 15 gaps" in shown
+    assert "<svg" in html.read_text()
+    if name == "qp1":  # the estimate of nlp1 is too slow, at 0.9 Hz, to agree to 0.9
+        assert "Clocks of the sources" in html.read_text()
+
+
+@needs_data
+def test_offset_of_a_clock_is_recovered_within_a_sample() -> None:
+    """The heading of the GNSS compass against that of the navigation, 0 to 500 ms put in."""
+    folder = DATA / "milliampere" / "qp1"
+    sources = read_sources(folder, ReadOptions())
+    nav = "navigation/nav_estimate:"
+    columns: dict[str, object] = {
+        "time": "time", "resample_hz": 6, "at_gap": "split",
+        "orientation": {part: f"{nav}pose_orientation_{part}" for part in "wxyz"},
+        "position": {"surge": f"{nav}pose_position_x", "sway": f"{nav}pose_position_y"},
+        "velocity": {"yaw": f"{nav}twist_angular_z"},
+        "force": {dof: f"tau_actual:wrench_{name}" for dof, name in
+                  zip(PLANAR, ("force_x", "force_y", "torque_z"), strict=True)},
+    }  # fmt: skip
+    recording = mapped(folder, columns).read(PLANAR)
+    compass = sources["vectorVS330/heading"]
+    name, heading = next(
+        (name, values) for name, values in signals(compass).items() if name.startswith("heading")
+    )
+    start = min(seconds(source, Column("time"))[0] for source in sources.values())
+    t = seconds(compass, Column("time")) - start
+    known = recording.eta[:, [2]]
+
+    def behind(delay: float) -> float:
+        offset = _offset("", name, t + delay, heading, recording, known, ["psi"])
+        assert offset is not None
+        return offset.seconds
+
+    own = behind(0.0)
+    for delay in np.linspace(0.0, 0.5, 20):
+        assert behind(float(delay)) - own == pytest.approx(delay, abs=recording.period_s)
+
+
+@needs_data
+def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(tmp_path: Path) -> None:
+    table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
+    path = tmp_path / "other.csv"
+    other = np.roll(table["yaw_vel"].to_numpy(), len(table) // 2)
+    table.assign(yaw_vel=other).to_csv(path, index=False)
+    words = ("-m", "runner", "vessel=beluga_diagonal", "excitation=recording", "identifier=none",
+             f"excitation.path={path}")  # fmt: skip
+    code, _, error = ended(program(*words, folder=tmp_path))
+    assert code == 2
+    assert len(error.strip().splitlines()) == 1
+    assert "yaw: got a correlation of" in error
+    assert "excitation.trust=true overrides" in error
+    code, _, error = ended(program(*words, "excitation.trust=true", folder=tmp_path))
+    assert code == 0, error
+
+
+@needs_data
+def test_a_trial_warns_of_knots_in_one_line(tmp_path: Path) -> None:
+    table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
+    path = tmp_path / "knots.csv"
+    table.assign(surge_vel=table["surge_vel"] * 3600.0 / 1852.0).to_csv(path, index=False)
+    words = ("-m", "runner", "vessel=beluga_diagonal", "excitation=recording", "identifier=none",
+             f"excitation.path={path}")  # fmt: skip
+    code, out, error = ended(program(*words, folder=tmp_path))
+    assert code == 0, error
+    lines = [line for line in (out + error).splitlines() if "recording:" in line]
+    assert len(lines) == 1
+    assert "excitation.columns.velocity.surge: {column: surge_vel, unit: knot}" in lines[0]
+
+
+def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    code, _, error = ended(
+        program("-m", "runner", "data", "check", "absent.csv", folder=tmp_path)
+    )  # fmt: skip
+    assert code == 2
+    assert len(error.strip().splitlines()) == 1
+    assert "absent.csv: there is no such file" in error
