@@ -16,6 +16,8 @@ from seatrial.models.recording.source import TextOptions, is_empty
 SEPARATORS = "\t;|,"  # in this order where they fit equally well
 SAMPLE_LINES = 60  # that the layout is found from
 MOST_HEADER_LINES = 5
+MOST_COLUMNS = 10_000
+LONGEST_LINE = 10**6  # bytes
 WHITE_LINE = re.compile(rb"^[ \t]+(?=\r?$)", re.MULTILINE)
 WHITE = re.compile(rb"[ \t\v\f]+")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -52,7 +54,12 @@ def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
     separator = text.separator or _separator(data)
     white = separator == " "
     if white:
-        data = b"\n".join(WHITE.sub(b"\t", line.strip()) for line in data.split(b"\n"))
+        lines = data.split(b"\n")
+        if (longest := max(map(len, lines))) > LONGEST_LINE:
+            raise RecordingError(
+                f"{path}: got a line of {longest} bytes, expected at most {LONGEST_LINE}"
+            )
+        data = b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines)
         separator = "\t"
     free = Layout(data, separator, ".", [], 0, 0, 0, text.names)
     head = list(islice(cells(path, free), SAMPLE_LINES))
@@ -63,6 +70,8 @@ def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
         raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
     titles = [row for _, row in head[preamble:before]]
     width = len(titles[0]) if titles else len(head[before][1])
+    if width > MOST_COLUMNS:
+        raise RecordingError(f"{path}: got {width} columns, expected at most {MOST_COLUMNS}")
     if not titles and commented is not None and not text.names:
         words = _cut(commented, separator)
         words = commented.split() if len(words) != width else words

@@ -31,8 +31,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             "recording"
         )
     sources = []
-    with bounded(path, EXPECTED):
-        topics = ULog(str(path)).data_list
+    with bounded(path, EXPECTED), path.open("rb") as file:  # pyulog leaves a bad file open
+        topics = ULog(file).data_list
         check_size(path, sum(len(column) for topic in topics for column in topic.data.values()))
         for topic in topics:
             columns: dict[str, Array | TextArray] = {
