@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar, get_args, get_type_hints
 
+import lazy_loader
 import typer
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner import compare
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
@@ -25,6 +25,10 @@ from seatrial.runner.database.mask import styled
 from seatrial.runner.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage
+
+# By name: they take their requests from here.
+results = lazy_loader.load("seatrial.runner.compare.results", suppress_warning=True)
+runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
@@ -155,8 +159,9 @@ def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]
 
 def _run_numbers(incomplete: str) -> list[tuple[str, str]]:
     """Return the numbers of the newest runs in the default folder; none if it cannot be read."""
-    with suppress(SeatrialError), compare.results.open_results(DEFAULT_DATABASE) as results:
-        return compare.runs.numbers(results, incomplete)
+    with suppress(SeatrialError), results.open_results(DEFAULT_DATABASE) as opened:
+        numbers: list[tuple[str, str]] = runs.numbers(opened, incomplete)
+        return numbers
     return []
 
 

@@ -137,9 +137,8 @@ def sweep(
     Parameters
     ----------
     trials
-        Options with several values, as on the command line: `["identifier=ls,plsr",
-        "seed=range(0,5)"]` are ten trials. A mapping is a set of options that change together, like
-        `--variant`: `[{"identifier": "ls"}, {"identifier": "plsr", "seed": 1}]`.
+        Options with several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten trials.
+        A mapping is a set of options that change together, like `--variant`.
     launcher
         basic (one after the other), joblib (all cores), submitit_slurm, ...
     name
