@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
-import lazy_loader
 import typer
 
 from seatrial.models.errors import SeatrialError
@@ -26,9 +25,14 @@ from seatrial.runner.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage
 
-# By name: they take their requests from here.
-results = lazy_loader.load("seatrial.runner.compare.results", suppress_warning=True)
-runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
+if TYPE_CHECKING:
+    results: Any
+    runs: Any
+else:  # by name: they take their requests from here
+    import lazy_loader
+
+    results = lazy_loader.load("seatrial.runner.compare.results", suppress_warning=True)
+    runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 app = typer.Typer(
