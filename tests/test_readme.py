@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -35,21 +36,10 @@ def test_the_table_of_vessels_is_what_its_command_prints() -> None:
 def test_every_number_of_a_vessel_has_a_source(name: str) -> None:
     """Each entry of its YAML that holds a number, and no other, is named under `sources`."""
     vessel = parameters_of(name)
-    # `prime` are the scales of the derivatives, whose source names the system
-    without = (
-        "name",
-        "dofs",
-        "coriolis",
-        "attitude",
-        "integrator",
-        "parameters",
-        "sources",
-        "prime",
-    )
-    held = {field: value for field, value in vars(vessel).items() if field not in without}
+    without = ("name", "dofs", "coriolis", "attitude", "integrator", "parameters", "sources")
+    names = [field.name for field in fields(vessel) if field.name not in without]
+    held = {name: getattr(vessel, name) for name in names}
     given = {field for field, value in held.items() if value and value != Tuning()}
-    if vessel.plant_scale == 1.0:  # unless the file says so
-        given -= {"plant_scale"} - set(vessel.sources)
     assert set(vessel.sources) == given
     assert all(len(source) > 5 for source in vessel.sources.values())
 

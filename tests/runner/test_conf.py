@@ -15,10 +15,18 @@ from tests.trials import composed
 
 # An option that only works beside others, and those.
 STEERED = ["vessel=kvlcc2", "controller=none", "evaluation=none"]
+HEADING = ["vessel=kvlcc2", "excitation=rudder_turn", "evaluation=none"]
+OF_HELM = (
+    *("turn", "pull_out", "zigzag", "modified_zigzag", "prbs"),
+    *("spiral", "reverse_spiral", "williamson", "crash_stop"),
+)
+BY_HELM = ("heading_changes", "path_following")  # by a controller
 NEEDS = {
     "excitation/recording": ["vessel=surge_linear", "excitation.path=surge.csv"],
-    "excitation/rudder_turn": STEERED,
-    "excitation/rudder_zigzag": STEERED,
+    **{f"excitation/{prefix}{name}": STEERED for name in OF_HELM for prefix in ("", "rudder_")},
+    **{f"excitation/{name}": ["vessel=kvlcc2", "controller=autopilot"] for name in BY_HELM},
+    **{f"evaluation/{name}": [*HEADING[:2], "controller=autopilot"] for name in BY_HELM},
+    **{f"controller/{name}": HEADING for name in ("autopilot", "mpc_heading")},
 }
 OPTIONS = sorted(
     path.relative_to(CONF).with_suffix("").as_posix()
