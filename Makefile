@@ -2,7 +2,7 @@
 # each sets up .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo robustness coverage readme published bench test slow ray abuse check clean help
+.PHONY: demo robustness coverage benchmark readme published bench test slow ray abuse check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -35,6 +35,7 @@ help:
 	@echo 'make demo    a sweep of 183 runs on the milliAmpere ferry, its tables and its figures'
 	@echo 'make robustness   every identifier on four vessels and the recordings, SEEDS=20 each; docs/identification.md'
 	@echo 'make coverage   how many true coefficients the 95 % intervals cover, COVERAGE_SEEDS=100; docs/identification.md'
+	@echo 'make benchmark   every entrant on the tasks of conf/benchmark, and their ranks'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
@@ -96,6 +97,11 @@ robustness: $(VENV)/robustness.stamp
 coverage: $(VENV)/demo.stamp
 	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write
 	$(BIN)/python docs/refresh.py docs.coverage
+
+# Tasks on outside data are left out where SEATRIAL_DATA does not hold them; what was run is kept.
+benchmark: $(VENV)/demo.stamp
+	$(BIN)/python -m runner benchmark || [ $$? -eq 1 ]
+	$(BIN)/python -m runner.compare leaderboard
 
 # The tables and the figure of README.md, made again from the demo's runs.
 readme: demo

@@ -5,11 +5,14 @@ import shlex
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner import in_process, search_path
 from seatrial.runner.compare.benchmark.cells import Cell, Lacking, cells, entrants_of, lacking
-from seatrial.runner.compare.benchmark.task import GROUP, task_of
+from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
 from seatrial.runner.console import terminal_view
 from seatrial.runner.invocation import trial_program
 
@@ -28,6 +31,23 @@ def main(words: Sequence[str]) -> int:
         for entrant, own in groupby(listed, key=lambda cell: cell.entrant):
             code = max(code, _run(f"{name}, {entrant}", list(own), options))
     return code
+
+
+def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -> None:
+    """Say where the files of a task are, and how to get those that are missing or damaged."""
+    known = task_of(task)
+    files = located(known)
+    for file in files:
+        print(f"{file.state:8} {file.path}")
+    if known.source is None:
+        print(f"{task} is simulated: there is nothing to get")
+        return
+    source = known.source
+    print(f"{source.name}\n{source.url}\nlicence: {source.licence}\n{source.get}")
+    wrong = sum(file.state != "found" for file in files)
+    if wrong:
+        print(f"{wrong} of {len(files)} files to get; folders: ${VARIABLE}, then {DATA_FOLDER}")
+        raise typer.Exit(1)
 
 
 def _run(label: str, own: Sequence[Cell], options: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from seatrial.models.recording.proposal import propose
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
 from seatrial.runner.data_convert import convert
@@ -38,6 +39,7 @@ Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
 app.command()(convert)
+app.command()(get)
 DEFAULT = CONF / "excitation" / "recording.yaml"
 WIDE = 120  # letters of a line that goes to a file
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map

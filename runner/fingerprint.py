@@ -11,13 +11,20 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.file_set import file_set
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 from seatrial.runner.plugins import targets
 from seatrial.runner.shared import once
 from seatrial.runner.vocabulary import NOT_COMPARED
+
+if TYPE_CHECKING:  # what is slow to import
+    from seatrial.models.recording import file_set
+else:
+    import lazy_loader
+
+    file_set = lazy_loader.load("seatrial.models.recording.file_set", suppress_warning=True)
 
 RUNNER = Path(__file__).parent
 COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a configuration alone
@@ -88,7 +95,7 @@ def _recordings_by_content(node: object) -> object:
         changed["path"] = _digests(files)
     if isinstance(node.get("train"), list | tuple) and node["train"]:
         try:
-            known = file_set(node["train"], node.get("test") or ())
+            known = file_set.file_set(node["train"], node.get("test") or ())
         except ConfigurationError:  # which the trial says
             return node
         changed |= {"train": _digests(known.train), "test": _digests(known.test)}

@@ -106,7 +106,7 @@ class _Sizes:
             if isinstance(at, ListConfig):
                 at = at._get_node(int(key)) if key.isdigit() and int(key) < len(at) else None
             else:
-                at = at._get_node(key) if isinstance(at, DictConfig) else None
+                at = at._get_node(key) if isinstance(at, DictConfig) and key in _keys(at) else None
         return at
 
     def _followed(self, node: Any) -> Any:

@@ -141,6 +141,8 @@ def free_parameters(
     if labels is None:
         labels = [label for label, _ in nonzero_labels(nominal, tie)]
     entries = tuple(parse_label(label, nominal) for label in labels)
+    if not (entries or nominal.devices):
+        raise ConfigurationError(f"parameters: {nominal.name} has no coefficient to identify")
     pairs = _mirrored(nominal, entries) if symmetric else {}
     entries = tuple(entry for entry in entries if entry not in pairs.values())
     for i, (dof, term) in enumerate(entries):

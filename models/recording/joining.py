@@ -123,8 +123,8 @@ def _times(channels: Mapping[str, Channel], grid: Grid) -> Array:
     most = max(len(channel.t) for channel in channels.values())
     if count > MOST_SAMPLES * most:
         raise RecordingError(
-            f"got {count:.3g} samples at {grid.rate_hz:g} Hz from {most}, expected at most "
-            f"{MOST_SAMPLES} times as many"
+            f"got {count:.3g} samples from the {most} recorded, at resample_hz={grid.rate_hz:g}; "
+            f"expected at most {MOST_SAMPLES} times as many"
         )
     return np.asarray(start + np.arange(count) / grid.rate_hz)
 

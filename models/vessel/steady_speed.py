@@ -16,6 +16,10 @@ def steady_speed(vessel: Vessel, inputs: Array, highest_m_s: float) -> float:
 
     Raises ConfigurationError if the vessel does not reach a steady speed below `highest_m_s`.
     """
+    if not vessel.inputs:
+        raise ConfigurationError(
+            f"{vessel.name} is commanded by forces, expected a vessel with inputs"
+        )
     speed = _steady(vessel, inputs, highest_m_s)
     if speed is not None:
         return speed

@@ -11,7 +11,10 @@ from tests.runner.command import Command
 from tests.runner.programs import rows
 from tests.trials import composed
 
-CONTROLLERS = sorted({path.stem for path in (CONF / "controller").glob("*.yaml")} - {"none"})
+OF_HELM = ("autopilot", "mpc_heading")  # command inputs
+CONTROLLERS = sorted(
+    {path.stem for path in (CONF / "controller").glob("*.yaml")} - {"none", *OF_HELM}
+)
 PRBS = ("excitation=prbs", "excitation.length_s=20", "sample_time_s=0.5", "integration_step_s=0.1")
 KEEPING = (*PRBS, "evaluation=station_keeping", "evaluation.duration_s=20")
 RUNS = ("excitation=constant_velocity", "excitation.run_s=1", "excitation.rest_s=1")
@@ -48,10 +51,18 @@ def test_every_vessel_with_every_controller(vessel: str) -> None:
 @pytest.mark.parametrize("vessel", STEERED)
 def test_a_vessel_with_inputs_is_refused_where_forces_are_commanded(vessel: str) -> None:
     """In one line, with every controller, for an excitation by forces on its axes."""
-    for controller in CONTROLLERS:
+    for controller in (*CONTROLLERS, *OF_HELM):
         with pytest.raises(ConfigurationError) as refusal:
             trials.check(composed(f"vessel={vessel}", f"controller={controller}", *KEEPING))
         assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("controller", OF_HELM)
+def test_a_controller_of_the_helm_refuses_a_vessel_that_is_commanded_by_forces(
+    controller: str,
+) -> None:
+    with pytest.raises(ConfigurationError, match="cybership2 is commanded by forces"):
+        trials.check(composed("vessel=cybership2", f"controller={controller}", *KEEPING))
 
 
 def test_cybership_from_its_paper_sails_with_every_controller(seatrial: Command) -> None:

@@ -57,7 +57,11 @@ def test_a_number_that_is(cell: str, seatrial: Command, path: Path) -> None:
         (3, ["identifier=none"], "got 1 samples for testing, expected at least 2"),
         (20, ["identifier=plsr"], "got 10 samples for training, expected at least 12"),
         (60, ["identifier=ls", "identifier.lowpass_hz=1.0"], "too few for a low-pass filter"),
-        (40, ["identifier=none", "excitation.resample_hz=1e9"], "3.9e+09 samples from the 40 of"),
+        (
+            40,
+            ["identifier=none", "excitation.resample_hz=1e9"],
+            "3.9e+09 samples from the 40 rec",
+        ),
     ],
 )
 def test_too_few_samples(

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.benchmark.task import Case, Located, Task, located
+from seatrial.runner.compare.benchmark.task import Case, Located, Task, located, maps_folder
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,13 @@ def cells(name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]) -> Ite
     for entrant, options in entrants.items():
         for label, case in task.cases.items():
             if label not in absent:
-                given = (*task.trial, *case.options, *_recordings(case, files), *options)
+                given = (
+                    *task.trial,
+                    *_map(task),
+                    *case.options,
+                    *_recordings(case, files),
+                    *options,
+                )
                 given += (f"horizons_s={list(task.horizons_s)}",)
                 for seed in range(case.seeds or task.seeds):
                     yield Cell(name, label, entrant, seed, (*given, f"seed={seed}"))
@@ -58,6 +64,11 @@ def lacking(task: Task) -> list[Lacking]:
         for label, case in task.cases.items()
     }
     return [Lacking(label, files) for label, files in wrong.items() if files]
+
+
+def _map(task: Task) -> Iterator[str]:
+    if task.map is not None:
+        yield f"excitation.map={maps_folder() / task.map}"
 
 
 def _recordings(case: Case, files: Mapping[str, Located]) -> Iterator[str]:

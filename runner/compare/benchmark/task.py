@@ -64,6 +64,7 @@ class Task:
     outputs: tuple[str, ...]
     source: Source | None = None  # None: simulated
     files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
+    map: str | None = None  # of the columns, a file of the folder `maps` beside the task
     seeds: int = 1
     horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -113,6 +114,11 @@ def task_of(name: str) -> Task:
         raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
     assert isinstance(task, Task)
     return task
+
+
+def maps_folder() -> Path:
+    """Folder of the maps of columns."""
+    return search_path.CONF / GROUP / "maps"
 
 
 def located(task: Task) -> list[Located]:

@@ -1,5 +1,7 @@
 """Output error: known truths, predicted against observed spread, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
@@ -102,11 +104,7 @@ def test_autocorrelated_noise_has_larger_standard_errors(identifier, make, signa
         for k in range(1, 1000):
             noise[k] = 0.95 * noise[k - 1] + 0.01 * rng.standard_normal(2)
         recording = problem.training
-        noisy = type(recording)(**{
-            **vars(recording),
-            "eta": recording.eta + noise[:, :1],
-            "nu": recording.nu + noise[:, 1:],
-        })  # fmt: skip
+        noisy = replace(recording, eta=recording.eta + noise[:, :1], nu=recording.nu + noise[:, 1:])
         for kind, one in option.items():
             problem = type(problem)(noisy, noisy, truth, None)
             found[kind].append(one.identify(problem, None))
@@ -238,10 +236,10 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
     tau = 200.0 * np.sin(t[:, None] * np.array([0.2, 0.31, 0.13]))
     still = make.forced(tau, PLANAR)
     wind = np.stack([4.0 + np.sin(0.05 * t), 3.0 * np.cos(0.03 * t)], axis=1)
-    blown = type(still)(**{**vars(still), "wind": wind})
+    blown = replace(still, wind=wind)
     states = free_run(ship + air, course_of(blown, None, None, None, 50.0), "rk4")
     eta, nu = np.split(states, 2, axis=1)
-    recording = type(still)(**{**vars(blown), "eta": eta, "nu": nu})
+    recording = replace(blown, eta=eta, nu=nu)
     option = identifier(
         "least_squares", parameters=["surge.V_qu_q", "sway.V_qv_q", "surge.u_dot"], ned_force=False
     )

@@ -24,6 +24,7 @@ def test_a_run_is_its_rows(run: st.Run) -> None:
     assert run.series_kinds == (
         "recording",
         "residual",
+        "prediction",
         "deployment_nominal",
         "deployment_identified",
     )
