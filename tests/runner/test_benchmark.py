@@ -24,7 +24,7 @@ cases:
   noise: {options: [disturbance=noise]}
 outputs: [surge]
 horizons_s: [1]
-seeds: 5
+seeds: 12
 entrants:
   none: [identifier=none]
   ls: [identifier=ls]
@@ -67,9 +67,9 @@ def test_cells_are_run_once_and_ranked(
     small(tmp_path)
     words = ["--task", "small", "--launcher", "basic"]
     assert benchmark.main(words) == 0
-    assert "small, ls: sweep 2, 6 runs: 6 finished" in capsys.readouterr().out
+    assert "small, ls: sweep 2, 13 runs: 13 finished" in capsys.readouterr().out
     assert benchmark.main(words) == 0
-    assert "6 already in the logbook" in capsys.readouterr().out
+    assert "13 already in the logbook" in capsys.readouterr().out
     (grid,) = leaderboard.leaderboards("sqlite:///results/benchmark/results.db", ["small"])
     rows = {row[0].text: row for row in grid.rows}
     assert list(rows) == ["ls", "none", *list(rows)[2:]]
@@ -87,7 +87,7 @@ def test_an_entrant_that_cannot_take_part_says_so(
     small(tmp_path)
     words = ["--task", "small", "--entrant", "linearised_twice", "--launcher", "basic"]
     assert benchmark.main(words) == 1
-    assert "small, linearised_twice: cannot take part: identifier" in capsys.readouterr().out
+    assert "small, linearised_twice: cannot take part: " in capsys.readouterr().out
 
 
 FILES = """
