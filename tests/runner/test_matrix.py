@@ -16,7 +16,7 @@ from tests.models.simulation.test_every_combination import objects
 from tests.trials import CONF, composed
 
 ROWS = 20  # instants that are sailed
-KINDS = ("surge_linear", "milliampere", "kvlcc2", "mariner", "otter", "frigate")  # one of each
+KINDS = ("surge_linear", "milliampere", "kvlcc2", "mariner")
 WHOLE = "SEATRIAL_MATRIX"  # if set: all vessels, which takes half an hour
 
 
