@@ -2,7 +2,7 @@
 
 import random
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,14 @@ from hydra import compose, initialize_config_dir
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.vessel_options import VesselOptions
 from tests.abuse.isolated import Order
 
 CONF = Path(__file__).parents[2] / "conf"
 GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
 SHORT = ("identifier=none", "evaluation=none")
+STEERED = ("vessel=kvlcc2", "excitation=rudder_turn", "controller=autopilot", *SHORT)
 # Trials that take longer than an input is worth: they are planned, not run.
 SLOW = ("auto", "dsr", "grid", "least_squares", "nsga2", "prediction_times", "mix", "operation")
 # Options that say how much there is to do, and values that would never end.
@@ -152,17 +154,25 @@ class Trial:
     sizes: tuple[str, ...]  # keys of numbers that say how much there is to do
 
 
+def _composed(
+    short: Sequence[str], group: str, name: str
+) -> tuple[tuple[str, ...], list[tuple[str, Any]]]:
+    """The overrides of a short trial with a choice, and what they resolve to."""
+    overrides = (*(one for one in short if not one.startswith(f"{group}=")), f"{group}={name}")
+    plain: Any = OmegaConf.to_container(compose("trial", list(overrides)), resolve=True)
+    return overrides, list(_leaves(VesselOptions().filled(plain)))
+
+
 def trials() -> list[Trial]:
     """A trial with each choice of each group."""
     result = []
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for group, names in choices().items():
             for name in names:
-                short = (one for one in SHORT if not one.startswith(group))
-                overrides = (*short, f"{group}={name}")
-                config = compose("trial", list(overrides))
-                plain: Any = OmegaConf.to_container(config, resolve=True)
-                leaves = list(_leaves(VesselOptions().filled(plain)))
+                try:
+                    overrides, leaves = _composed(SHORT, group, name)
+                except ConfigurationError:  # it needs a vessel with inputs, or is one
+                    overrides, leaves = _composed(STEERED, group, name)
                 numeric = tuple(key for key, value in leaves if isinstance(value, (int, float)))
                 sizes = tuple(
                     key for key in numeric if SIZE.search(key) and not key.startswith("vessel.")
