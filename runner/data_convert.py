@@ -16,7 +16,6 @@ from seatrial.runner.recording_map import with_map
 from seatrial.runner.search_path import CONF
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
-PIECE = 2**20
 File = Annotated[Path, typer.Argument(help="A file, or a folder with a file a topic.")]
 Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="The file to be written.")]
 MapFile = Annotated[
@@ -91,8 +90,5 @@ def _digests(path: Path) -> dict[str, str]:
 
 
 def _digest(path: Path) -> str:
-    total = hashlib.sha256()
     with path.open("rb") as file:
-        while piece := file.read(PIECE):
-            total.update(piece)
-    return total.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()

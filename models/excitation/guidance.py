@@ -92,6 +92,17 @@ def _sight_step(table: SightTable, state: Array, k: int, eta: Array, setpoint: A
 GUIDANCE[SightTable] = _sight_step
 
 
+def check_waypoints(waypoints: Sequence[Sequence[float]]) -> None:
+    """Raise ConfigurationError for fewer than two way-points, or two equal ones in succession."""
+    points = np.array(waypoints, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+        raise ConfigurationError("waypoints: expected at least two of (north, east)")
+    if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
+        raise ConfigurationError(
+            "waypoints: got two equal consecutive points, expected distinct ones"
+        )
+
+
 @dataclass(frozen=True)
 class LineOfSight:
     """Line-of-sight guidance through way-points (north, east) [m]; acceptance radius [m]."""
@@ -101,13 +112,7 @@ class LineOfSight:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        points = np.array(self.waypoints, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-            raise ConfigurationError("waypoints: expected at least two of (north, east)")
-        if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
-            raise ConfigurationError(
-                "waypoints: got two equal consecutive points, expected distinct ones"
-            )
+        check_waypoints(self.waypoints)
 
     def build(self, start: Array) -> tuple[SightTable, Array]:
         """Parameters and initial state of the compiled step, from a starting pose (3,)."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.guidance import Reference, ReferenceFilter
+from seatrial.models.excitation.guidance import Reference, ReferenceFilter, check_waypoints
 from seatrial.models.excitation.missions import Mission, check_fraction
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
@@ -218,13 +218,7 @@ class PathFollowing(SteeredClosedLoop):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        points = np.array(self.waypoints, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-            raise ConfigurationError("waypoints: expected at least two of (north, east)")
-        if np.min(np.hypot(*np.diff(points, axis=0).T)) == 0.0:
-            raise ConfigurationError(
-                "waypoints: got two equal consecutive points, expected distinct ones"
-            )
+        check_waypoints(self.waypoints)
 
     @property
     def duration_s(self) -> float:

@@ -1,8 +1,4 @@
-"""Columns of numbers in a text file, by their names or positions: motion of a manoeuvre.
-
-A file with commas has its names in the first line of which a column asked for is one; any other
-file has numbers between spaces or tabs, and lines that are not numbers are skipped.
-"""
+"""Columns of a recording by their names or places: motion of a manoeuvre."""
 
 import csv
 from collections.abc import Mapping
@@ -12,6 +8,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.column_map import read_table
+from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 
 DEGREES = "_deg"  # suffix of a quantity in degrees
@@ -45,11 +42,7 @@ def read_columns(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
     do not rise.
     """
     if all(column.isdigit() for column in columns.values()):
-        rows = _rows(path)
-        widest = max(int(column) for column in columns.values())
-        if not 1 <= widest <= rows.shape[1] or min(map(int, columns.values())) < 1:
-            raise RecordingError(f"{path}: got {rows.shape[1]} columns, no column {widest}")
-        values = {name: rows[:, int(column) - 1] for name, column in columns.items()}
+        values = _by_place(path, {name: int(column) for name, column in columns.items()})
     else:
         table = read_table(path, list(columns.values()))
         values = {name: table.columns[column] for name, column in columns.items()}
@@ -60,29 +53,14 @@ def read_columns(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
     return values
 
 
-def _rows(path: Path) -> Array:
-    """All lines of the most frequent number of numbers, shape (N, n_columns)."""
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror or error}") from error
-    rows: list[list[float]] = []
-    for line in lines:
-        try:
-            row = [float(cell) for cell in line.replace(",", " ").split()]
-        except ValueError:
-            continue
-        if row:
-            rows.append(row)
-    if len(rows) < 2:
-        raise RecordingError(f"{path}: got {len(rows)} lines of numbers, expected at least 2")
-    uneven = next((k for k, row in enumerate(rows) if len(row) != len(rows[0])), None)
-    if uneven is not None:
-        raise RecordingError(
-            f"{path}: got {len(rows[uneven])} numbers in row {uneven + 1} of numbers, "
-            f"expected {len(rows[0])} as in the first"
-        )
-    return np.array(rows)
+def _by_place(path: Path, places: Mapping[str, int]) -> dict[str, Array]:
+    """Columns by their numbers, counted from 1."""
+    source = next(iter(read_sources(path, ReadOptions()).values()))
+    names = list(source.columns)
+    for place in places.values():
+        if not 1 <= place <= len(names):
+            raise RecordingError(f"{path}: got {len(names)} columns, no column {place}")
+    return {name: source.numbers(names[place - 1]) for name, place in places.items()}
 
 
 def _rising(path: Path, t: Array) -> Array:

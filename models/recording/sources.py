@@ -1,14 +1,14 @@
 """Reads recordings as they are: files of any known format, and folders of them, as sources."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.formats import text_file
+from seatrial.models.recording import formats
 from seatrial.models.recording.source import ReadOptions as ReadOptions
 from seatrial.models.recording.source import Source as Source
 from seatrial.models.recording.source import TextArray as TextArray
@@ -19,48 +19,27 @@ MOST_FILES = 1000  # of a folder
 
 
 class Format(NamedTuple):
-    """How a format is recognised and read."""
+    """How a format is recognised, and the file of the folder `formats` that reads it."""
 
     suffixes: tuple[str, ...]
-    read: Callable[[Path, ReadOptions], list[Source]]
+    file: str
     package: str | None = None  # needed to read it
     extra: str = ""  # that installs the package
 
-
-# Loaded where they are used: some need packages that may not be installed.
-
-
-def _parquet(path: Path, options: ReadOptions) -> list[Source]:
-    from seatrial.models.recording.formats import parquet_file
-
-    return parquet_file.read(path, options)
-
-
-def _mat(path: Path, options: ReadOptions) -> list[Source]:
-    from seatrial.models.recording.formats import mat_file
-
-    return mat_file.read(path, options)
-
-
-def _bag(path: Path, options: ReadOptions) -> list[Source]:
-    from seatrial.models.recording.formats import ros_bag
-
-    return ros_bag.read(path, options)
-
-
-def _ulog(path: Path, options: ReadOptions) -> list[Source]:
-    from seatrial.models.recording.formats import ulog_file
-
-    return ulog_file.read(path, options)
+    def read(self, path: Path, options: ReadOptions) -> list[Source]:
+        """The sources of a file; the reader is loaded now: it may need a package."""
+        reader = import_module(f"{formats.__name__}.{self.file}")
+        sources: list[Source] = reader.read(path, options)
+        return sources
 
 
 FORMATS: dict[str, Format] = {
-    "csv": Format((".csv", ".tsv"), text_file.read),
-    "dat": Format((".dat", ".txt", ".asc"), text_file.read),
-    "parquet": Format((".parquet", ".pq"), _parquet),
-    "mat": Format((".mat",), _mat),
-    "rosbag": Format((".bag", ".db3", ".mcap"), _bag, "rosbags", "ros"),
-    "ulog": Format((".ulg", ".ulog"), _ulog, "pyulog", "ulog"),
+    "csv": Format((".csv", ".tsv"), "text_file"),
+    "dat": Format((".dat", ".txt", ".asc"), "text_file"),
+    "parquet": Format((".parquet", ".pq"), "parquet_file"),
+    "mat": Format((".mat",), "mat_file"),
+    "rosbag": Format((".bag", ".db3", ".mcap"), "ros_bag", "rosbags", "ros"),
+    "ulog": Format((".ulg", ".ulog"), "ulog_file", "pyulog", "ulog"),
 }
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 

@@ -20,7 +20,6 @@ from seatrial.runner.vocabulary import DOF_ORDER
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
 DATA_FOLDER = Path("~/.local/share/seatrial")
-CHUNK = 1 << 20  # bytes
 
 State = Literal["found", "damaged", "missing"]
 
@@ -131,13 +130,7 @@ def _located(name: str, digest: str) -> Located:
     for folder in folders:
         path = folder / name
         if path.is_file():
-            return Located(name, path, "found" if _sha256(path) == digest else "damaged")
+            with path.open("rb") as file:
+                same = hashlib.file_digest(file, "sha256").hexdigest() == digest
+            return Located(name, path, "found" if same else "damaged")
     return Located(name, folders[0] / name, "missing")
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()

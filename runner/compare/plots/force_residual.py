@@ -11,6 +11,7 @@ from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     SHADE,
     Drawing,
+    beside,
     footnote,
     headed,
     panels,
@@ -66,17 +67,9 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
         axes.plot(t, values, color=MODEL_COLOURS[model], label=label, linewidth=0.9, alpha=0.9)
         held_out = values[train == 0] if np.any(train == 0) else values
         rms = number_text(float(np.sqrt(np.mean(np.square(held_out)))), 3)
-        texts.append((model, f"rms {rms} {unit_text(series.units[f'residual_{model}_{dof}'])}"))
-    for height, (model, text) in zip((0.88, 0.06), texts, strict=False):
-        axes.text(
-            1.005,
-            height,
-            text,
-            transform=axes.transAxes,
-            color=MODEL_COLOURS[model],
-            fontsize=8.5,
-            va="center",
-        )
+        unit = unit_text(series.units[f"residual_{model}_{dof}"])
+        texts.append((f"rms {rms} {unit}", MODEL_COLOURS[model]))
+    beside(axes, texts)
     shade(axes, t, train)
     axes.set_ylabel(with_unit(dof.capitalize(), series.units[f"residual_nominal_{dof}"]))
     axes.margins(x=0)

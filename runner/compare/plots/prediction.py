@@ -12,6 +12,7 @@ from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     REFERENCE,
     Drawing,
+    beside,
     footnote,
     headed,
     panels,
@@ -70,11 +71,7 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
     axes.set_ylim(
         *np.clip(axes.get_ylim(), np.min(measured) - margin, np.max(measured) + margin).tolist()
     )
-    for height, (_, values, colour) in zip((0.88, 0.06), lines[1:], strict=False):
-        axes.text(
-            1.005, height, f"FIT {fit_text(measured, values)}", transform=axes.transAxes,
-            color=colour, fontsize=8.5, va="center",
-        )  # fmt: skip
+    beside(axes, [(f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]])
     axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
     axes.margins(x=0)
 

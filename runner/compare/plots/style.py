@@ -201,6 +201,14 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     )
 
 
+def beside(axes: Axes, texts: Sequence[tuple[str, str]]) -> None:
+    """Write up to two texts, each with its colour, at the right of a panel."""
+    for height, (text, colour) in zip((0.88, 0.06), texts, strict=False):
+        axes.text(
+            1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
+        )
+
+
 def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
     given = _GIVEN.get()
