@@ -24,7 +24,8 @@ TABLE = "Time,position_x,surge_vel,force_x\n" + "".join(
     f"{0.1 * k:.10g},0,1,2\n" for k in range(50)
 )
 RUNNING = f"""
-import contextlib, io, json, resource, sys
+import contextlib, io, json, re, resource, sys
+from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, ({ADDRESSES}, {ADDRESSES}))
 from seatrial.runner.__main__ import main
 for path in sys.argv[1:]:
@@ -32,7 +33,9 @@ for path in sys.argv[1:]:
     sys.argv = ["seatrial", "data", "convert", path, "out.parquet", "--dofs", "surge"]
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         code = main()
-    most = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # not ru_maxrss, which begins at that of the process that started this one
+    status = Path("/proc/self/status").read_text()
+    most = 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", status)[1])
     print(json.dumps([path, code, said.getvalue(), most]), flush=True)
 """
 
