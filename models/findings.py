@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 # 1: the standard errors are of the estimate only, which may be biased; 0: of the coefficient.
 INTERVAL_OF_ESTIMATE = "interval_of_estimate"
+TRAINING_TIME = "training_time"  # wall-clock time of the identification, machine code included
 
 
 @dataclass(frozen=True)

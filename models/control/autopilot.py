@@ -121,9 +121,9 @@ class SteeringController(Controller):
     def steered(self, model: Model) -> SteeringModel:
         """The believed model linearised at the commanded speed."""
         table = table_of(model)
-        if self.helm not in self.input_names or not {"surge", "yaw"} <= set(table.dofs):
+        if self.helm not in self.input_names or "yaw" not in table.dofs:
             raise ConfigurationError(
-                f"controller.helm: got {self.helm}, expected a vessel in surge and yaw with that "
+                f"controller.helm: got {self.helm}, expected a vessel in yaw with that "
                 f"input, got {', '.join(self.input_names) or 'no inputs'} in "
                 f"{', '.join(table.dofs)}"
             )
@@ -162,13 +162,15 @@ class Autopilot(SteeringController):
         linear = self.steered(model)
         helm, (kp, ki, kd) = self.index, self.gains(linear)
         gain, time = linear.nomoto(helm)
-        shaft = self.input_names.index(self.shaft) if self.shaft in self.input_names else -1
+        steams = self.shaft in self.input_names and "surge" in linear.dofs
+        shaft = self.input_names.index(str(self.shaft)) if steams else -1
+        surge = linear.dofs.index("surge") if "surge" in linear.dofs else 0  # not used without it
         speed_kp, speed_ki = self._speed_gains(linear, shaft)
         rates = [np.inf if rate is None else rate for rate in self.input_rates]
         base = self.base
         table = AutopilotTable(
             base, np.array(self.input_low), np.array(self.input_high), period_s * np.array(rates),
-            helm, shaft, linear.dofs.index("yaw"), linear.dofs.index("surge"), kp, ki, kd, gain,
+            helm, shaft, linear.dofs.index("yaw"), surge, kp, ki, kd, gain,
             time, self.feedforward, self.speed_m_s, speed_kp, speed_ki,
             self.omega if self.integral else 0.0, period_s,
         )  # fmt: skip

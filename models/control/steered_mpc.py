@@ -1,12 +1,15 @@
 """Model predictive control of the heading on the linearised steered model.
 
-x = (v, r, psi) moves by the believed model linearised ahead at the commanded speed, discretised at
-the controller's period. The unknowns are increments of the helm over the horizon,
+x = (v, r, psi, delta) moves by the believed model linearised ahead at the commanded speed,
+discretised at the controller's period, with the lag of the helm if it has one. The unknowns are
+increments of the commanded helm over the horizon,
 
-    min sum Q (psi - psi_d)^2 + P (Delta delta / limit)^2
+    min sum Q ((psi - psi_d)^2 + (T_d r)^2) + P (Delta delta / limit)^2
 
-within the limit of the helm and of its rate. Increments give integral action: a constant moment or
-current leaves no error. Bargouth (2022), section 3.6.4, with the helm in place of the forces.
+within the limit of the helm and of its rate. With T_d = 0 a step of the course overshoots, as it
+does for any quadratic cost of the heading alone. Increments give integral action: a constant
+moment or current leaves no error. Bargouth (2022), section 3.6.4, with the helm in place of the
+forces.
 """
 
 from dataclasses import dataclass
@@ -20,7 +23,7 @@ from seatrial.models.control.horizon import Horizon, Solver, increments, unconst
 from seatrial.models.control.linear_design import closed_loop_radius
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.ranges import Positive, PositiveInt
+from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array, Codes
@@ -36,6 +39,7 @@ class SteeredMpcTable(NamedTuple):
     yaw: int
     moving: Codes  # indices of sway and yaw rate
     limit: float
+    decay: float  # of the lag of the helm over a period; 0: none
     steps: int
     every: int
     solver: Solver
@@ -45,7 +49,8 @@ class SteeredMemory(NamedTuple):
     """State of the step."""
 
     last: Array  # (n,) state at the last command
-    share: Array  # (1,) helm over its limit
+    share: Array  # (1,) commanded helm over its limit
+    helm: Array  # (1,) helm over its limit, by its lag
     instant: Codes  # (1,)
     failures: Codes  # (1,)
 
@@ -56,19 +61,20 @@ def _step(
 ) -> None:  # fmt: skip
     """The first of the best increments; if the problem has no solution, the last helm."""
     if past.instant[0] % mpc.every == 0:
-        now = np.append(nu[mpc.moving], eta[mpc.yaw])
+        n = len(mpc.moving)
+        now = np.concatenate([nu[mpc.moving], [eta[mpc.yaw]], past.helm])[: len(past.last)]
         if past.instant[0] == 0:
             past.last[:] = now
-        error = wrap(np.array([eta_d[mpc.yaw] - past.last[-1]]))
-        theta = np.concatenate(
-            [now - past.last, [0.0], np.tile(error, mpc.steps), np.zeros(mpc.steps), past.share]
-        )
+        error = wrap(np.array([eta_d[mpc.yaw] - past.last[n]]))
+        wanted = np.tile([error[0], 0.0], mpc.steps)  # of the heading and of its rate
+        theta = np.concatenate([now - past.last, [0.0], wanted, np.zeros(mpc.steps), past.share])
         z = mpc.solver.solve(theta)
         if z is None:
             past.failures[0] += 1
         else:
             past.share[:] = np.clip(past.share + z[:1], -1.0, 1.0)
         past.last[:] = now
+        past.helm[:] = past.share + mpc.decay * (past.helm - past.share)
     tau[:] = mpc.base
     tau[mpc.helm] = mpc.limit * past.share[0]
     tau_fb[:] = tau
@@ -83,14 +89,17 @@ class SteeredMpc(SteeringController):
     """Model predictive control of the heading by the input `helm`.
 
     `horizon` samples of `interval` L / U at the commanded speed are predicted. An error of the
-    heading of `error_deg` costs as much as an increment of `change` of the helm's limit.
+    heading of `error_deg` costs as much as an increment of `change` of the helm's limit,
+    and as a yaw rate that changes the heading as much in `damping` L / U.
     """
 
     horizon: PositiveInt = 40
     interval: Positive = 0.1
     error_deg: Positive = 5.0
     change: Positive = 0.2
+    damping: NotNegative = 1.0
     input_rates: Annotated[tuple[float | None, ...], FromVessel("input_rates")]
+    input_lags: Annotated[tuple[float | None, ...], FromVessel("input_lags")]
 
     def command_rows(self, period_s: float) -> int:
         """Number of loop instants between two commands."""
@@ -110,35 +119,50 @@ class SteeredMpc(SteeringController):
             )
         return min(-low, high)
 
+    @property
+    def lag_s(self) -> float | None:
+        """Time constant of the helm [s]; None: it follows at once."""
+        return self.input_lags[self.index]
+
     def problem(self, model: Model, period_s: float) -> Horizon:
         """The optimal control problem at a loop period [s]."""
         linear = self.steered(model)
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
-        n, own = len(rows), self.command_rows(period_s) * period_s
-        A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 1))
-        A[:n, :n], B[:n, 0] = linear.A[np.ix_(rows, rows)], self.limit * linear.B[rows, self.index]
-        A[n, n - 1] = 1.0
-        heading = np.eye(n + 1)[-1:]
-        D = np.zeros((1, 1))
+        n, own, lag = len(rows), self.command_rows(period_s) * period_s, self.lag_s
+        states = n + 1 if lag is None else n + 2
+        A, B = np.zeros((states, states)), np.zeros((states, 1))
+        by_helm = self.limit * linear.B[rows, self.index]
+        A[:n, :n], A[n, n - 1] = linear.A[np.ix_(rows, rows)], 1.0
+        if lag is None:
+            B[:n, 0] = by_helm
+        else:
+            A[:n, n + 1], A[n + 1, n + 1], B[n + 1, 0] = by_helm, -1.0 / lag, 1.0 / lag
+        heading, D = np.eye(states)[n : n + 1], np.zeros((1, 1))
         continuous = StateSpace(A, B, heading, D, None, inputs=(self.helm,), outputs=("psi",))
         design = continuous.discretised(own).with_integral_action()
-        Q = np.array([[1.0 / np.radians(self.error_deg) ** 2]])
+        rate_of = np.eye(states + 1)[n : n + 1] / own  # increment of the heading over a period
+        damping_s = self.damping * self.length_m / self.speed_m_s
+        Q = np.diag([1.0, damping_s**2]) / np.radians(self.error_deg) ** 2
         P = np.array([[1.0 / self.change**2]])
         rate = self.input_rates[self.index]
         largest = None if rate is None else np.array([rate * own / self.limit])
-        return Horizon(design.A, design.B, design.C, Q, P, self.horizon, largest)
+        C = np.vstack([design.C, rate_of])
+        return Horizon(design.A, design.B, C, Q, P, self.horizon, largest)
 
     def build(self, model: Model, period_s: float) -> tuple[SteeredMpcTable, SteeredMemory]:
         """Parameters and initial state of the step, which runs in Python."""
         problem, linear = self.problem(model, period_s), self.steered(model)
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
+        every, lag = self.command_rows(period_s), self.lag_s
+        decay = 0.0 if lag is None else float(np.exp(-every * period_s / lag))
         table = SteeredMpcTable(
-            self.base, self.index, linear.dofs.index("yaw"), np.array(rows), self.limit,
-            self.horizon, self.command_rows(period_s), Solver(increments(problem)),
+            self.base, self.index, linear.dofs.index("yaw"), np.array(rows), self.limit, decay,
+            self.horizon, every, Solver(increments(problem)),
         )  # fmt: skip
         counts = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
         share = self.base[self.index : self.index + 1] / self.limit
-        return table, SteeredMemory(np.zeros(len(rows) + 1), share, *counts)
+        states = len(rows) + (1 if lag is None else 2)
+        return table, SteeredMemory(np.zeros(states), share, share.copy(), *counts)
 
     def failures(self, state: SteeredMemory) -> int:
         """Number of commands for which the problem had no solution."""

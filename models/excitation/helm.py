@@ -124,10 +124,10 @@ class SteeredMission(Mission):
         return np.array(self.input_start, dtype=np.float64)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError unless the vessel has the helm, surge and yaw."""
-        if self.helm not in self.input_names or not {"surge", "yaw"} <= set(dofs):
+        """Raise ConfigurationError unless the vessel has the helm, and yaws."""
+        if self.helm not in self.input_names or "yaw" not in dofs:
             raise ConfigurationError(
-                f"helm: needs a vessel in surge and yaw with an input {self.helm}, got inputs "
+                f"helm: needs a vessel in yaw with an input {self.helm}, got inputs "
                 f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
             )
 

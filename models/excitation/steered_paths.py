@@ -12,7 +12,7 @@ section 12.5. Lengths are in ship lengths, times in L / U.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference, ReferenceFilter, check_waypoints
 from seatrial.models.excitation.missions import Mission, check_fraction
+from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable
@@ -138,6 +139,8 @@ class SteeredClosedLoop(Mission):
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
     train_fraction: float = 0.5
 
+    needed: ClassVar[tuple[str, ...]] = PLANAR  # degrees of freedom
+
     def __post_init__(self) -> None:
         check_ranges(self)
         check_fraction(self.train_fraction)
@@ -171,10 +174,10 @@ class SteeredClosedLoop(Mission):
         return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError unless the vessel moves in surge, sway and yaw by inputs."""
-        if not self.input_names or not {"surge", "sway", "yaw"} <= set(dofs):
+        """Raise ConfigurationError unless the vessel moves as needed by inputs."""
+        if not self.input_names or not {*self.needed} <= {*dofs}:
             raise ConfigurationError(
-                "a course needs a vessel in surge, sway and yaw with inputs, got "
+                f"a course needs a vessel in {', '.join(self.needed)} with inputs, got "
                 f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
             )
 
@@ -185,6 +188,8 @@ class HeadingChanges(SteeredClosedLoop):
 
     headings_deg: tuple[float, ...]
     hold_lengths: Positive
+
+    needed: ClassVar[tuple[str, ...]] = ("yaw",)
 
     def __post_init__(self) -> None:
         if not self.headings_deg:

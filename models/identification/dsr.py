@@ -261,7 +261,7 @@ class Dsr(Identifier):
             return alternatives[0], []
         chosen = select_variant(
             data.y, data.u, self.L, self.J, order, alternatives, stable=self.stable,
-            stretch=data.stretch,
+            stretch=data.stretch, file=data.file,
         )  # fmt: skip
         return (chosen.variant, chosen.feedthrough), chosen.findings()
 

@@ -27,7 +27,7 @@ from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.derivatives import coriolis, without_munk_moment
-from seatrial.models.vessel.devices.device import with_parameters
+from seatrial.models.vessel.devices.device import Device, with_parameters
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.models.weather.disturbance import ConstantForce
 
@@ -78,8 +78,12 @@ class FreeParameters:
         model = nominal + self.residual(point)
         if not len(self.places):
             return model
+        return replace(model, devices=self.devices(point))
+
+    def devices(self, point: Array) -> dict[str, Device]:
+        """The devices with the parameters of a design point (m,)."""
         values = self.device_parameters(point[None])[:, 0].tolist()
-        return replace(model, devices=with_parameters(nominal.devices, values))
+        return with_parameters(self.nominal.devices, values)
 
     def device_errors(self, errors: Array) -> dict[str, float]:
         """Standard errors of the devices' parameters by label, of those of all (m,)."""

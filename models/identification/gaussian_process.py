@@ -51,6 +51,7 @@ from seatrial.models.identification.residual import (
 )
 from seatrial.models.identification.velocity_projection import Projection, of_velocities
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT
+from seatrial.models.recording.recording import blocks as blocks_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -176,7 +177,8 @@ class GaussianProcess(ResidualOptions):
         """Residual tables of all samples and without each block, (1 + folds, n_terms, n_dof)."""
         findings: tuple[Finding, ...] = ()
         terms, dofs = data.samples.terms, nominal.dofs
-        none = np.zeros((1 + self.folds, len(terms), len(dofs)))
+        parts = blocks_of(len(data.samples), self.folds, data.samples.file)
+        none = np.zeros((1 + len(parts), len(terms), len(dofs)))
         alone, process = none.copy(), none.copy()
         projection = Projection.of(Vessel("terms", dofs, terms, none[0]), data)
         for k, dof in enumerate(dofs):

@@ -14,6 +14,7 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import UNUSABLE, Blocks, LeftOut
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.spread import TableSpread
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -43,7 +44,7 @@ def guarded_by(models: Sequence[Vessel], blocks: Blocks, result: Identified) -> 
     if not blocks.axes:
         return result
     try:
-        reference = blocks.errors([nominal] * blocks.folds)
+        reference = blocks.errors([nominal] * len(blocks.left_out))
     except UNUSABLE:
         return result
     lost: list[int] = []
@@ -93,5 +94,6 @@ def with_nominal_axes(
         model=nominal + residual,
         residual=residual,
         std_error=None if result.std_error is None else without(result.std_error, np.nan),
+        spread=result.spread if isinstance(result.spread, TableSpread) else None,
         findings=(*result.findings, *(Finding(finding, dofs[k], 1.0) for k in axes)),
     )

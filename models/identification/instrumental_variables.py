@@ -39,6 +39,7 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.simulated_motion import simulated_motion
+from seatrial.models.identification.spread import table_spread
 from seatrial.models.identification.uncertainty import (
     ErrorKind,
     block_bootstrap,
@@ -135,6 +136,13 @@ class Estimate:
         full[list(self.kept)] = values
         return full
 
+    @property
+    def covariance(self) -> Array:
+        """Covariance (n_terms, n_terms) of the coefficients of an equation, up to a factor."""
+        full = np.zeros((len(self.samples.terms), len(self.samples.terms)))
+        full[np.ix_(self.kept, self.kept)] = self.solution.share.T @ self.solution.share
+        return full
+
     def residual(self, dofs: tuple[str, ...]) -> Vessel:
         """The residual table."""
         return Vessel("residual", dofs, self.samples.terms, self.table(self.solution.theta, 0.0))
@@ -223,11 +231,12 @@ class InstrumentalVariables(ResidualOptions):
         residual = estimate.residual(problem.nominal.dofs)
         if self.inertia_factor is None:
             _check_inertia(problem.nominal + residual)
-        errors = None
+        errors, spread = None, None
         if not problem.compared:
             errors = estimate.table(self._errors(estimate, rng), np.nan)
+            spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
         findings = (*findings, *estimate.findings)
-        result = Identified(problem.nominal + residual, residual, errors, findings)
+        result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
         return finished(self, problem, lag, estimate.samples, result)
 
     def demands(self, extent: Extent) -> list[Demand]:

@@ -8,7 +8,7 @@ posterior mean of b and w is a ridge regression on all samples: Quinonero-Candel
 noise counts for tau samples as for one, see `structured`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from seatrial.models.identification.structured import inflation
 from seatrial.models.recording.recording import blocks
 from seatrial.models.vessel.basis import Array
 
+ALL = (slice(None),)
 LONGEST = 20_000  # samples in the posterior mean; of a longer recording every so many-th
 ROUNDING = 1e-13  # least noise, relative to the mean square of the features
 ROUNDS = 10  # of the noise that the base leaves
@@ -72,7 +73,7 @@ class ProcessData:
     def unexplained(self, base: Base, k: int) -> Array:
         """What the base alone leaves of the lack of fit of a degree of freedom, (N,)."""
         y, features = self.samples.epsilon[:, k], self.samples.phi[:, base.rows] * base.size
-        return np.asarray(y - features @ without_process(features, y, 1)[:, 0])
+        return np.asarray(y - features @ without_process(features, y, ALL)[:, 0])
 
     def posterior(self, prior: Prior, base: Base, k: int, folds: int) -> Posterior:
         """The posterior mean of a degree of freedom from all samples, at most `LONGEST`.
@@ -81,20 +82,19 @@ class ProcessData:
         covariance with the inducing points after a Cholesky factor of their own.
         """
         step = -(-len(self.samples) // LONGEST)
+        file = self.samples.file
+        parts = blocks(len(self.samples.phi[::step]), folds, None if file is None else file[::step])
         y = self.samples.epsilon[::step, k]
         K = prior.covariance(self.inducing, self.inducing)
         L = np.linalg.cholesky(K + JITTER * np.mean(np.diag(K)) * np.eye(len(K)))
         process = scipy.linalg.solve_triangular(L, self._columns(prior, step).T, lower=True).T
         features = np.hstack([self.samples.phi[::step, base.rows] * base.size, process])
         noise, n = prior.noise * prior.size**2, len(base.rows)
-        noise *= inflation((y - features @ regress(features, y, noise, 1)[:, 0])[:, None])
-        weights = regress(features, y, noise, folds)
-        rests = [
-            y[part] - features[part] @ w
-            for part, w in zip(blocks(len(y), folds), weights.T[1:], strict=True)
-        ]
+        noise *= inflation((y - features @ regress(features, y, noise, ALL)[:, 0])[:, None])
+        weights = regress(features, y, noise, parts)
+        rests = [y[part] - features[part] @ w for part, w in zip(parts, weights.T[1:], strict=True)]
         left_out, power = float(np.sum(np.concatenate(rests) ** 2)), float(np.sum(y**2))
-        alone = without_process(features[:, :n], y, folds)
+        alone = without_process(features[:, :n], y, parts)
         return Posterior(
             base.size[:, None] * alone,
             base.size[:, None] * weights[:n],
@@ -109,25 +109,24 @@ class ProcessData:
         return np.hstack([self.smooth(prior.covariance(self.nu, p))[::step] for p in parts])
 
 
-def regress(features: Array, y: Array, noise: float, folds: int) -> Array:
+def regress(features: Array, y: Array, noise: float, parts: Sequence[slice]) -> Array:
     """Weights of features (N, p) with a prior variance of one: of all samples and without a block.
 
-    `noise` is the variance of y (N,). The result has shape (p, 1 + folds); one fold: (p, 1).
+    `noise` is the variance of y (N,). The result has shape (p, 1 + n_parts); one part: (p, 1).
     """
-    parts = blocks(len(y), folds)
     grams = np.array([features[part].T @ features[part] for part in parts])
     sides = np.array([features[part].T @ y[part] for part in parts])
     G, g = np.sum(grams, axis=0), np.sum(sides, axis=0)
     prior = max(noise, ROUNDING * float(np.trace(G))) * np.eye(len(g))
-    kept = [(G - A, g - b) for A, b in zip(grams, sides, strict=True)] if folds > 1 else []
+    kept = [(G - A, g - b) for A, b in zip(grams, sides, strict=True)] if len(parts) > 1 else []
     solved = [scipy.linalg.solve(A + prior, b, assume_a="pos") for A, b in [(G, g), *kept]]
     return np.stack(solved, axis=1)
 
 
-def without_process(features: Array, y: Array, folds: int) -> Array:
+def without_process(features: Array, y: Array, parts: Sequence[slice]) -> Array:
     """Weights as of `regress`, with the noise that they leave unexplained."""
     rest = y
     for _ in range(ROUNDS):
         noise = float(np.mean(rest**2)) * inflation(rest[:, None])
-        rest = y - features @ regress(features, y, noise, 1)[:, 0]
-    return regress(features, y, noise, folds)
+        rest = y - features @ regress(features, y, noise, ALL)[:, 0]
+    return regress(features, y, noise, parts)

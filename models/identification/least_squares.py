@@ -34,6 +34,7 @@ from seatrial.models.identification.residual import (
     ned_table,
     thruster_of,
 )
+from seatrial.models.identification.spread import TableSpread, table_spread
 from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive
@@ -101,7 +102,8 @@ class LeastSquares(ResidualOptions):
             shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
             errors = np.vstack([errors, shares])
             findings += ned_findings(fitted.shared, f_errors)
-        result = Identified(problem.nominal + residual, residual, errors, findings)
+        spread = None if problem.compared or self.ned_force else spread_of(fitted)
+        result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
         return finished(self, problem, lag, samples, result)
 
     def demands(self, extent: Extent) -> list[Demand]:
@@ -181,6 +183,12 @@ class Ridge(LeastSquares):
             findings.append(Finding("ridge_penalty", dof, value / n))
             findings.append(Finding("effective_parameters", dof, part.parameters(value)))
         return np.array(penalties), tuple(findings)
+
+
+def spread_of(fitted: LinearFit) -> TableSpread:
+    """The distribution of a table without shared unknowns."""
+    gains = [part.gains(float(p)) for part, p in zip(fitted.parts, fitted.penalties, strict=True)]
+    return table_spread([gain.T @ gain for gain in gains], fitted.rest)
 
 
 def gcv(part: Decomposition, target: Array, penalties: Array) -> Array:

@@ -36,9 +36,20 @@ from seatrial.models.identification.output_error import (
     fit_through,
 )
 from seatrial.models.identification.physical_bounds import active_bounds
-from seatrial.models.identification.prediction_fit import Errors, Uncertainty
+from seatrial.models.identification.prediction_fit import (
+    Errors,
+    Uncertainty,
+    covariance_findings,
+)
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import FEWEST, Identified, Identifier, Problem
+from seatrial.models.identification.problem import (
+    FEWEST,
+    Identified,
+    Identifier,
+    Problem,
+    Spread,
+)
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.validation import RESTART_S
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.vessel.basis import Array
@@ -210,6 +221,7 @@ class Nsga2(PredictionOptions):
         findings = front_findings(predictor, objectives, result)
         findings.append(Finding("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
         point, errors, own = result.points[chosen], None, dict[str, float]()
+        spread: Spread | None = None
         if self.polish is not None:
             box = (space.lower, space.upper)
             start = self._better_start(problem, point, np.clip(predictor.free.values, *box))
@@ -219,14 +231,18 @@ class Nsga2(PredictionOptions):
             condition = check_determined(predictor, fit_result)
             step_s, free = predictor.course.step_s, predictor.free
             errors, own, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
-            findings += [Finding("condition_number", "all", condition), *covariance]
+            findings.append(Finding("condition_number", "all", condition))
+            findings += covariance_findings(free, covariance)
             findings += fit_findings(predictor, fit_result)
             point = fit_result.point
+            spread = ParameterSpread(problem.nominal, free, point, covariance)
         findings += objective_findings(objectives, point)
         findings += active_bounds(predictor.free, point, (space.lower, space.upper))
         residual = predictor.free.residual(point)
         model = predictor.free.model(problem.nominal, point)
-        return Identified(model, residual, errors, tuple(findings), device_errors=own)
+        return Identified(
+            model, residual, errors, tuple(findings), device_errors=own, spread=spread
+        )
 
     def _better_start(self, problem: Problem, chosen: Array, believed: Array) -> Array:
         """The chosen point (m,), or the believed one if that predicts better over `RESTART_S`.

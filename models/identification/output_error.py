@@ -10,22 +10,29 @@ one over a short horizon has few. So the model is fitted with horizons of growin
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
+from seatrial.models.identification.file_bootstrap import errors_of_replicates, file_bootstrap
+from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.identification.outputs import check_outputs
 from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Fit,
     InitialState,
     Uncertainty,
+    covariance_findings,
     fit,
+    smoothed_starts,
 )
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.spread import ParameterSpread, ReplicateSpread
 from seatrial.models.identification.uncertainty import long_run_share
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Array
@@ -45,10 +52,11 @@ def check_determined(predictor: Predictor, fit_result: Fit) -> float:
     by less than SINGULAR of their spread. Raises IdentificationError with the names of the
     parameters when the predictions do not determine them.
     """
-    rows = np.tile(fit_result.sigma / predictor.spread, len(fit_result.rest))
+    relative = fit_result.sigma / predictor.compared_spread
+    rows = np.broadcast_to(relative, fit_result.rest.shape).ravel()
     jacobian = fit_result.jacobian * rows[:, None]
     if np.any(fit_result.precision > 0.0):  # of a prior, in the same scale
-        scale = np.median(fit_result.sigma / predictor.spread)
+        scale = np.median(relative)
         jacobian = np.vstack([jacobian, scale * np.diag(np.sqrt(fit_result.precision))])
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
@@ -74,12 +82,14 @@ class OutputError(PredictionOptions):
     """Least squares on the free-run prediction, starting from the nominal parameters.
 
     The fit uses the `horizons` (samples), then `horizon`. `sigma` are the standard deviations of
-    the measured poses and velocities (null: from the residuals). `initial_state: estimated` also
-    estimates the initial states of the predictions. A prior adds sum_i ((p_i - p_0i) / s_i)^2,
-    times the number of samples that say as much as one independent sample (`structured.inflation`)
-    where sigma is estimated. `errors` selects standard errors for `white`
-    or autocorrelated (`stationary`, `hac`) noise; `bootstrap`, if set, is the number of replicates
-    of a block bootstrap to use instead.
+    the measured poses and velocities (null: from the residuals). Instead, `outputs` are the weights
+    of what is compared, each divided by its standard deviation in its file (`outputs.py`); the
+    prior then counts beside such residuals as it is. `initial_state: estimated` also estimates the
+    initial states of the predictions, `smoothed` takes smoothed measured ones. A prior adds
+    sum_i ((p_i - p_0i) / s_i)^2, times the number of samples that say as much as one independent
+    sample (`structured.inflation`) where sigma is estimated. `errors` selects standard errors for
+    `white` or autocorrelated (`stationary`, `hac`) noise; `bootstrap`, if set, is the number of
+    replicates of a bootstrap to use instead, of blocks or, by `resample`, of the files trained on.
     """
 
     horizons: tuple[int, ...]
@@ -88,11 +98,18 @@ class OutputError(PredictionOptions):
     errors: Errors
     bootstrap: int | None
     block_s: float
+    outputs: dict[str, float] | None = None
+    resample: Literal["blocks", "files"] = "blocks"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_horizons(self.horizons)
         Uncertainty(self.errors, self.bootstrap, self.block_s)
+
+    @property
+    def output_weights(self) -> dict[str, float] | None:
+        """The option `outputs`."""
+        return self.outputs
 
     @property
     def interval_covers(self) -> bool:
@@ -105,6 +122,8 @@ class OutputError(PredictionOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for parameters, bounds or sigma that do not fit the vessel."""
         self.unknowns(nominal)
+        if self.outputs is not None:
+            check_outputs(self.outputs, nominal)
         states = 2 * len(nominal.dofs)
         if self.sigma is not None and len(self.sigma) != states:
             raise ConfigurationError(
@@ -121,19 +140,41 @@ class OutputError(PredictionOptions):
         predictor, fit_result = self.fitted(problem)
         condition = check_determined(predictor, fit_result)
         residual = predictor.free.residual(fit_result.point)
-        uncertainty = Uncertainty(self.errors, self.bootstrap, self.block_s)
-        errors, own, covariance = uncertainty.of(
-            predictor.free, fit_result, predictor.course.step_s, rng
-        )
-        findings = [Finding("condition_number", "all", condition), *covariance]
-        findings += fit_findings(predictor, fit_result)
         box = self.box(predictor.free, problem.training)
+        points = self.replicates(problem, predictor.free, fit_result, box, rng)
+        if points is None:
+            uncertainty = Uncertainty(self.errors, self.bootstrap, self.block_s)
+            errors, own, covariance = uncertainty.of(
+                predictor.free, fit_result, predictor.course.step_s, rng
+            )
+        else:
+            errors, own, covariance = errors_of_replicates(predictor.free, points)
+        findings = [Finding("condition_number", "all", condition)]
+        findings += covariance_findings(predictor.free, covariance)
+        findings += fit_findings(predictor, fit_result)
         bounds = active_bounds(predictor.free, fit_result.point, box)
         findings += bounds
         if bounds or slow_residual(fit_result, predictor.course.step_s):
             findings.append(Finding(INTERVAL_OF_ESTIMATE, "all", 1.0))
         model = predictor.free.model(problem.nominal, fit_result.point)
-        return Identified(model, residual, errors, tuple(findings), device_errors=own)
+        spread = (
+            ParameterSpread(problem.nominal, predictor.free, fit_result.point, covariance)
+            if points is None
+            else ReplicateSpread(problem.nominal, predictor.free, points)
+        )
+        return Identified(
+            model, residual, errors, tuple(findings), device_errors=own, spread=spread
+        )
+
+    def replicates(
+        self, problem: Problem, free: FreeParameters, fit_result: Fit, box: tuple[Array, Array],
+        rng: np.random.Generator,
+    ) -> Array | None:  # fmt: skip
+        """Design points (bootstrap, m) of a bootstrap over the files; None: there is none."""
+        if self.bootstrap is None or self.resample != "files":
+            return None
+        file = problem.training.file
+        return file_bootstrap(fit_result, free.values, box, file, self.bootstrap, rng)
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The replicates of the bootstrap."""
@@ -182,30 +223,43 @@ def fit_through(
     initial or the last point, whichever predicts better.
     """
     last = options.predictor(problem)
+    sigma = sigma if last.outputs is None else last.outputs.scale
+
+    def starts(predictor: Predictor) -> Array | None:
+        if initial_state != "smoothed":
+            return None
+        return smoothed_starts(predictor.course, problem.training.piece_starts)
+
     prior = options.prior_of(last.free, problem.training)
     box = (np.asarray(box[0]), np.asarray(box[1]))
     x, evaluations = np.clip(point, *box), 0
     for horizon in horizons:
         if horizon < (options.horizon or len(problem.training)):
             predictor = options.predictor(problem, horizon)
-            fit_result = fit(predictor, x, box, sigma, initial_state, prior, final=False)
+            own = starts(predictor)
+            fit_result = fit(predictor, x, box, sigma, initial_state, prior, False, own)
             x, evaluations = fit_result.point, evaluations + fit_result.evaluations
     candidates = [np.clip(point, *box), x]
-    start = min(candidates, key=lambda candidate: _distance(last, candidate, sigma))
-    fit_result = fit(last, start, box, sigma, initial_state, prior)
+    best = min(candidates, key=lambda candidate: _distance(last, candidate, sigma))
+    fit_result = fit(last, best, box, sigma, initial_state, prior, starts=starts(last))
     return last, replace(fit_result, evaluations=evaluations + fit_result.evaluations)
 
 
 def _distance(predictor: Predictor, point: Array, sigma: Array | None) -> float:
     """Sum of squares of the prediction errors from the measured initial states."""
     scale = predictor.spread if sigma is None else sigma
-    return float(np.sum((predictor.deviation(point) / scale) ** 2))
+    return float(np.sum((predictor.mismatch(point) / scale) ** 2))
 
 
 def fit_findings(predictor: Predictor, fit_result: Fit) -> list[Finding]:
     """Root mean square residual of each state, and the number of evaluations."""
     rms = np.sqrt(np.mean((fit_result.rest * fit_result.sigma) ** 2, axis=0))
-    states = zip(predictor.dofs, predictor.states, predictor.units, rms, strict=True)
+    compared = predictor.outputs
+    names = predictor.states if compared is None else compared.names
+    dofs, units = (
+        (predictor.dofs, predictor.units) if compared is None else (compared.dofs, compared.units)
+    )
+    states = zip(dofs, names, units, rms, strict=True)
     findings = [
         Finding("prediction_rms", dof, float(value), unit, label=name)
         for dof, name, unit, value in states

@@ -17,6 +17,7 @@ fit, not a new fit.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,8 @@ import scipy
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.identification.free_run import Course
+from seatrial.models.identification.free_run import deviations as state_deviations
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structured import inflation
 from seatrial.models.identification.uncertainty import (
@@ -34,6 +37,8 @@ from seatrial.models.identification.uncertainty import (
     stationary_variance,
 )
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.plant_table import Flags
+from seatrial.models.vessel.pose import state_of
 
 STEP = 1e-7  # of the finite differences, relative to the size of the unknown
 TOLERANCE = 1e-8  # relative change of unknowns and error in the final fit
@@ -42,7 +47,9 @@ REWEIGHTINGS = 2
 GAUSS_NEWTON_STEPS = 4  # of the initial states at one point
 GAIN = 1e-6  # relative decrease of the sum of squares below which these steps end
 NO_NOISE = 1e-9  # least residual that counts as noise, relative to the spread of a state
-InitialState = Literal["measured", "estimated"]
+SMOOTH_S = 2.0  # [s] over which measured states are smoothed, by a polynomial of degree `CUBIC`
+CUBIC = 3
+InitialState = Literal["measured", "smoothed", "estimated"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +58,9 @@ class Fit:
 
     point: Array  # (m,)
     start: Array  # (n_starts, 2 n_dof) initial minus measured states of the predictions
-    jacobian: Array  # (N 2 n_dof, m) of the predictions, projected off the initial states
-    rest: Array  # (N, 2 n_dof) measured - predicted
-    sigma: Array  # (2 n_dof,)
+    jacobian: Array  # (N n, m) of what is compared, projected off the initial states
+    rest: Array  # (N, n) measured - predicted
+    sigma: Array  # (n,), or (N, n) where it differs by file
     evaluations: int
     precision: Array  # (m,) of the prior: weight of (p - p_believed)^2 beside the residuals
     inflation: float  # samples that say as much as one independent sample, in this weight
@@ -79,7 +86,7 @@ class Misfit:
         self.prior = np.zeros(len(size))  # weight of x - believed
 
     def best(self, x: Array) -> tuple[Array, Array]:
-        """The best initial states, and (measured - predicted) / sigma, shape (N, 2 n_dof).
+        """The best initial states, and (measured - predicted) / sigma, shape (N, n).
 
         x (m,) are the scaled parameters.
         """
@@ -98,7 +105,7 @@ class Misfit:
         return start, rest
 
     def jacobian(self, x: Array, start: Array, rest: Array) -> Array:
-        """Derivative of `rest` by forward differences, shape (N 2 n_dof, m).
+        """Derivative of `rest` by forward differences, shape (N n, m).
 
         If the inertia after a forward step is not positive definite, a backward step is used.
         Raises IdentificationError when neither is.
@@ -125,7 +132,7 @@ class Misfit:
         return np.asarray(self._change(rest, self._rest(moved, start)) / (moved[i] - x[i]))
 
     def _rest(self, x: Array, start: Array) -> Array:
-        return np.asarray(-self.predictor.deviation(x * self.size, start) / self.sigma)
+        return np.asarray(-self.predictor.mismatch(x * self.size, start) / self.sigma)
 
     def _change(self, rest: Array, moved: Array) -> Array:
         """moved - rest, corrected for rotation vectors that jump at half a turn."""
@@ -139,7 +146,7 @@ class Misfit:
         return np.asarray(after / self.sigma - rest)
 
     def _slopes(self, x: Array, start: Array, rest: Array) -> Array:
-        """Derivative of `rest` by the initial states, shape (N, 2 n_dof, 2 n_dof)."""
+        """Derivative of `rest` by the initial states, shape (N, n, 2 n_dof)."""
         slopes = []
         for j, spread in enumerate(self.predictor.spread):
             moved = start.copy()
@@ -148,10 +155,12 @@ class Misfit:
         return np.stack(slopes, axis=2)
 
     def _project(self, slopes: Array, values: Array) -> Array:
-        """Least-squares coefficients of values (N, 2 n_dof, m) on the slopes, per prediction."""
+        """Least-squares coefficients of values (N, n, m) on the slopes, per prediction."""
         turned = slopes.transpose(0, 2, 1)
         normal = np.add.reduceat(turned @ slopes, self.begin, axis=0)
         right = np.add.reduceat(turned @ values, self.begin, axis=0)
+        if self.predictor.outputs is not None:  # a position has no effect on velocities
+            return np.asarray(np.linalg.pinv(normal, hermitian=True) @ right)
         return np.asarray(np.linalg.solve(normal, right))
 
 
@@ -163,16 +172,19 @@ def fit(
     initial_state: InitialState = "estimated",
     prior: Array | None = None,
     final: bool = True,
+    starts: Array | None = None,
 ) -> Fit:
     """Fit from a design point (m,) within bounds, box = (lower (m,), upper (m,)).
 
-    `prior` (m,) are standard deviations of the parameters about the believed ones.
-    If `sigma` (2 n_dof,) is None, the spread of the states is used first, and the `final` fit then
+    `prior` (m,) are standard deviations of the parameters about the believed ones, `starts`
+    (n_starts, 2 n_dof) the initial minus the measured states, at first.
+    If `sigma` (n,) is None, the spread of the states is used first, and the `final` fit then
     estimates it from the residuals.
     """
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
     weights = predictor.spread if sigma is None else sigma
     misfit = Misfit(predictor, size, weights, initial_state == "estimated")
+    misfit.start = misfit.start if starts is None else starts
     x = np.clip(point, *box) / size
     deviation = np.full(len(size), np.inf) if prior is None else prior
     evaluations, tau = 0, 1.0
@@ -192,6 +204,21 @@ def fit(
     jacobian = -misfit.jacobian(x, start, rest) / size
     precision = tau / np.square(deviation)
     return Fit(x * size, start, jacobian, rest, weights, evaluations, precision, tau)
+
+
+def smoothed_starts(course: Course, pieces: Flags) -> Array:
+    """Smoothed minus measured initial states of the predictions, shape (n_starts, 2 n_dof).
+
+    By the polynomials of Savitzky and Golay; `pieces` (N,) is true at the first sample of a piece.
+    """
+    n = course.measured.shape[1] // 2
+    length = 2 * round(0.5 * SMOOTH_S / course.step_s) + 1
+    smooth = course.measured.copy()
+    for a, b in pairwise([*np.flatnonzero(pieces).tolist(), len(smooth)]):
+        if CUBIC < length <= b - a:
+            smooth[a:b] = scipy.signal.savgol_filter(smooth[a:b], length, CUBIC, axis=0)
+    states = np.hstack([state_of(course.kinematics, smooth[:, :n]), smooth[:, n:]])
+    return state_deviations(course.kinematics, course.reached, states)[course.restart]
 
 
 def _solve(
@@ -251,8 +278,8 @@ class Uncertainty:
 
     def of(
         self, free: FreeParameters, fit_result: Fit, step_s: float, rng: np.random.Generator | None
-    ) -> tuple[Array, dict[str, float], list[Finding]]:
-        """Standard errors of the residual table, NaN for fixed entries, and of devices; covariance.
+    ) -> tuple[Array, dict[str, float], Array]:
+        """Standard errors of the residual table, NaN for fixed entries, of devices; cov(p) (m, m).
 
         `step_s` [s] is the sample time, `rng` the generator of the bootstrap.
         """
@@ -279,7 +306,7 @@ class Uncertainty:
         free_entries = np.any(free.directions != 0.0, axis=1)
         table = np.where(free_entries, spread[:-m], np.nan).reshape(free.shape)
         own = free.device_errors(spread[-m:])
-        return table, own, covariance_findings(free, fit_result, spread[-m:])
+        return table, own, covariance_of(fit_result, spread[-m:])
 
 
 def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
@@ -297,8 +324,8 @@ def deviations(gain: Array, rest: Array, errors: Errors) -> Array:
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def covariance_findings(free: FreeParameters, fit_result: Fit, deviation: Array) -> list[Finding]:
-    """Covariance of every pair of parameters, i and j counted from 1, j up to i.
+def covariance_of(fit_result: Fit, deviation: Array) -> Array:
+    """Covariance (m, m) of the parameters.
 
     The correlations are those of (J'J)^-1, with the prior's precision in it, the standard
     deviations are `deviation` (m,).
@@ -306,7 +333,11 @@ def covariance_findings(free: FreeParameters, fit_result: Fit, deviation: Array)
     J = fit_result.jacobian
     inverse = np.linalg.pinv(J.T @ J + np.diag(fit_result.precision))
     root = np.sqrt(np.diag(inverse))
-    covariance = inverse / np.outer(root, root) * np.outer(deviation, deviation)
+    return np.asarray(inverse / np.outer(root, root) * np.outer(deviation, deviation))
+
+
+def covariance_findings(free: FreeParameters, covariance: Array) -> list[Finding]:
+    """Covariance (m, m) of every pair of parameters, i and j counted from 1, j up to i."""
     findings = []
     for i, j in zip(*np.tril_indices(len(free)), strict=True):
         unit, label = (f"{names[i]} {names[j]}" for names in (free.units, free.labels))

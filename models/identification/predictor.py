@@ -28,6 +28,7 @@ from seatrial.models.identification.free_run import (
     prediction_errors,
     spread,
 )
+from seatrial.models.identification.outputs import Outputs, outputs_of
 from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
 from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
@@ -49,6 +50,7 @@ class Predictor:
     plan: Layout
     course: Course
     integrator: Integrator
+    outputs: Outputs | None = None  # what is compared; None: all states
 
     @cached_property
     def dofs(self) -> tuple[str, ...]:
@@ -62,8 +64,11 @@ class Predictor:
 
     @property
     def attitudes(self) -> list[list[int]]:
-        """Columns of the states that are one attitude: three angles together, or each alone."""
+        """Columns of what is compared that are one attitude: three angles, or each alone."""
         angles = [i for i, dof in enumerate(self.free.nominal.dofs) if dof in DOFS[3:]]
+        if self.outputs is not None:
+            columns = self.outputs.columns
+            return [[columns.index(i)] for i in angles if i in columns]
         return [angles] if self.free.nominal.dofs == DOFS else [[i] for i in angles]
 
     @cached_property
@@ -99,6 +104,20 @@ class Predictor:
         """Predicted - measured, attitudes by rotation vectors, shape (N, 2 n_dof)."""
         predicted = self.predict(point, offset)
         return deviations(self.course.kinematics, self.course.reached, predicted)
+
+    def mismatch(self, point: Array, offset: Array | None = None) -> Array:
+        """Predicted - measured of what is compared, shape (N, n)."""
+        predicted = self.predict(point, offset)
+        errors = deviations(self.course.kinematics, self.course.reached, predicted)
+        if self.outputs is None:
+            return errors
+        nu = predicted[:, -len(self.free.nominal.dofs) :]
+        return self.outputs.errors(errors, nu, self.free.devices(point))
+
+    @cached_property
+    def compared_spread(self) -> Array:
+        """Size of each of what is compared, shape (n,)."""
+        return self.spread if self.outputs is None else self.outputs.spread
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
@@ -158,6 +177,11 @@ class PredictionOptions(Identifier):
     horizon: Annotated[int, Ge(2)] | None
     derivative_limit: Positive
 
+    @property
+    def output_weights(self) -> dict[str, float] | None:
+        """Weights of the outputs that are compared; None: all states, each by its own noise."""
+        return None
+
     def __post_init__(self) -> None:
         check_ranges(self)
         check_force(self.force)
@@ -212,7 +236,10 @@ class PredictionOptions(Identifier):
             problem.training, problem.thruster, self.force, horizon or self.horizon,
             self.derivative_limit, nominal.attitude,
         )  # fmt: skip
-        return Predictor(free, plan, course, self.integrator)
+        outputs = None
+        if self.output_weights is not None:
+            outputs = outputs_of(self.output_weights, problem.training, nominal)
+        return Predictor(free, plan, course, self.integrator, outputs)
 
     def prior_of(self, free: FreeParameters, recording: Recording) -> Array | None:
         """Standard deviations (m,) about the believed values, infinite where there are none.

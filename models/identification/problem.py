@@ -1,7 +1,7 @@
 """The interface of an identifier: the problem, the result and the options' checks."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
@@ -45,6 +45,14 @@ class Problem:
             )
 
 
+class Spread(ABC):
+    """The joint distribution of what was identified."""
+
+    @abstractmethod
+    def draw(self, result: "Identified", rng: np.random.Generator) -> Vessel:
+        """A model drawn from the distribution about that of `result`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Identified:
     """The identified model F1 = F0 + residual, with its uncertainty and diagnostics."""
@@ -58,6 +66,15 @@ class Identified:
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
     warnings: tuple[str, ...] = ()  # one line each, what is wrong and what to try
     device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
+    spread: Spread | None = None  # None: not estimated
+
+    def draws(self, count: int) -> Iterator[Vessel]:
+        """Models drawn from the spread, always by the same random numbers; none without one."""
+        if self.spread is None:
+            return
+        rng = np.random.default_rng(0)
+        for _ in range(count):
+            yield self.spread.draw(self, rng)
 
 
 FEWEST = 2  # samples of a recording

@@ -27,6 +27,7 @@ from seatrial.models.identification.physical_constraints import PhysicalConstrai
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import (
     Structure,
     entries_of,
@@ -340,13 +341,15 @@ def finished(
     change, broken = model.nearest(result.residual.on(terms).theta)
     if options.refinement == "none" and not broken:
         return result
-    errors = result.std_error
+    errors, spread = result.std_error, result.spread
     if options.refinement == "free_run":
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         rows = [terms.index(term) for term in result.residual.terms]
         if not problem.compared:
             errors = free.std_error(refined.covariance)[rows]
+            point, nominal = free.values + change, problem.nominal
+            spread = ParameterSpread(nominal, free, point, refined.covariance)
     residual = free.residual(free.values + change).on(result.residual.terms)
     active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
@@ -355,4 +358,5 @@ def finished(
         residual=residual,
         std_error=errors,
         findings=(*result.findings, *active),
+        spread=spread,
     )

@@ -40,6 +40,7 @@ class Sampled:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     heading: float  # [rad] between the axes of the output and those of the body
+    file: Codes | None = None  # (N,) number of the file, of a recording of several
 
 
 def sampled(
@@ -75,7 +76,7 @@ def sampled(
     columns = [recording.dofs.index(dof) for dof in forces]
     acting = np.hstack([recording.held_force(force)[:, 1][:, columns], terms])
     measured = _measured(recording, output, outputs, edges)
-    y, u, stretch = [], [], []
+    y, u, stretch, file = [], [], [], []
     for number, part in enumerate(np.split(np.arange(len(recording)), edges)):
         rows = len(part) // samples
         y.append(measured[part][: rows * samples : samples])
@@ -83,6 +84,8 @@ def sampled(
             acting[part][: rows * samples].reshape(rows, samples, acting.shape[1]).mean(axis=1)
         )
         stretch.append(np.full(rows, number))
+        if recording.file is not None:
+            file.append(np.full(rows, recording.file[part[0]]))
     body = output == "body_pose" and turns
     return Sampled(
         y=np.vstack(y),
@@ -93,6 +96,7 @@ def sampled(
         inputs=(*(f"tau_{dof}" for dof in forces), *(one.name for one in extra)),
         outputs=tuple(f"body {name}" if body and name in poses else name for name in outputs),
         heading=float(np.mean(psi)) if output == "pose" else 0.0,
+        file=np.concatenate(file) if file else None,
     )
 
 

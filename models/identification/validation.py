@@ -121,13 +121,17 @@ class Prediction:
     def motion(self) -> Array:
         """Predicted pose and velocity (N, 2 n_dof) of the free run; NaN from where it diverges."""
         states, limited = self.free_run
-        pose, n_dof = states, self.course.measured.shape[1] // 2
-        if isinstance(self.course.kinematics, Quaternion):
-            pose = np.hstack([states[:, :3], euler_zyx(states[:, 3:7])])
-        motion = np.hstack([pose[:, :n_dof], states[:, -n_dof:]])
+        motion = self._motion(states)
         if limited:
             motion[self.lost()] = np.nan
         return motion
+
+    def _motion(self, states: Array) -> Array:
+        """Pose and velocity (N, 2 n_dof) of states (N, n_pose + n_dof)."""
+        pose, n_dof = states, self.course.measured.shape[1] // 2
+        if isinstance(self.course.kinematics, Quaternion):
+            pose = np.hstack([states[:, :3], euler_zyx(states[:, 3:7])])
+        return np.hstack([pose[:, :n_dof], states[:, -n_dof:]])
 
     def lost(self) -> Flags:
         """True (N,) from the first limited rate of each piece of the free run on."""
@@ -175,21 +179,18 @@ class Prediction:
             limited += share
         return _ahead(np.vstack(error_parts), limited / len(shifts))
 
-    def velocity_after(self, seconds: float) -> Array:
-        """Velocity (N, n_dof) predicted from the state measured `seconds` before.
+    def motion_after(self, seconds: float) -> Array:
+        """Pose and velocity (N, 2 n_dof) predicted from the state measured `seconds` before.
 
         Starts are on GRIDS grids; NaN at the other samples, and on a grid that diverges.
         """
-        steps, n_dof = (
-            max(round(seconds / self.course.step_s), 1),
-            self.course.measured.shape[1] // 2,
-        )
-        velocity = np.full((len(self.course.reached), n_dof), np.nan)
+        steps = max(round(seconds / self.course.step_s), 1)
+        motion = np.full_like(self.course.measured, np.nan)
         for first in self._shifts(steps, GRIDS):
             states, reached, limited = self._from(first, steps)
             if not limited:
-                velocity[reached] = states[reached, -n_dof:]
-        return velocity
+                motion[reached] = self._motion(states)[reached]
+        return motion
 
     @staticmethod
     def _shifts(steps: int, grids: int | None) -> range:

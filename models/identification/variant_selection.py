@@ -91,10 +91,12 @@ def select_variant(
     *,
     stable: bool = False,
     stretch: Codes | None = None,
+    file: Codes | None = None,
 ) -> Selection:
     """Choose one of the alternatives, the simplest first, for outputs y (N, m), inputs u (N, r).
 
-    At most LONGEST samples are used, so that the choice does not take long on a long record.
+    At most LONGEST samples are used, so that the choice does not take long on a long record. Where
+    `file` (N,) numbers several files, these are the blocks.
     The other arguments are those of `identify_innovations`. Raises IdentificationError when the
     data are too few for the test of feedback.
     """
@@ -103,8 +105,9 @@ def select_variant(
     parts = np.zeros_like(times) if stretch is None else stretch[:LONGEST]
     p_value = feedback_p_value(y, u, J, parts)
     error_of = prediction_error if p_value < SIGNIFICANT else simulation_error
-    errors = {one: np.full(FOLDS, LOST) for one in alternatives}
-    for i, (train, test) in enumerate(blocked_k_fold(len(y), FOLDS)):
+    splits = blocked_k_fold(len(y), FOLDS, file=None if file is None else file[:LONGEST])
+    errors = {one: np.full(len(splits), LOST) for one in alternatives}
+    for i, (train, test) in enumerate(splits):
         number = 2 * parts + (np.cumsum(test) > 0)  # no window may bridge the block left out
         for variant, direct in alternatives:
             with suppress(IdentificationError):

@@ -14,7 +14,8 @@ class Column:
 
     `unit` null is that of the header, else SI units and radians. A heading counts from `zero` in
     the `positive` direction. Of a time, `nanoseconds` is the column of the rest, and `uniform`
-    replaces times that are written with too few digits.
+    replaces times that are written with too few digits. An input with `neutral` and `full`, such
+    as the width of a pulse, is 0 at the one and 1 at the other.
     """
 
     column: str
@@ -23,10 +24,16 @@ class Column:
     positive: Literal["clockwise", "anticlockwise"] = "clockwise"
     nanoseconds: str | None = None
     uniform: bool = False
+    neutral: float = 0.0
+    full: float | None = None
 
     def __post_init__(self) -> None:
         if not self.name:
             raise ConfigurationError(f"column: got {self.column!r}, expected the name of a column")
+        if self.full is not None and self.full == self.neutral:
+            raise ConfigurationError(
+                f"column {self.name}: neutral and full are {self.full:g}, expected two numbers"
+            )
 
     @property
     def name(self) -> str:
@@ -71,6 +78,19 @@ class Geodetic:
     origin: tuple[float, float, float] | None = None
 
 
+@dataclass(frozen=True)
+class Wind:
+    """Columns of a measured wind: its speed, and the direction from which it comes, clockwise.
+
+    A `true` wind is over ground and counts from north. An `apparent` one is as seen on board and
+    counts from the bow.
+    """
+
+    speed: str | Column
+    direction: str | Column
+    kind: Literal["true", "apparent"] = "true"
+
+
 def as_column(column: str | Column) -> Column:
     """The column of a name."""
     return column if isinstance(column, Column) else Column(column)
@@ -89,4 +109,4 @@ def check_dofs(kind: str, columns: dict[str, str | Column]) -> None:
             )
 
 
-__all__ = ["Column", "Frames", "Geodetic", "as_column", "check_dofs", "factor"]
+__all__ = ["Column", "Frames", "Geodetic", "Wind", "as_column", "check_dofs", "factor"]

@@ -8,7 +8,15 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.column import Column, Frames, Geodetic, as_column, check_dofs
+from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.recording.column import (
+    Column,
+    Frames,
+    Geodetic,
+    Wind,
+    as_column,
+    check_dofs,
+)
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
 from seatrial.models.vessel.basis import Array
@@ -75,7 +83,9 @@ class ColumnMap:
     if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
     A `Column` states another unit or sense. `inputs` and `commands` of the inputs of a vessel are
     by their names. `lever_arm_m` is where the sensor of position and velocity is in body axes,
-    `delay_s` by how much a source, or the columns of a kind, are behind.
+    `delay_s` by how much a source, or the columns of a kind, are behind. `loads` are measured on
+    devices [N], by names such as `propeller.thrust`. `froude_scale` is the length of what was
+    recorded over that of the vessel, to which all columns are scaled by Froude's law.
     """
 
     time: str | Column
@@ -91,8 +101,12 @@ class ColumnMap:
     frames: Frames = field(default_factory=Frames)
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: dict[str, float] = field(default_factory=dict)
+    loads: dict[str, str | Column] = field(default_factory=dict)
+    froude_scale: Positive = 1.0
+    wind: Wind | None = None
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         for kind in KINDS:
             check_dofs(kind, getattr(self, kind))
         if isinstance(self.orientation, dict) and set(self.orientation) != set("wxyz"):
@@ -106,11 +120,14 @@ class ColumnMap:
         named = [
             self.time, *(name for kind in KINDS for name in getattr(self, kind).values()),
         ]  # fmt: skip
-        bare = not (self.inputs or self.commands or self.geodetic or self.delay_s)
+        bare = not (
+            self.inputs or self.commands or self.geodetic or self.delay_s or self.loads or self.wind
+        )
         return (
             bare
             and self.frames == Frames()
             and not any(self.lever_arm_m)
+            and self.froude_scale == 1.0
             and not isinstance(self.orientation, dict)
             and all(isinstance(name, str) and ":" not in name for name in named)
         )
@@ -153,6 +170,21 @@ class ColumnMap:
         """Columns of one kind with their signs, shape (N, n_dof)."""
         names = getattr(self, kind)
         return np.column_stack([_signed(table, names[dof]) for dof in dofs])
+
+    def air(self, table: Table, heading: Array, nu: Array, dofs: Sequence[str]) -> Array | None:
+        """Velocity of the air over ground in body axes [m/s], shape (N, 2); None if not recorded.
+
+        `heading` (N,) [rad] and the velocities `nu` (N, n_dof) are those of the body.
+        """
+        if self.wind is None:
+            return None
+        speed, direction = (_signed(table, name) for name in (self.wind.speed, self.wind.direction))
+        apparent = self.wind.kind == "apparent"
+        angle = direction if apparent else direction - heading
+        air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        if apparent:
+            air += nu[:, [dofs.index(dof) for dof in ("surge", "sway")]]
+        return np.asarray(air)
 
     def attitude(self, table: Table, heading: float) -> Array:
         """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""

@@ -1,17 +1,28 @@
 """Several files as one recording: which are for training and which for testing."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from glob import glob, has_magic
 from pathlib import Path
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.joining import end_to_end
 from seatrial.models.recording.recording import Recording, Split, half
+from seatrial.models.recording.sources import TextOptions
 
 MOST_FILES = 1000
+
+
+@dataclass(frozen=True)
+class FileForm:
+    """Columns and format of some of several files."""
+
+    columns: ColumnMap
+    format: str | None = None
+    text: TextOptions = field(default_factory=TextOptions)
 
 
 @dataclass(frozen=True)

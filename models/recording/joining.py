@@ -171,6 +171,7 @@ def end_to_end(parts: Sequence[R]) -> R:
 
     Raises RecordingError if they differ in degrees of freedom, sample time or what was measured.
     """
+    parts = _with_loads(parts)
     first = parts[0]
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
@@ -193,3 +194,16 @@ def end_to_end(parts: Sequence[R]) -> R:
             raise RecordingError(f"recordings: {field.name} is in some, expected it in all or none")
         columns[field.name] = None if values[0] is None else np.concatenate(values)
     return replace(first, **columns)
+
+
+def _with_loads(parts: Sequence[R]) -> Sequence[R]:
+    """The recordings with the same loads: NaN in those that have none."""
+    names = next((part.load_names for part in parts if part.load_names), ())
+    if not names:
+        return parts
+    return [
+        part
+        if part.load_names
+        else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
+        for part in parts
+    ]

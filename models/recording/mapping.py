@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column, Frames, Geodetic, as_column
+from seatrial.models.recording.column import Column, Frames, Geodetic, Wind, as_column
 from seatrial.models.recording.column_map import KINDS, ColumnMap, Table
 from seatrial.models.recording.joining import Channel, Grid, join_channels
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.sampling import is_later
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.units import SI, factor, input_factor, is_known
+from seatrial.models.recording.units import SI, factor, froude_factor, input_factor, is_known
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian, unroll
 
@@ -76,6 +76,7 @@ def canonical(
     if one and grid is None and not columns.delay_s:
         _check_complete(first, channels)
         t = next(iter(channels.values())).t
+        _check_rising(first, t)
         known = {name: channel.values for name, channel in channels.items()}
     else:
         joined = join_channels(
@@ -91,7 +92,8 @@ def canonical(
     plain = ColumnMap(
         "time", named("position"), named("velocity"), named("acceleration"), named("force"),
         named("actual_force"), orientation=None, inputs=named("inputs", columns.inputs),
-        commands=named("commands", columns.commands),
+        commands=named("commands", columns.commands), loads=named("loads", columns.loads),
+        wind=columns.wind and Wind("wind.speed", "wind.direction", columns.wind.kind),
     )  # fmt: skip
     return Canonical(Table(first, {"time": t, **known}), plain)
 
@@ -107,6 +109,14 @@ def _check_complete(source: Source, channels: Mapping[str, Channel]) -> None:
                 f"{source.path}, columns.{name}, {place}: got an empty cell, expected a number in "
                 "each; excitation.resample_hz=RATE joins columns with cells between their samples"
             )
+
+
+def _check_rising(source: Source, t: Array) -> None:
+    """Raise RecordingError if more than half of the samples are not later than the last one."""
+    if not np.median(np.diff(t)) > 0.0:
+        row = int(np.argmax(np.diff(t) <= 0.0)) + 1
+        place = source.cell(row, next(iter(source.columns))).place
+        raise RecordingError(f"{source.path}, columns.time, {place}: the time does not rise")
 
 
 def _rate(channels: Mapping[str, Channel]) -> float:
@@ -130,21 +140,22 @@ def _channels(
     time = as_column(columns.time)
     clocks: dict[str, Array] = {}
     channels, holders = {}, {}
-    start = first_time(sources, columns)
+    start, pace = first_time(sources, columns), froude_factor("s", columns.froude_scale)
     for option, spec in wanted(columns, dofs).items():
         source, name = column(sources, spec.name)
         if source.name not in clocks:
             clocks[source.name] = seconds(source, _time_of(time, source))
         kind = option.partition(".")[0]
         values = _in_si(source, name, option, spec)
+        values = values * _froude(option, spec, source.units.get(name), columns.froude_scale)
         delay = columns.delay_s.get(source.name, columns.delay_s.get(kind, 0.0))
-        channels[option] = Channel(clocks[source.name] - delay, values, kind in HELD)
+        channels[option] = Channel(pace * (clocks[source.name] - delay), values, kind in HELD)
         holders[option] = source
     if not channels:
         raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
     if start > EPOCH_S:  # times since 1970: only differences matter
         channels = {
-            name: Channel(channel.t - start, channel.values, channel.held)
+            name: Channel(channel.t - pace * start, channel.values, channel.held)
             for name, channel in channels.items()
         }
     return _unit_quaternions(channels), holders
@@ -195,23 +206,32 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, Column]:
         }
         if where.altitude is not None:
             result["geodetic.altitude"] = Column(where.altitude)
-    for kind, inputs in (("inputs", columns.inputs), ("commands", columns.commands)):
+    by_name = {"inputs": columns.inputs, "commands": columns.commands, "loads": columns.loads}
+    for kind, inputs in by_name.items():
         result |= {f"{kind}.{name}": as_column(spec) for name, spec in inputs.items()}
+    if columns.wind is not None and set(PLANAR) <= set(dofs):
+        result["wind.speed"] = as_column(columns.wind.speed)
+        result["wind.direction"] = as_column(columns.wind.direction)
     return result
 
 
 def _in_si(source: Source, name: str, option: str, spec: Column) -> Array:
     """A column in SI units, with its sign, its sense and without jumps of angles."""
     kind, _, dof = option.partition(".")
-    values = source.numbers(name, gaps=True) * spec.sign
+    values = source.numbers(name, gaps=True)
+    if spec.full is not None:
+        values = (values - spec.neutral) / (spec.full - spec.neutral)
+    values = values * spec.sign
     unit = spec.unit or source.units.get(name)
     if kind in ("inputs", "commands"):
         return values * (input_factor(unit) if unit and (spec.unit or _is_input(unit)) else 1.0)
-    if kind not in SI:
+    if kind not in SI and kind != "loads":
         return values
-    target = SI[kind][dof]
+    target = "N" if kind == "loads" else SI[kind][dof]
     if unit and (spec.unit or is_known(unit, target)):
         values = values * factor(unit, target)
+    if option == "wind.direction":
+        values = _unrolled(values)
     if kind == "position" and dof in DOFS[3:]:
         values = _unrolled(values)
         if spec.positive == "anticlockwise":
@@ -219,6 +239,26 @@ def _in_si(source: Source, name: str, option: str, spec: Column) -> Array:
         if spec.zero == "east":
             values = values + 0.5 * np.pi
     return values
+
+
+def _froude(option: str, spec: Column, unit: str | None, scale: float) -> float:
+    """The factor of a column in SI units by Froude's law; 1 for what is of the same size."""
+    if scale == 1.0:
+        return 1.0
+    kind, _, dof = option.partition(".")
+    if kind in ("inputs", "commands"):
+        known = spec.unit or unit
+        if known is None:
+            raise ConfigurationError(
+                f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} "
+                "depends"
+            )
+        return froude_factor(known, scale)
+    if kind == "geodetic":
+        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
+    if kind == "loads":
+        return froude_factor("N", scale)
+    return froude_factor(SI[kind][dof], scale) if kind in SI else 1.0
 
 
 def _is_input(unit: str) -> bool:

@@ -9,6 +9,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.clocks import seconds
 from seatrial.models.recording.column import Column
+from seatrial.models.recording.proposal_by_motion import propose_by_motion
 from seatrial.models.recording.sampling import in_degrees
 from seatrial.models.recording.source import Source
 from seatrial.models.vessel.basis import Array
@@ -48,6 +49,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "inputs.delta": (r"(delta|rudder).*",),
     "inputs.n": (r"n|n_prop.*|rpm|rps|shaft.*|propeller.*",),
 }  # fmt: skip
+SUFFIX = r"_(deg|rad)(_?p?_?s)?$|_(m|m_?p?_?s|n|nm|rpm)$"  # of a name: its unit
 INPUT = r".*(thr|pwm|rudder|rpm|rps|motor_speed|throttle|force).*"  # where nothing else acts
 TIMES = (r"(original_)?time(_?stamp)?", r"t|sec(ond)?s?|.*stamp.*secs")
 QUATERNION = ("w", "x", "y", "z")
@@ -62,6 +64,8 @@ def propose(sources: Mapping[str, Source]) -> dict[str, object]:
     Raises RecordingError if no source has a column of time.
     """
     clocked = {name: time for name, source in sources.items() if (time := _time(source))}
+    if not clocked and len(sources) == 1:
+        return propose_by_motion(next(iter(sources.values())))
     if not clocked:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
@@ -134,7 +138,9 @@ def _named(source: Source, option: str, many: bool) -> Column | None:
     """The first column of a source whose name is that of an option."""
     for pattern in NAMES[option]:
         for name in source.columns:
-            if re.fullmatch(pattern, name, re.IGNORECASE) and _moves(source, name):
+            bare = re.sub(SUFFIX, "", name, flags=re.IGNORECASE)
+            known = any(re.fullmatch(pattern, one, re.IGNORECASE) for one in (name, bare))
+            if known and _moves(source, name):
                 full = f"{source.name}:{name}" if many else name
                 return Column(full, unit=_unit(source, name, option))
     return None
@@ -158,7 +164,7 @@ def _unit(source: Source, name: str, option: str) -> str | None:
         values = _numbers(source, name)
         degrees = lower.endswith("_deg") or (values is not None and in_degrees(values))
         return "deg" if degrees else None
-    return "deg/s" if kind == "velocity" and re.search(r"_deg_?s?$", lower) else None
+    return "deg/s" if kind == "velocity" and re.search(r"_deg(_?p?_?s)?$", lower) else None
 
 
 def _quaternion(source: Source, many: bool) -> dict[str, str] | None:

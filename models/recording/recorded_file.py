@@ -16,7 +16,7 @@ from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
 from seatrial.models.recording.column_map import ColumnMap, Table, read_table
 from seatrial.models.recording.examination import Examination, examine
-from seatrial.models.recording.file_set import file_set
+from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
 from seatrial.models.recording.mapping import canonical
 from seatrial.models.recording.preprocessing import (
@@ -71,6 +71,7 @@ class RecordedFile(Reader):
     of the positions in the frame of the orientation: 180 if both horizontal positions are
     reversed. `train` and `test` name several files instead, which are read one by one; without
     `test`, `train_fraction` splits each of them. The first `initial_s` of a file are not tested on.
+    The files of `test` may have columns of their own, `tested`.
     """
 
     path: str | None
@@ -93,10 +94,12 @@ class RecordedFile(Reader):
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     initial_s: NotNegative = 0.0
+    tested: FileForm | None = None  # of the files of `test`, if it is another one
     format: str | None = None
     text: TextOptions = field(default_factory=TextOptions)
     trust: bool = False
     map: str | None = None  # file of the columns; its content is in the other options
+    test_map: str | None = None  # that of the files of `test`; its content is in `tested`
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -106,6 +109,8 @@ class RecordedFile(Reader):
             )
         if self.test and not self.train:
             raise ConfigurationError("excitation.test requires excitation.train, got none")
+        if self.tested is not None and not self.test:
+            raise ConfigurationError("excitation.test_map is of files of excitation.test, got none")
         if self.train and self.trip_starts_s:
             raise ConfigurationError("trip_starts_s is of one file, got excitation.train")
         if not self.path and not self.train:
@@ -144,11 +149,14 @@ class RecordedFile(Reader):
             known = file_set(self.train, self.test)
             parts = {"train": known.train, "test": known.test}
             own = {f"{k}[{i}]": path for k, files in parts.items() for i, path in enumerate(files)}
-        return own if self.map is None else {**own, "map": Path(self.map).expanduser()}
+        maps = {"map": self.map, "test_map": self.test_map}
+        return own | {name: Path(path).expanduser() for name, path in maps.items() if path}
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
         self.columns.check(dofs)
+        if self.tested is not None:
+            self.tested.columns.check(dofs)
 
     def read(self, dofs: Sequence[str]) -> Recording:
         """Read the recording of a vessel with these degrees of freedom.
@@ -171,7 +179,11 @@ class RecordedFile(Reader):
 
     def _alone(self, file: Path) -> "RecordedFile":
         """The reader of one of several files."""
-        return replace(self, path=str(file), train=(), test=())
+        alone = replace(self, path=str(file), train=(), test=(), tested=None, test_map=None)
+        if self.tested is None or file not in file_set(self.train, self.test).test:
+            return alone
+        form = self.tested
+        return replace(alone, columns=form.columns, format=form.format, text=form.text)
 
     def _recording(self, table: Table, dofs: Sequence[str]) -> Recording:
         t = table.columns[self._time]
@@ -188,11 +200,23 @@ class RecordedFile(Reader):
             inputs=self._inputs(table, rows, self.columns.inputs),
             commands=self._inputs(table, rows, self.columns.commands),
             input_names=tuple(self.columns.inputs),
+            wind=self._air(table, rows, attitude, nu, dofs),
+            loads=self._inputs(table, rows, self.columns.loads),
+            load_names=tuple(self.columns.loads),
         )  # fmt: skip
+
+    def _air(
+        self, table: Table, rows: Mask, attitude: Array, nu: Array, dofs: Sequence[str]
+    ) -> Array | None:
+        """Velocity of the air (N, 2); None where it is not recorded, or has no meaning."""
+        if not set(PLANAR) <= set(dofs):
+            return None
+        part = replace(table, columns={name: x[rows] for name, x in table.columns.items()})
+        return self.columns.air(part, attitude[:, 2], nu[rows], dofs)
 
     @staticmethod
     def _inputs(table: Table, rows: Mask, names: Mapping[str, str | Column]) -> Array | None:
-        """Inputs or commands (N, n_inputs) by the names of a vessel; None if not recorded."""
+        """Inputs, commands or loads (N, n) by the names of a vessel; None if not recorded."""
         columns = [table.columns[as_column(name).name][rows] for name in names.values()]
         return np.column_stack(columns) if columns else None
 

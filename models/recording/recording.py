@@ -19,7 +19,9 @@ from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 GAP = 1.5  # in sample times; a longer time step is a gap
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
-SHARED = ("dofs", "without_lag", "input_names", "file_names")  # by all parts of a recording
+# by all parts of a recording
+SHORTEST = 30  # samples of a piece that is low-passed, beside those that are dropped
+SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
 Mask = NDArray[np.bool_]
 
 
@@ -47,6 +49,8 @@ class Recording:
     inputs: Array | None = None  # (N, n_inputs) of a steered vessel, as they act; `tau` is zero
     commands: Array | None = None  # (N, n_inputs) of these inputs
     input_names: tuple[str, ...] = ()
+    loads: Array | None = None  # (N, n_loads) [N] measured on devices; NaN in files without them
+    load_names: tuple[str, ...] = ()  # such as propeller.thrust
     file: NDArray[np.int64] | None = None  # (N,) in increasing order
     file_names: tuple[str, ...] = ()  # by number
 
@@ -90,6 +94,7 @@ class Recording:
             tau=self.tau[mask], attitude=self.attitude[mask],
             tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
             wind=cut(self.wind), inputs=cut(self.inputs), commands=cut(self.commands),
+            loads=cut(self.loads),
             file=None if self.file is None else self.file[mask],
         )  # fmt: skip
 
@@ -146,12 +151,19 @@ class Recording:
     def lowpass(self, cutoff_hz: float | None, drop_s: float = DROP_S) -> "Recording":
         """Zero-phase low-pass (4th-order Butterworth, forward and backward) of nu, nu_dot, force.
 
-        `drop_s` [s] are dropped at each end, where the filter lacks data on one side.
+        `drop_s` [s] are dropped at each end, where the filter lacks data on one side, and pieces
+        that are too short for it as a whole. Raises RecordingError if all of them are.
         """
         if cutoff_hz is None:
             return self
         if (cutoff_hz, drop_s) not in self._filtered:
-            pieces = [piece._lowpass(cutoff_hz, drop_s) for piece in self.pieces()]
+            check_cutoff(cutoff_hz, self.period_s)
+            drop, pieces = round(drop_s / self.period_s), self.pieces()
+            longest = max(map(len, pieces))
+            if longest < 2 * drop + SHORTEST:
+                raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
+            long = [piece for piece in pieces if len(piece) >= 2 * drop + SHORTEST]
+            pieces = [piece._lowpass(cutoff_hz, drop) for piece in long]
             filtered = pieces[0] if len(pieces) == 1 else _joined(pieces)
             self._filtered[cutoff_hz, drop_s] = filtered
         return self._filtered[cutoff_hz, drop_s]
@@ -191,12 +203,7 @@ class Recording:
         """Splits for blocked cross-validation; several files are left out file by file."""
         return blocked_k_fold(len(self), count, file=self.file)
 
-    def _lowpass(self, cutoff_hz: float, drop_s: float) -> "Recording":
-        check_cutoff(cutoff_hz, self.period_s)
-        drop = round(drop_s / self.period_s)
-        if len(self) < 2 * drop + 30:
-            raise RecordingError(f"got {len(self)} samples, too few for a low-pass filter")
-
+    def _lowpass(self, cutoff_hz: float, drop: int) -> "Recording":
         def smooth(values: Array) -> Array:
             return lowpass(values, cutoff_hz, self.period_s)
 
@@ -206,6 +213,7 @@ class Recording:
             tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
             wind=None if self.wind is None else smooth(self.wind),
             inputs=None if self.inputs is None else smooth(self.inputs),
+            loads=None if self.loads is None else smooth(self.loads),
         )  # fmt: skip
         return smoothed.part(slice(drop, len(self) - drop))
 

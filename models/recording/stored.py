@@ -47,6 +47,7 @@ def write_recording(recording: Recording, path: Path, metadata: Mapping[str, obj
         "dofs": recording.dofs,
         "without_lag": recording.without_lag,
         "input_names": recording.input_names,
+        "load_names": recording.load_names,
         "file_names": recording.file_names,
         **metadata,
     }
@@ -133,6 +134,9 @@ def _columns(recording: Recording) -> Iterator[tuple[str, str, Array]]:
         if values is not None:
             for i, name in enumerate(recording.input_names):
                 yield f"{kind}.{name}", "", values[:, i]
+    if recording.loads is not None:
+        for i, name in enumerate(recording.load_names):
+            yield f"loads.{name}", "N", recording.loads[:, i]
     if recording.file is not None:
         yield "file", "", recording.file  # type: ignore[misc]
 
@@ -143,6 +147,8 @@ def _recording(columns: Mapping[str, Array], known: Mapping[str, object]) -> Rec
         tuple(map(str, known[name]))  # type: ignore[call-overload]
         for name in ("dofs", "input_names", "file_names")
     )
+
+    loads = tuple(map(str, known.get("load_names", ())))  # type: ignore[call-overload]
 
     def stacked(names: Sequence[str]) -> Array | None:
         found = [columns[name] for name in names if name in columns]
@@ -158,6 +164,8 @@ def _recording(columns: Mapping[str, Array], known: Mapping[str, object]) -> Rec
         inputs=stacked([f"inputs.{name}" for name in inputs]),
         commands=stacked([f"commands.{name}" for name in inputs]),
         input_names=inputs,
+        loads=stacked([f"loads.{name}" for name in loads]),
+        load_names=loads,
         file=columns.get("file"),  # type: ignore[arg-type]
         file_names=files,
         **fields,  # type: ignore[arg-type]

@@ -19,6 +19,7 @@ SI = {
     "acceleration": ACCELERATION_UNIT,
     "force": FORCE_UNIT,
     "actual_force": FORCE_UNIT,
+    "wind": {"speed": "m/s", "direction": "rad"},
 }
 # As instruments write them, where pint means something else or nothing.
 SPELLINGS = {
@@ -55,6 +56,21 @@ def input_factor(unit: str) -> float:
     raise ConfigurationError(
         f"unit: got {unit!r}, expected that of an angle, a shaft speed or a force, or a number"
     )
+
+
+def froude_factor(unit: str, scale: float) -> float:
+    """The factor of a quantity in `unit` of a ship that gives that of a model, by Froude's law.
+
+    Lengths of the ship are `scale` times those of the model, times the root of it, and masses its
+    cube: the same water is taken for both.
+    """
+    if scale == 1.0:
+        return 1.0
+    amount = _registry().parse_units(SPELLINGS.get(unit, unit)).dimensionality
+    length, time, mass = (
+        float(str(amount.get(f"[{name}]", 0))) for name in ("length", "time", "mass")
+    )
+    return float(scale ** -(length + 0.5 * time + 3.0 * mass))
 
 
 def is_known(unit: str, target: str) -> bool:

@@ -28,9 +28,10 @@ from seatrial.models.simulation.registry import (
     guide_step,
     reference_step,
 )
-from seatrial.models.simulation.voyage import COMMANDED, Log, Voyage
+from seatrial.models.simulation.voyage import ALLOTTED, COMMANDED, Log, Voyage
 from seatrial.models.vessel.allocation import ALLOCATIONS, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.device_allocation import DeviceAllocation
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.plant_table import PlantTable
@@ -166,7 +167,8 @@ def sail(
     substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
     h = period_s / substeps
-    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof)
+    positioned = isinstance(plant.allocation, DeviceAllocation)
+    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioned)
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
@@ -184,12 +186,15 @@ def sail(
     t = period_s * np.arange(n, dtype=np.float64)
     without_lag = plant.thruster is None
     names = plant.vessel.inputs
-    return Voyage(t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names)
+    return Voyage(
+        t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioned
+    )
 
 
-def _empty_log(n: int, n_dof: int, n_commands: int) -> Log:
-    """A log of n instants; what is commanded has `n_commands` columns."""
-    columns = {name: n_commands if name in COMMANDED else n_dof for name in Log._fields}
+def _empty_log(n: int, n_dof: int, n_commands: int, positioned: bool) -> Log:
+    """A log of n instants; what is commanded has `n_commands` columns, or is a force."""
+    inputs = ALLOTTED if positioned else COMMANDED
+    columns = {name: n_commands if name in inputs else n_dof for name in Log._fields}
     return Log(**{name: np.zeros((n, count)) for name, count in columns.items()})
 
 

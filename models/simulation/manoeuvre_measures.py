@@ -78,6 +78,8 @@ def executions(track: Track, kind: Execution = "half") -> Array:
     """
     times = []
     for (_, start), (k, end) in pairwise(levels(track.helm)):
+        if start == end:  # of a random helm, that rests on both sides at the same angle
+            continue
         progress = (track.helm - start) / (end - start)
         half = crossing(track.t, progress - 0.5, k)
         if kind == "order":  # where the line through both instants begins

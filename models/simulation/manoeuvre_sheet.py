@@ -38,6 +38,9 @@ INSTANTS: Mapping[Execution, str] = {
     "order": "the instant at which the helm leaves its value",
     "full": "the instant at which the helm has reached its order",
 }
+# A finding of a measure that was recorded or predicted: the beginning of its name, and its j.
+FINDING = "recorded_manoeuvre_"
+COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
 ADVANCE, TACTICAL, INITIAL, TRACK_REACH = 4.5, 5.0, 2.5, 15.0  # [L]
 NOMINAL_DEG = 0.5  # [deg] within which a helm or heading is the nominal one

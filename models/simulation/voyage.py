@@ -22,7 +22,7 @@ class Log(NamedTuple):
     """Log of the loop, one row per control instant, shape (N, n_dof) each; SI units.
 
     What is commanded has shape (N, n_inputs) for a vessel with inputs: tau, tau_actual, tau_fb,
-    held and applied.
+    held and applied; if forces are allocated to its devices, only tau_actual and applied have.
     """
 
     eta: Array  # true pose
@@ -41,6 +41,7 @@ class Log(NamedTuple):
     applied: Array  # command after the thrust allocation
 
 
+ALLOTTED = ("tau_actual", "applied")
 COMMANDED = ("tau", "tau_actual", "tau_fb", "held", "applied")
 
 
@@ -74,7 +75,13 @@ class Voyage:
     weather: Weather
     without_lag: bool
     step_times: Array = field(default_factory=lambda: np.zeros(0))
-    inputs: tuple[str, ...] = ()  # what is commanded; empty: forces on the axes
+    inputs: tuple[str, ...] = ()  # of the vessel; empty: it is commanded by forces on the axes
+    positioned: bool = False  # whether forces were commanded, and allocated to the inputs
+
+    @property
+    def by_force(self) -> bool:
+        """Whether the controller commanded forces."""
+        return not self.inputs or self.positioned
 
 
 def recording_of(voyage: Voyage, weather: Weather) -> Recording:

@@ -1,6 +1,6 @@
 """Named basis functions of the motion, their parser and the compiled kernel.
 
-Every term is a product of up to five factors out of 1, x_i and |x_i|, where x is the vector of
+Every term is a product of up to six factors out of 1, x_i and |x_i|, where x is the vector of
 *variables* below: accelerations, velocities, attitude, the motion through the air, the speed and
 the inputs of a steered vessel. Terms are written as in the literature:
 
@@ -48,13 +48,13 @@ VARIABLES = (
 N_VARIABLES = len(VARIABLES)
 REST_M_S = 1e-9  # a lower speed is rest
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
-FACTORS = 5
+FACTORS = 6
 FEWEST_FACTORS = 3  # columns of the codes, whatever the terms
 _NAMES = "|".join(
     re.escape(v) for v in sorted(VARIABLES[1:], key=len, reverse=True) if "/" not in v
 )
 _FACTOR = re.compile(rf"\|(?P<abs>{_NAMES})\||(?P<var>{_NAMES})|1?(?P<over>/U)")
-_POWER = re.compile(r"\^([12345])")
+_POWER = re.compile(r"\^([123456])")
 
 
 @dataclass(frozen=True, order=True)
@@ -145,7 +145,7 @@ def _spell(codes: Sequence[int]) -> str:
 
 
 def codes(basis: Sequence[Term]) -> Codes:
-    """Integer codes of a list of terms, shape (n_terms, 3), or up to 5 for longer products."""
+    """Integer codes of a list of terms, shape (n_terms, 3), or up to 6 for longer products."""
     rows = np.array([term.codes for term in basis], dtype=np.int64).reshape(len(basis), FACTORS)
     longest = max((FACTORS - term.codes.count(0) for term in basis), default=0)
     return np.ascontiguousarray(rows[:, FACTORS - max(longest, FEWEST_FACTORS) :])
@@ -157,7 +157,7 @@ def magnify(x: Array) -> Array:
 
 
 def features(codes: Codes, z: Array, phi: Array) -> None:
-    """Write phi_k = z[a_k] z[b_k] z[c_k] ...; codes (n, 3 to 5), z (2 N_VARIABLES,), phi (n,)."""
+    """Write phi_k = z[a_k] z[b_k] z[c_k] ...; codes (n, 3 to 6), z (2 N_VARIABLES,), phi (n,)."""
     for k in range(codes.shape[0]):
         product = z[codes[k, 0]] * z[codes[k, 1]] * z[codes[k, 2]]
         for factor in range(3, codes.shape[1]):

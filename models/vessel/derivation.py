@@ -74,7 +74,7 @@ def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameter
         control=_control(scales, bands, noise_and_wind.noise, sample_time_s),
     )
     numbers = {"velocity_limits": speeds, "tuning": derived}
-    if not vessel.inputs:  # the limits of inputs are their own
+    if not vessel.inputs or vessel.positioning:  # the limits of inputs are their own
         numbers["force_limits"] = limits
     rounded = {name: _rounded(value) for name, value in numbers.items()}
     return replace(vessel, **{name: _merged(getattr(vessel, name), value)

@@ -12,6 +12,7 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import CoriolisForces, RigidBody, from_derivatives
+from seatrial.models.vessel.device_allocation import DeviceAllocation, device_allocation
 from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
@@ -33,7 +34,8 @@ class Plant:
     velocity_limits: tuple[float, ...]  # [m/s, rad/s]
     change: tuple[float, Vessel] | None = None  # time [s] from which another vessel replaces it
     integrator: Literal["rk4", "euler"] = "rk4"
-    allocation: Allocation | None = None  # of the commanded force to the thrusters
+    # of the commanded force to the thrusters, or to the inputs of devices
+    allocation: Allocation | DeviceAllocation | None = None
     inputs: tuple[Input, ...] = ()  # limits and lags of the inputs, as in the table
 
     @property
@@ -104,7 +106,8 @@ class VesselParameters:
                 raise ConfigurationError(
                     f"{option} must be {len(self.dofs)} positive numbers, got {list(limits)}"
                 )
-        if self.inputs and (self.thruster or self.thrusters or self.force_limits):
+        limited = self.force_limits is not None and self.positioning is None
+        if self.inputs and (self.thruster or self.thrusters or limited):
             raise ConfigurationError(
                 "inputs: got thruster, thrusters or force_limits as well, which are for a vessel "
                 "that is commanded by forces"
@@ -168,10 +171,18 @@ class VesselParameters:
         known = tuple(limits[dof] for dof in self.dofs) if limits else None
         return scales(self.nominal(), known, self.length_m)
 
+    @cached_property
+    def positioning(self) -> DeviceAllocation | None:
+        """The allocation of forces to the devices; None if the inputs cannot give any force."""
+        return device_allocation(self.devices, self.inputs, self.dofs)
+
     @property
     def limits_by_dof(self) -> dict[str, float]:
         """Largest force of the thrusters [N, Nm] by degree of freedom, if it is known."""
-        limits = dict(zip(self.dofs, self.force_limits or (), strict=False))
+        given = self.force_limits
+        if given is None and self.positioning is not None:
+            given = self.positioning.limits(self.dofs)
+        limits = dict(zip(self.dofs, given or (), strict=False))
         lag = None if self.thruster is None else self.thruster.amplitude_limit
         for dof, limit in zip(self.dofs, lag or (), strict=False):
             limits[dof] = min(limit, limits.get(dof, np.inf))
@@ -198,8 +209,8 @@ class VesselParameters:
 
     @cached_property
     def _ahead(self) -> SteeringModel | None:
-        """The linearised motion at the approach; None without inputs, surge or yaw."""
-        if not self.inputs or not {"surge", "yaw"} <= set(self.dofs):
+        """The linearised motion at the approach; None without inputs or yaw."""
+        if not self.inputs or "yaw" not in self.dofs:
             return None
         return steering_model(
             self.nominal(), self.approach_speed_m_s, np.array(self.input_start, dtype=np.float64)
@@ -234,6 +245,11 @@ class VesselParameters:
     def input_rates(self) -> tuple[float | None, ...]:
         """Largest changes of the inputs in a second; None: unlimited."""
         return tuple(each.rate_limit for each in self.inputs.values())
+
+    @property
+    def input_lags(self) -> tuple[float | None, ...]:
+        """Time constants of the inputs [s]; None: they follow at once."""
+        return tuple(each.time_constant_s for each in self.inputs.values())
 
     @property
     def planar(self) -> bool:

@@ -74,7 +74,8 @@ def steering_model(vessel: Vessel, speed_m_s: float, inputs: Array) -> SteeringM
     """Linearise the acceleration ahead at a speed under inputs (n_inputs,), by differences."""
     n, m = len(vessel.dofs), len(inputs)
     nu = np.zeros(n)
-    nu[vessel.dofs.index("surge")] = speed_m_s
+    if "surge" in vessel.dofs:  # of others the table is of one speed
+        nu[vessel.dofs.index("surge")] = speed_m_s
     size = STEP * np.concatenate([np.full(n, max(speed_m_s, 1e-3)), np.ones(m)])
     steps = np.diag(size)
     points = np.concatenate([steps, -steps])

@@ -59,6 +59,7 @@ class Device(ABC):
     """
 
     PARAMETERS: ClassVar[Mapping[str, Bounds]] = {}
+    LOADS: ClassVar[tuple[str, ...]] = ()  # what may be measured on it [N]
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -83,6 +84,10 @@ class Device(ABC):
     def ranges(self, x: Array) -> tuple[Range, ...]:
         """Quantities with limited data, for samples of the variables x (N, N_VARIABLES); none."""
         return ()
+
+    def loads(self, x: Array) -> Array:
+        """Its `LOADS` [N], shape (N, n_loads), for samples of the variables x (N, N_VARIABLES)."""
+        return np.zeros((len(x), 0))
 
     def values(self) -> Array:
         """Values of the parameters, in SI units, in the order of `PARAMETERS`."""

@@ -26,7 +26,15 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import INDEX, Array
-from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, Range, input_index
+from seatrial.models.vessel.devices.device import (
+    DEVICES,
+    Bounds,
+    Device,
+    Range,
+    device_forces,
+    input_index,
+    installed,
+)
 
 U, V, R, SPEED, OVER_SPEED = (INDEX[name] for name in ("u", "v", "r", "U", "1/U"))
 D_P, K_0, K_1, K_2, W_P0, C_1, C_2_PLUS, C_2_MINUS, T_P, X_P, RHO, LENGTH = range(12)
@@ -69,6 +77,8 @@ class Propeller(Device):
         "length_m": Bounds("m", 0.1, 500.0),
     }
 
+    LOADS: ClassVar[tuple[str, ...]] = ("thrust",)
+
     diameter_m: Positive
     k_0: float
     k_1: float
@@ -91,6 +101,11 @@ class Propeller(Device):
     def structure(self, first: int, place: int, places: Mapping[str, int]) -> PropellerStructure:
         """Input and parameters in the arrays of the kernels."""
         return PropellerStructure(input_index(self.n), first, place, WAKES.index(self.wake))
+
+    def loads(self, x: Array) -> Array:
+        """The thrust, of which the hull takes the share t_P."""
+        ahead = device_forces(installed({"propeller": self}), x)[:, :1]
+        return np.asarray(ahead / (1.0 - self.t_P))
 
     def ranges(self, x: Array) -> tuple[Range, ...]:
         """J = u (1 - w_P0) / (n D_P) ahead, up to that without thrust; no data for n < 0."""

@@ -1,5 +1,6 @@
 """The autopilot on a ship that is Nomoto's equation, and on KVLCC2 in wind moment and current."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -156,7 +157,7 @@ def test_no_wind_up_after_saturation() -> None:
 
 def test_a_vessel_without_the_helm_is_refused() -> None:
     ship = nomoto_ship()
-    with pytest.raises(ConfigurationError, match="got fin, expected a vessel in surge and yaw"):
+    with pytest.raises(ConfigurationError, match="got fin, expected a vessel in yaw"):
         autopilot(ship, helm="fin").build(ship.nominal(), PERIOD_S)
 
 
@@ -207,7 +208,8 @@ def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
     limits = {"input_low": ship.input_low, "input_high": ship.input_high}
     controller = SteeredMpc(
         speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
-        input_start=ship.input_start, input_rates=ship.input_rates, **limits,
+        input_start=ship.input_start, input_rates=ship.input_rates, input_lags=ship.input_lags,
+        **limits,
     )  # fmt: skip
     (finding,) = controller.remarks(ship.nominal(), PERIOD_S)
     assert finding.value is not None
@@ -233,3 +235,45 @@ def test_predictive_control_steers_kvlcc2() -> None:
     ends = np.arange(1, 6) * len(log.eta) // 5 - 2
     reached = np.degrees(log.eta[ends, 2])
     np.testing.assert_allclose(reached, [0.0, 20.0, -20.0, 10.0, 0.0], atol=1.0)
+
+
+def overshoot(vessel: str, controller: str, bandwidth: float) -> float:
+    """Of a change of the course by 20 degrees [deg], with a filter of a bandwidth [U / L]."""
+    trial = composed(
+        f"vessel={vessel}", "excitation=heading_changes", "excitation.headings_deg=[0,20]",
+        "excitation.hold_lengths=40", f"excitation.bandwidth={bandwidth}", "identifier=none",
+        f"controller={controller}", "evaluation=none",
+    )  # fmt: skip
+    trials.check(trial)
+    streams, nominal = closed_loop.Streams(0), trial.vessel.nominal()
+    sailed = closed_loop.prepare(trial, streams, nominal, trial.excitation).sail()
+    heading = np.degrees(sailed.voyage.log.eta[:, trial.vessel.dofs.index("yaw")])
+    assert heading[-1] == pytest.approx(20.0, abs=0.5)
+    return float(np.max(heading)) - 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vessel", ["kvlcc2", "mariner", "tanker", "frigate"])
+def test_predictive_control_overshoots_no_more_than_the_autopilot(vessel: str) -> None:
+    """With the filter of the mission; with nearly a step it does not overshoot at all."""
+    filtered = overshoot(vessel, "mpc_heading", 0.6)
+    assert filtered <= max(overshoot(vessel, "autopilot", 0.6), 0.005)
+    assert overshoot(vessel, "mpc_heading", 5.0) < 0.05
+
+
+def test_a_lag_of_the_helm_is_in_the_prediction() -> None:
+    """With the lag in its model the heading is damped as without one."""
+    settled = []
+    for lag in (None, 2.0):
+        ship = nomoto_ship(GAIN, TIME_S)
+        helm = replace(ship.inputs["delta"], time_constant_s=lag)
+        ship = replace(ship, inputs={**ship.inputs, "delta": helm})
+        controller = SteeredMpc(
+            speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
+            input_start=ship.input_start, input_rates=ship.input_rates, input_low=ship.input_low,
+            input_high=ship.input_high, input_lags=ship.input_lags,
+        )  # fmt: skip
+        log = steered(ship, controller, np.radians(20.0), 120.0).log
+        assert log.eta[-1, 2] == pytest.approx(np.radians(20.0), abs=np.radians(0.05))
+        settled.append(np.degrees(np.max(log.eta[:, 2])) - 20.0)
+    assert max(settled) < 0.2

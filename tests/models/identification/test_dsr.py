@@ -114,6 +114,7 @@ def test_the_state_space_model_is_in_pose_and_velocity(
     assert value(found, "markov", "sway", i=3, j=2) == pytest.approx(model.markov(4)[3, 1, 1])
 
 
+@pytest.mark.slow
 def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) -> None:
     """Closed loop, 180 degree turns, thruster lag, quadratic drag: inertia to 5 %."""
     for disturbance in ("calm", "noise"):

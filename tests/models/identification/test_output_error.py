@@ -11,7 +11,11 @@ from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.output_error import fit_through
-from seatrial.models.identification.prediction_fit import Misfit, Uncertainty
+from seatrial.models.identification.prediction_fit import (
+    Misfit,
+    Uncertainty,
+    covariance_findings,
+)
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
@@ -276,7 +280,8 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
     )  # fmt: skip
     unit = (predictor.predict(np.ones(1)) - predictor.predict(np.zeros(1))) / 0.02
     expected = 1.0 / np.sqrt(np.sum(unit**2))
-    reported, _, covariance = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
+    reported, _, matrix = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
+    covariance = covariance_findings(predictor.free, matrix)
     assert reported[-1, 0] == pytest.approx(expected, rel=0.05)
     assert np.all(np.isnan(reported[:-1]))
     assert [(one.i, one.j, one.label) for one in covariance] == [(1, 1, "surge.1 surge.1")]

@@ -88,8 +88,8 @@ def example(vessel, make):
         "any drag",
         "ferry",
         "blown ferry",
-        "beluga",
-        "beluga in angles",
+        pytest.param("beluga", marks=pytest.mark.slow),
+        pytest.param("beluga in angles", marks=pytest.mark.slow),
         "tumbling beluga",
     ],
 )

@@ -220,3 +220,13 @@ def test_dsr_needs_forces() -> None:
     assert isinstance(trial.identifier, Dsr)
     with pytest.raises(ConfigurationError, match="identifier=dsr needs forces"):
         trial.identifier.check(vessel("kvlcc2"), None, measured=False)
+
+
+@pytest.mark.parametrize("name", ["tanker", "container", "remus100", "osv", "frigate"])
+def test_every_steered_vessel_has_the_bases(name: str) -> None:
+    """Written with the speed, a product of the tanker has six factors, u|beta||delta|beta n^2."""
+    ship = vessel(name)
+    for choice in ("physical", "full", "linear"):
+        terms = choose_basis(choice, (), ship)
+        assert len(terms) > 1
+        assert len({*terms}) == len(terms)

@@ -55,6 +55,21 @@ def test_a_direct_term_is_estimated_where_there_is_one(seed: int) -> None:
     assert (feedback.value, feedback.label) == (0.0, "judged by simulations")
 
 
+def test_files_are_left_out_whole() -> None:
+    """Two files of unequal length: one error each, the same in whichever order they stand."""
+    rng = np.random.default_rng(3)
+    plant = noisy_plant(rng, direct=False)
+    records = [open_loop(plant, n, 0.5, rng)[:2] for n in (400, 600)]
+    errors = []
+    for order in ((0, 1), (1, 0)):
+        y, u = (np.vstack([records[k][i] for k in order]) for i in (0, 1))
+        file = np.concatenate([np.full(len(records[k][0]), i) for i, k in enumerate(order)])
+        selection = select_variant(y, u, 6, 20, 6, stretch=file, file=file)
+        errors.append(selection.errors["open", False])
+    assert [len(values) for values in errors] == [2, 2]
+    np.testing.assert_allclose(errors[0], errors[1][::-1], rtol=1e-6)
+
+
 def test_the_test_of_feedback_has_its_level() -> None:
     """Without feedback the p-value is below 0.1 in at most a tenth of the records, and some are."""
     rng = np.random.default_rng(1)

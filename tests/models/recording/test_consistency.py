@@ -121,7 +121,10 @@ def found(path: Path) -> tuple[Problem, ...]:
     return examination.problems
 
 
-@pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.parametrize(
+    "name",
+    [RECORDINGS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in RECORDINGS[1:])],
+)
 def test_mutilated_recordings_are_named_with_their_cures(
     beluga: Path, tmp_path: Path, name: str
 ) -> None:

@@ -184,3 +184,15 @@ def test_what_cannot_be_split() -> None:
         blocked_k_fold(5, 3, 1)
     with pytest.raises(ConfigurationError, match="at least 2 blocks"):
         blocked_k_fold(5, 1)
+
+
+def test_pieces_too_short_for_the_filter_are_left_out() -> None:
+    """A recording of 40 s, a gap, and 2 s: the filter keeps what lies inside of the first."""
+    t = np.concatenate([0.1 * np.arange(400), 50.0 + 0.1 * np.arange(20)])
+    one = np.ones((len(t), 1))
+    recording = Recording(("surge",), t, 0.0 * one, one, one, one, np.zeros((len(t), 3)))
+    smooth = recording.lowpass(1.0, 2.0)
+    assert (smooth.t[0], smooth.t[-1]) == pytest.approx((2.0, 37.9))
+    np.testing.assert_allclose(smooth.nu, 1.0)
+    with pytest.raises(RecordingError, match="got 20 samples, too few for a low-pass filter"):
+        recording.part(slice(400, None)).lowpass(1.0, 2.0)

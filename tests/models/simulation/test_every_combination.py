@@ -21,6 +21,7 @@ from seatrial.runner.vessel_options import VesselOptions
 
 CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
+FEW = ("milliampere", "surge_linear")  # `make slow` sails them all
 
 VESSELS = {
     "milliampere": PLANAR, "modulus_ship": PLANAR, "supply_vessel": PLANAR,
@@ -96,7 +97,10 @@ def test_what_does_not_suit_is_refused_by_name(vessel: str, group: str) -> None:
             objects(vessel, group, name).check(VESSELS[vessel])
 
 
-@pytest.mark.parametrize("vessel", VESSELS)
+@pytest.mark.parametrize(
+    "vessel",
+    [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in VESSELS],
+)
 def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
     parameters = objects(vessel, "vessel", vessel)
     dofs, table = parameters.dofs, parameters.nominal()

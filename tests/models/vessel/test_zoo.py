@@ -219,7 +219,10 @@ def test_a_vessel_without_force_comes_to_rest(name: str) -> None:
         assert energy[-1] < 0.05 * energy[0]
 
 
-@pytest.mark.parametrize("name", STEERED)
+@pytest.mark.parametrize(
+    "name",
+    [STEERED[0], *(pytest.param(name, marks=pytest.mark.slow) for name in STEERED[1:])],
+)
 def test_a_steered_vessel_without_engine_comes_to_rest(name: str) -> None:
     """Within the time of 160 lengths; with the engine in the table it keeps or finds its speed."""
     vessel = parameters_of(name)

@@ -1,0 +1,91 @@
+"""The joint distribution of what was identified, of which models are drawn.
+
+Standard errors alone say too little: coefficients of a ship are strongly correlated, and what is
+predicted with all of them is known far better than each of them. The correlations are those for
+white residuals, the deviations those of the standard errors, whose residuals may be
+autocorrelated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seatrial.models.identification.free_parameters import FreeParameters
+from seatrial.models.identification.problem import Identified, Spread
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+
+
+@dataclass(frozen=True, eq=False)
+class TableSpread(Spread):
+    """Normal distribution of a table that a regression has found.
+
+    `within` holds a factor A (n_terms, n_terms) of the correlation A A' of the coefficients of
+    every degree of freedom, `across` one (n_dof, n_dof) of that of their residuals.
+    """
+
+    within: tuple[Array, ...]
+    across: Array
+
+    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+        """The model with coefficients drawn from the distribution; fixed ones stay."""
+        residual = result.residual
+        assert result.std_error is not None
+        z = rng.standard_normal((len(self.within[0]), len(self.across))) @ self.across.T
+        units = np.stack([A @ z[:, k] for k, A in enumerate(self.within)], axis=1)
+        change = np.nan_to_num(result.std_error) * units
+        return result.model + Vessel("drawn", residual.dofs, residual.terms, change)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpread(Spread):
+    """Normal distribution of free parameters (m,), those of devices among them."""
+
+    nominal: Vessel
+    free: FreeParameters
+    point: Array
+    covariance: Array  # (m, m)
+
+    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+        """The model with parameters drawn from the distribution."""
+        factor = factor_of(self.covariance)
+        drawn = self.point + factor @ rng.standard_normal(len(self.point))
+        return self.free.model(self.nominal, drawn)
+
+
+@dataclass(frozen=True, eq=False)
+class ReplicateSpread(Spread):
+    """The replicates of a bootstrap, points (count, m) of the free parameters."""
+
+    nominal: Vessel
+    free: FreeParameters
+    points: Array
+
+    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+        """The model of one of the replicates."""
+        return self.free.model(self.nominal, self.points[rng.integers(len(self.points))])
+
+
+def table_spread(normal: Sequence[Array], rest: Array) -> TableSpread:
+    """The distribution by cov(theta_k) up to a factor, (n_terms, n_terms) each, and residuals.
+
+    `rest` (N, n_dof); a coefficient with a variance of zero is fixed.
+    """
+    return TableSpread(
+        tuple(factor_of(correlation(each)) for each in normal),
+        factor_of(correlation(rest.T @ rest)),
+    )
+
+
+def correlation(covariance: Array) -> Array:
+    """Correlations (n, n) of a covariance; zero where there is no variance."""
+    deviation = np.sqrt(np.diag(covariance))
+    inverse = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0.0)
+    return np.asarray(covariance * np.outer(inverse, inverse))
+
+
+def factor_of(covariance: Array) -> Array:
+    """A with A A' = covariance (n, n), which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))

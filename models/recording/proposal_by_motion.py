@@ -1,0 +1,207 @@
+"""Proposes which column is what where columns have no names, from how they move together.
+
+Time increases by equal steps. The path is the pair of columns whose course follows a third, the
+heading, and the heading is the one of these that has a column of its rate. Velocities are
+the columns that follow the derivative of the path, in body axes or along those of the earth.
+The rudder is the column that best explains the yaw acceleration beside the yaw rate, as in Nomoto's
+equation of first order.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from seatrial.models.errors import RecordingError
+from seatrial.models.recording.agreement import correlations
+from seatrial.models.recording.source import Source
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import unroll
+
+FEWEST = 50  # samples
+EVEN = 0.5  # largest distance of times from equal steps, relative to the step
+ROUNDED = 0.01  # the same of times that are written with few digits, relative to the last
+ALIKE = 0.95  # correlation of a column with what it is taken for
+STEADY = 3.0  # standard deviations of a mean that exceeds the variation
+SAME = 0.1  # deviation of a factor from that of a unit
+DRIFT = 0.7  # largest deviation of the course from the heading, relative to the heading's
+SPAN = 0.01  # share of the samples over which differences are taken, so that noise averages out
+LEAST = 1e-9  # of a deviation: a column that varies less is constant
+MOST_COLUMNS = 40
+RESTING = 0.02  # of its largest step: a column that changes less rests
+SAMPLES = 400  # of the path that are compared
+TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
+RATES = {None: 1.0, "deg/s": np.pi / 180.0}
+SPEEDS = {None: 1.0, "knot": 1852.0 / 3600.0}
+
+
+@dataclass(frozen=True)
+class _Moving:
+    """Columns of numbers (N,) that move, on even times."""
+
+    period_s: float
+    columns: Mapping[str, Array]
+
+    @property
+    def span(self) -> int:
+        """Samples over which differences are taken."""
+        return max(1, round(SPAN * len(next(iter(self.columns.values()), ()))))
+
+    def change(self, values: Array) -> Array:
+        """The mean rate of change over the span."""
+        return np.asarray((values[self.span :] - values[: -self.span]) / self.span / self.period_s)
+
+    def mean(self, values: Array) -> Array:
+        """The mean over the span, which is the rate of change of the integral."""
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))])
+        return np.asarray((total[self.span :] - total[: -self.span]) / self.span)
+
+    def like(
+        self, rate: Array, units: Mapping[str | None, float], names: Iterable[str]
+    ) -> tuple[str, str | None] | None:
+        """The column, and its unit, whose mean is a rate of change; None if there is none."""
+        found = []
+        for name in names:
+            mean = self.mean(self.columns[name])
+            # About zero, since a speed is known by its mean as well, and by it alone if it hardly
+            # varies.
+            scale = float(mean @ rate) / max(float(mean @ mean), LEAST)
+            if abs(np.mean(rate)) > STEADY * np.std(rate):
+                rho = float(mean @ rate / (np.linalg.norm(mean) * np.linalg.norm(rate) + LEAST))
+            else:
+                rho = float(correlations(mean[:, None], rate[:, None])[0, 0])
+            near = [unit for unit, size in units.items() if abs(scale / size - 1.0) < SAME]
+            if rho > ALIKE and near:
+                found.append((rho, name, near[0]))
+        return max(found)[1:] if found else None
+
+
+def propose_by_motion(source: Source) -> dict[str, object]:
+    """A map of the columns of one file without names.
+
+    Raises RecordingError if no column is a time, or no columns are a path with its heading.
+    """
+    time, moving = _moving(source)
+    path = _path(moving)
+    if path is None:
+        raise RecordingError(
+            f"{source.path}: no columns of a position and a heading that belong together, expected "
+            "names of columns by excitation.text.names"
+        )
+    x, y, psi, turn = path
+    heading = moving.columns[psi] * TURNS[turn]
+    result: dict[str, object] = {
+        "time": time,
+        "position": {"surge": x, "sway": y},
+        "heading": _written(psi, turn),
+    }
+    rest = [name for name in moving.columns if name not in (x, y, psi)]
+    found, earth = _velocities(moving, x, y, heading, rest)
+    yaw = moving.like(moving.change(heading), RATES, rest)
+    if yaw:
+        found["yaw"] = yaw
+    if found:
+        result["velocity"] = {dof: _written(*column) for dof, column in found.items()}
+    if earth:
+        result["frames"] = {"velocity": "earth"}
+    known = {column for column, _ in found.values()}
+    rudder = _rudder(moving, heading, [name for name in rest if name not in known])
+    if rudder:
+        result["inputs"] = {"delta": rudder}
+    return result
+
+
+def _moving(source: Source) -> tuple[object, _Moving]:
+    """The column of time, as in a map, and the others that move."""
+    columns = {}
+    for name in list(source.columns)[:MOST_COLUMNS]:
+        try:
+            columns[name] = source.numbers(name)
+        except RecordingError:
+            continue
+    for name, values in columns.items():
+        if len(values) < FEWEST or not np.all(np.diff(values) >= 0.0):
+            continue
+        even = np.linspace(values[0], values[-1], len(values))
+        apart = float(np.max(np.abs(values - even)))
+        period = float(even[1] - even[0])
+        if period > 0.0 and apart < EVEN * period:
+            return name, _Moving(period, _moving_columns(columns, name))
+        if period > 0.0 and apart < ROUNDED * abs(values[-1]):
+            written = {"column": name, "uniform": True}
+            return written, _Moving(period, _moving_columns(columns, name))
+    raise RecordingError(
+        f"{source.path}: no column of time among {', '.join(source.columns)[:300]}, expected one "
+        "that increases by equal steps, or one such as t or time"
+    )
+
+
+def _moving_columns(columns: Mapping[str, Array], time: str) -> dict[str, Array]:
+    return {name: v for name, v in columns.items() if name != time and np.std(v) > LEAST}
+
+
+def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
+    """North, east, heading and its unit: those whose course keeps closest to the heading."""
+    rates = {name: moving.change(values) for name, values in moving.columns.items()}
+    every = max(1, len(next(iter(rates.values()), ())) // SAMPLES)
+    best, least = None, DRIFT
+    for psi, values in moving.columns.items():
+        for unit, size in TURNS.items():
+            heading = moving.mean(values * size)[::every]
+            if moving.like(moving.change(values * size), RATES, set(rates) - {psi}) is None:
+                continue
+            for x, y in permutations(set(rates) - {psi}, 2):
+                course = unroll(np.arctan2(rates[y][::every], rates[x][::every]))
+                drift = course - heading
+                drift -= 2.0 * np.pi * np.round(np.mean(drift) / (2.0 * np.pi))
+                ratio = float(np.sqrt(np.mean(drift**2)) / max(np.std(heading), LEAST))
+                if ratio < least:
+                    best, least = (x, y, psi, unit), ratio
+    return best
+
+
+def _velocities(
+    moving: _Moving, x: str, y: str, heading: Array, rest: Iterable[str]
+) -> tuple[dict[str, tuple[str, str | None]], bool]:
+    """Columns of surge and sway, and whether they are along the axes of the earth."""
+    rate = [moving.change(moving.columns[name]) for name in (x, y)]
+    psi = moving.mean(heading)
+    body = [
+        rate[0] * np.cos(psi) + rate[1] * np.sin(psi),
+        rate[1] * np.cos(psi) - rate[0] * np.sin(psi),
+    ]
+    found: dict[str, tuple[str, str | None]] = {}
+    for axes in (body, rate):
+        known = [moving.like(values, SPEEDS, rest) for values in axes]
+        both = {dof: k for dof, k in zip(("surge", "sway"), known, strict=True) if k}
+        if len(both) == 2:
+            return both, axes is rate
+        found = found or both
+    return found, False
+
+
+def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> object | None:
+    """The column that leaves least of the yaw acceleration, beside the yaw rate.
+
+    Roll and thrust follow the turn as well, but never rest: of each column the share of samples in
+    which it moves counts too.
+    """
+    rate = moving.change(heading)
+    target, own = moving.change(rate), moving.mean(rate)
+    best, least = None, ALIKE * float(np.sum((target - np.mean(target)) ** 2))
+    for name in rest:
+        values = moving.columns[name]
+        basis = np.column_stack([np.ones_like(own), own, moving.mean(moving.mean(values))])
+        error = target - basis @ np.linalg.lstsq(basis, target, rcond=None)[0]
+        steps = np.abs(np.diff(values))
+        left = float(error @ error) * float(np.mean(steps > RESTING * np.max(steps)))
+        if left < least:
+            best, least = name, left
+    if best is None:
+        return None
+    return _written(best, "deg" if np.max(np.abs(moving.columns[best])) > np.pi / 2.0 else None)
+
+
+def _written(name: str, unit: str | None) -> object:
+    return name if unit is None else {"column": name, "unit": unit}
