@@ -1,198 +1,149 @@
-"""The leaderboard: what every entrant reached in every case of the tasks, and their ranks.
-
-The newest run of a cell counts. A run that failed or diverged, and one whose model cannot predict,
-has an infinite loss: it ranks behind all others. Cells without a run are not ranked; a task is
-ranked over the cases that all its entrants have run.
-"""
+"""The tables of the benchmark: entrants by task, measures of manoeuvres, and a summary."""
 
 import math
-import re
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime
+from collections.abc import Sequence
 
 import numpy as np
-import sqlalchemy as sa
 
-from seatrial.runner import search_path
-from seatrial.runner.compare.benchmark.cells import Cell, cells, entrants_of
-from seatrial.runner.compare.benchmark.scores import (
-    MEAN_MOTION,
-    PERSISTENCE,
-    Score,
-    interval,
-    score,
-)
-from seatrial.runner.compare.benchmark.task import GROUP, Task, task_of
-from seatrial.runner.compare.grid import Cell as Shown
-from seatrial.runner.compare.grid import Grid, number_text
-from seatrial.runner.compare.ranking import Ranking, ranking
-from seatrial.runner.compare.results import FINISHED, Results, open_results
-from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.tables import Coefficient
-from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.compare.benchmark.boards import Board, overall
+from seatrial.runner.compare.benchmark.boards import boards as boards
+from seatrial.runner.compare.benchmark.entries import Entry
+from seatrial.runner.compare.benchmark.scores import interval, pooled
+from seatrial.runner.compare.grid import Cell, Grid, number_text, with_unit
 from seatrial.runner.invocation import trial_program
 
-REFERENCES = (MEAN_MOTION, PERSISTENCE)
-LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result
-SPELLING = re.compile(r"[\s'\"]+")
+COMPARED = ("auto", "none")  # entrants that the summary shows beside the first one
+SUMMARY = ("task", "cells", "first", "FIT [%]", "90 %", "not significantly worse")
+BOLD = (
+    "bold: not significantly worse than the first, by ranks, or where there are too few cells by a"
+    " paired bootstrap of the errors; mean_motion and persistence are left out"
+)
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A cell with its newest run."""
-
-    cell: Cell
-    run: int
-    status: str
-    duration_s: float
-    error: str
-    parameters: int  # coefficients that differ from the believed ones
-    score: Score | None  # None: without a prediction
-
-    @property
-    def loss(self) -> float:
-        """Mean NRMSE of the free run; inf if there is none."""
-        return math.inf if self.score is None else self.score.loss
+def grids(boards: Sequence[Board]) -> list[Grid]:
+    """Return the tables of the tasks."""
+    return [grid for board in boards for grid in (leaderboard(board), *manoeuvre_grids(board))]
 
 
-def leaderboards(
-    database: str, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
-) -> list[Grid]:
-    """Return the tables of the named tasks, by default all, with further entrants."""
-    grids = []
-    with open_results(database) as results:
-        for name in tasks or search_path.options(GROUP):
-            task = task_of(name)
-            named = {**task.entrants, **entrants_of(task, entrants)}
-            own = entries(results, task, cells(name, task, named))
-            grids.append(leaderboard(name, task, [*own, *references(results, task, own)]))
-    return grids
-
-
-def entries(results: Results, task: Task, listed: Iterable[Cell]) -> list[Entry]:
-    """Return the cells that have been run, with their scores."""
-    newest = _newest(results)
-    found = []
-    for cell in listed:
-        row = newest.get(_normal(cell.options))
-        if row is not None:
-            found.append(_entry(results, task, cell, row))
-    return found
-
-
-Stored = sa.Row[int, str, list[str], datetime, datetime | None, str | None]
-
-
-def _newest(results: Results) -> dict[tuple[str, ...], Stored]:
-    """Return the newest run of each set of options, by their normal form."""
-    columns = (RunTable.id, RunTable.status, RunTable.overrides)
-    ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
-    query = sa.select(*columns, *ends).order_by(RunTable.id)
-    return {_normal(row.overrides): row for row in results.reader.select(query)}
-
-
-def _normal(options: Iterable[str]) -> tuple[str, ...]:
-    """Return the options that decide the results, in one spelling and order."""
-    return tuple(sorted(SPELLING.sub("", text) for text in options if not text.startswith(LABELS)))
-
-
-def _entry(results: Results, task: Task, cell: Cell, row: Stored) -> Entry:
-    run_id, status, _, started, finished, error = row
-    result = None
-    if status == FINISHED:
-        series = results.reader.series(run_id, "prediction")
-        result = score(series, "identified", task.outputs, task.horizons_s)
-    seconds = (finished - started).total_seconds() if finished else math.nan
-    count = sa.select(sa.func.count()).select_from(Coefficient).where(
-        Coefficient.run_id == run_id, Coefficient.model == "residual", Coefficient.value != 0.0
-    )  # fmt: skip
-    ((parameters,),) = results.reader.select(count)
-    return Entry(cell, run_id, status, seconds, error or "", parameters, result)
-
-
-def references(results: Results, task: Task, own: Sequence[Entry]) -> list[Entry]:
-    """Return what the mean of the motion and a held velocity reach in the cells of `own`."""
-    done: dict[tuple[str, int], Entry] = {}
-    for entry in own:
-        if entry.score is not None:
-            done.setdefault((entry.cell.case, entry.cell.seed), entry)
-    found = []
-    for entry in done.values():
-        series = results.reader.series(entry.run, "prediction")
-        for name in REFERENCES:
-            cell = replace(entry.cell, entrant=name)
-            result = score(series, name, task.outputs)
-            found.append(replace(entry, cell=cell, duration_s=0.0, parameters=0, score=result))
-    return found
-
-
-def losses(own: Sequence[Entry]) -> tuple[list[str], Sample]:
-    """Return entrants, and their losses (n_cases, n_entrants) in the cells that all have run."""
-    names = list(dict.fromkeys(entry.cell.entrant for entry in own))
-    by_cell: dict[tuple[str, str, int], dict[str, float]] = defaultdict(dict)
-    for entry in own:
-        key = entry.cell.task, entry.cell.case, entry.cell.seed
-        by_cell[key][entry.cell.entrant] = entry.loss
-    rows = [[row[name] for name in names] for row in by_cell.values() if len(row) == len(names)]
-    return names, np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
-
-
-def leaderboard(name: str, task: Task, own: Sequence[Entry]) -> Grid:
+def leaderboard(board: Board) -> Grid:
     """Return the table of a task: the best mean rank first.
 
     FIT is that of the pooled free runs, with its 90 % interval; after each horizon stands the mean
     NRMSE of the predictions over it.
     """
-    names, table = losses(own)
-    ranks = ranking(table) if len(table) else None
-    order = ranks.order() if ranks else range(len(names))
-    best = ranks.best() if ranks else set[int]()
-    rows = [
-        _row(names[i], [e for e in own if e.cell.entrant == names[i]], task, ranks, i, i in best)
-        for i in order
-    ]
+    task, ranked = board.task, board.ranked
+    best = board.rivals() if board.entries else []
+    rows = [_row(board, name, name in best) for name in ranked.order()]
     headers = ["entrant", "rank", "FIT [%]", "90 %", *(f"{dof} FIT" for dof in task.outputs)]
-    headers += [*(f"NRMSE {seconds:g} s" for seconds in task.horizons_s), "diverged", "parameters"]
-    notes = [f"{len(table)} cells that all entrants have run; rank: mean over them, 1 is best"]
-    notes.append("bold: the best rank, and ranks that do not differ from it significantly")
-    if not own:
-        notes = [f"no runs: {trial_program()} benchmark --task {name}"]
-    return Grid(task.title, [*headers, "time [s]"], rows, notes=notes)
+    headers += [f"NRMSE {seconds:g} s" for seconds in task.horizons_s]
+    if task.position_after_s is not None:
+        headers.append(f"position {task.position_after_s:g} s [m]")
+    headers += ["manoeuvre [%]"] if _has_manoeuvres(board) else []
+    headers += ["diverged", "parameters", "training [s]"]
+    notes = [
+        f"{len(ranked.losses)} cells that all entrants have run; rank: mean over them, 1 is best;"
+        " FIT and NRMSE: of the cells that did not diverge",
+        BOLD,
+    ]
+    if not board.entries:
+        notes = [f"no runs: {trial_program()} benchmark --task {board.name}"]
+    return Grid(task.title, headers, rows, notes=notes)
 
 
-def _row(
-    name: str, own: Sequence[Entry], task: Task, ranks: Ranking | None, i: int, best: bool
-) -> list[Shown]:
-    scores = [entry.score for entry in own if entry.score is not None]
-    lost = [entry for entry in own if math.isinf(entry.loss)]
-    good = [result for result in scores if not math.isinf(result.loss)]
-    fits = [np.nan] * len(task.outputs)
-    if good:
-        fits = (100.0 * (1.0 - _pooled([result.nrmse for result in good]))).tolist()
-    low, high = interval(good) if good else (math.nan, math.nan)
+def _has_manoeuvres(board: Board) -> bool:
+    return any(entry.measures for entry in board.entries)
+
+
+def _row(board: Board, name: str, best: bool) -> list[Cell]:
+    task, own = board.task, board.of(name)
+    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
+    fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
     after = [
         _mean([float(np.mean(r.after[s])) for r in good if s in r.after]) for s in task.horizons_s
     ]
+    errors = [100.0 * measure.error for entry in own for measure in entry.measures]
+    manoeuvre = [_mean(errors)] if _has_manoeuvres(board) else []
+    means = [_mean([e.parameters for e in own]), _mean([e.training_s for e in own])]
     return [
-        Shown(name, bold=best),
-        Shown(number_text(ranks.mean_ranks[i], 3) if ranks else "-", bold=best),
-        Shown(number_text(float(np.mean(fits)), 3), bold=best),
-        Shown(f"{100 * (1 - high):.0f} to {100 * (1 - low):.0f}" if good else "-"),
-        *(Shown(number_text(value, 3)) for value in fits),
-        *(Shown(number_text(value, 2)) for value in after),
-        Shown(f"{len(lost)} of {len(own)}"),
-        Shown(number_text(_mean([entry.parameters for entry in own]), 3)),
-        Shown(number_text(_mean([entry.duration_s for entry in own]), 2)),
+        Cell(name, bold=best),
+        _number(board.ranked.mean_rank(name), 3, best),
+        _number(float(np.mean(fits)), 3, best),
+        Cell(interval_text(board, name)),
+        *(_number(value, 3) for value in fits),
+        *(_number(value, 2) for value in after),
+        *([_number(_mean([e.loss for e in own]), 3)] if task.position_after_s is not None else []),
+        *(_number(value, 2) for value in manoeuvre),
+        Cell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
+        _number(means[0], 3),
+        _number(means[1], 2),
     ]
 
 
-def _pooled(nrmse: Sequence[Sample]) -> Sample:
-    """Root of the mean square over cells, per output."""
-    return np.asarray(np.sqrt(np.mean(np.square(nrmse), axis=0)))
+def _number(value: float, digits: int, bold: bool = False) -> Cell:
+    """A cell of a number; a dash for one that is not known."""
+    if math.isnan(value):
+        return Cell("–", bold=bold)
+    rounded = 0.0 if abs(value) < 1e-6 else value  # a FIT of the mean motion is 0 but for rounding
+    return Cell(number_text(rounded, digits), bold, rounded)
 
 
 def _mean(values: Sequence[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return float(np.mean(known)) if known else math.nan
+
+
+def fit(own: Sequence[Entry]) -> float:
+    """Mean FIT [%] over the outputs of the pooled free runs; NaN if all diverge."""
+    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
+    return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
+
+
+def interval_text(board: Board, name: str) -> str:
+    """Return the 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
+    own = board.of(name)
+    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
+    if not good:
+        return "–"
+    low, high = interval(good)
+    return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
+
+
+def manoeuvre_grids(board: Board) -> list[Grid]:
+    """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
+    names = [name for name in board.ranked.order() if any(e.measures for e in board.of(name))]
+    own = {(e.cell.case, e.cell.entrant): e for e in board.entries if e.cell.seed == 0}
+    rows = []
+    for case in board.task.cases:
+        entries = [own[case, name] for name in names if (case, name) in own]
+        found = {e.cell.entrant: {(m.piece, m.quantity): m for m in e.measures} for e in entries}
+        listed = {key: measure for by_key in found.values() for key, measure in by_key.items()}
+        for key, first in listed.items():
+            label = case if key[0] == 0 else f"{case}, {key[0] + 1}"
+            values = [found.get(name, {}).get(key) for name in names]
+            predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
+            quantity = with_unit(first.quantity, first.unit)
+            rows.append([Cell(label), Cell(quantity), _number(first.measured, 3), *predicted])
+    if not rows:
+        return []
+    title = f"{board.task.title}: measures of the manoeuvres, in the free run"
+    return [Grid(title, ["case", "quantity", "measured", *names], rows, 2, ["L: ship lengths"])]
+
+
+def summary(boards: Sequence[Board]) -> Grid:
+    """Return one line for each task that has been run: the first entrant, and what others reach."""
+    rows = []
+    for board in (board for board in boards if board.entries):
+        first, *others = board.rivals()
+        cells = [Cell(board.task.title), Cell(str(len(board.contest.losses))), Cell(first)]
+        cells += [_number(fit(board.of(first)), 3), Cell(interval_text(board, first))]
+        cells.append(Cell(", ".join(others) or "–", prose=True))
+        for name in COMPARED:
+            cells.append(_number(fit(board.of(name)), 3, name in (first, *others)))
+        rows.append(cells)
+    notes = [BOLD]
+    ranks = overall(boards)
+    if ranks.ranks is not None and len(rows) > 1:
+        order = ", ".join(f"{name} {ranks.mean_rank(name):.1f}" for name in ranks.order())
+        notes.append(f"mean ranks over {len(ranks.losses)} cases of all tasks: {order}")
+    headers = [*SUMMARY, *(f"{name}: FIT [%]" for name in COMPARED)]
+    return Grid("Benchmark", headers, rows, notes=notes)

@@ -2,6 +2,11 @@
 
 import json
 import os
+import re
+import shutil
+import signal
+import sqlite3
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -9,9 +14,13 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import benchmark, search_path
 from seatrial.runner import trial as trials
-from seatrial.runner.compare import leaderboard
+from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
+from seatrial.runner.compare.grid import Cell
+from seatrial.runner.compare.leaderboard import grids
+from seatrial.runner.compare.results import open_results
+from tests.runner.programs import ended, program, wait
 from tests.trials import composed
 
 TASKS = search_path.options(GROUP)
@@ -28,6 +37,10 @@ seeds: 12
 entrants:
   none: [identifier=none]
   ls: [identifier=ls]
+"""
+MINE = """
+defaults: [ls, _self_]
+basis: linear
 """
 
 
@@ -70,14 +83,67 @@ def test_cells_are_run_once_and_ranked(
     assert "small, ls: sweep 2, 13 runs: 13 finished" in capsys.readouterr().out
     assert benchmark.main(words) == 0
     assert "13 already in the logbook" in capsys.readouterr().out
-    (grid,) = leaderboard.leaderboards("sqlite:///results/benchmark/results.db", ["small"])
-    rows = {row[0].text: row for row in grid.rows}
+    rows = ranked_rows(tmp_path)
     assert list(rows) == ["ls", "none", *list(rows)[2:]]
     assert {"mean_motion", "persistence"} == set(list(rows)[2:])
     assert float(rows["ls"][1].text) == 1.0
     assert rows["ls"][0].bold
     assert not rows["none"][0].bold
     assert float(rows["mean_motion"][2].text) == pytest.approx(0.0, abs=1e-9)
+    identifiers = tmp_path / "conf" / "identifier"
+    identifiers.mkdir()
+    (identifiers / "mine.yaml").write_text(MINE)
+    assert benchmark.main([*words, "--entrant", "mine"]) == 0  # an entrant from elsewhere
+    said = capsys.readouterr().out
+    assert "small, mine: sweep 5, 13 runs: 13 finished" in said
+    assert re.search(r"^benchmark: \d+ min \d+ s$", said, re.MULTILINE)
+    assert runs(tmp_path) == {"none": 13, "ls": 13, "mine": 13}
+    assert set(ranked_rows(tmp_path, "mine")) == {*rows, "mine"}
+
+
+def runs(folder: Path) -> dict[str, int]:
+    """The number of finished runs of each identifier."""
+    query = "select identifier, count(*) from run where status = 'finished' group by identifier"
+    with sqlite3.connect(folder / "results" / "benchmark" / "results.db") as database:
+        return dict(database.execute(query).fetchall())
+
+
+def ranked_rows(folder: Path, *entrants: str) -> dict[str, Sequence[Cell]]:
+    """The rows of the table by entrant."""
+    with open_results(str(folder / "results" / "benchmark" / "results.db")) as results:
+        (grid,) = grids(boards(results, ["small"], entrants))
+    return {row[0].text: row for row in grid.rows}
+
+
+@pytest.mark.slow
+def test_a_benchmark_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    small(tmp_path)
+    words = ("-m", "seatrial.runner", "benchmark", "--task", "small", "--launcher", "basic")
+    killed = program(*words, folder=tmp_path)
+    database = tmp_path / "results" / "benchmark" / "results.db"
+    query = "select id, finished_at from run where status = 'finished' order by id"
+
+    def done() -> list[tuple[object, ...]]:
+        if not database.exists():
+            return []
+        try:
+            with sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=30.0) as opened:
+                return opened.execute(query).fetchall()
+        except sqlite3.OperationalError:  # the schema is not there yet
+            return []
+
+    wait(lambda: len(done()) >= 3 or killed.poll() is not None)
+    os.killpg(killed.pid, signal.SIGKILL)
+    ended(killed)
+    before = done()
+    assert 3 <= len(before) < 26
+    code, out, err = ended(program(*words, folder=tmp_path))
+    assert code == 0, err
+    assert done()[: len(before)] == before
+    assert runs(tmp_path) == {"none": 13, "ls": 13}
+    code, out, _ = ended(program(*words, folder=tmp_path))
+    assert code == 0
+    assert out.count("13 already in the logbook") == 2
 
 
 def test_an_entrant_that_cannot_take_part_says_so(
@@ -119,6 +185,45 @@ def test_missing_and_damaged_files_are_named_and_their_cases_left_out(
     assert [file.state for file in located(task)] == ["found", "damaged"]
 
 
+def test_a_folder_is_the_files_that_are_listed_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SEATRIAL_DATA", str(tmp_path))
+    text = FILES.replace("train: [a.csv]}", "train: [run]}").replace("  b.csv: ", "  run/b.csv: ")
+    small(
+        tmp_path, text.replace("{train: [a.csv], test: [b.csv]}", "{train: [a.csv], test: [run]}")
+    )
+    (tmp_path / "run").mkdir()
+    (tmp_path / "a.csv").write_text("abc")
+    task = task_of("small")
+    assert [lack.files[0].name for lack in lacking(task)] == ["run/b.csv", "run/b.csv"]
+    (tmp_path / "run" / "b.csv").write_text("abc")
+    (cell, _) = cells("small", task, {"ls": ("identifier=ls",)})
+    assert f'excitation.test=["{tmp_path / "run"}"]' in cell.options
+
+
+def test_an_entrant_may_bring_its_own_vessel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A third party adds a YAML and an option: only its cells run, and the table has them."""
+    monkeypatch.chdir(tmp_path)
+    few = SMALL.replace("seeds: 12", "seeds: 2")
+    small(tmp_path, few)
+    words = ["--task", "small", "--launcher", "basic"]
+    assert benchmark.main(words) == 0
+    own = "  own: [vessel=surge_nonlinear, identifier=ls]\n"
+    (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(few + own)
+    capsys.readouterr()
+    assert benchmark.main(words) == 0
+    said = capsys.readouterr().out
+    assert said.count("3 already in the logbook") == 2
+    assert "small, own: sweep 5, 3 runs: 3 finished" in said
+    with open_results("sqlite:///results/benchmark/results.db") as results:
+        (grid,) = grids(boards(results, ["small"]))
+    assert "own" in {row[0].text for row in grid.rows}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -138,17 +243,31 @@ def test_a_task_that_is_none_is_one_line(
     assert "\n" not in str(error.value)
 
 
+MEASURED = [name for name in TASKS if any(case.test for case in task_of(name).cases.values())]
+
+
 @pytest.mark.slow
-def test_what_is_identified_does_not_depend_on_the_files_that_are_tested_on() -> None:
-    """Selection uses training files alone: other test files, the same coefficients."""
-    train = json.dumps([str(data("beluga/surge-1.csv")), str(data("beluga/sway-1.csv"))])
-    thetas = []
-    for test in ("random-1", "heave-1"):
-        options = ("vessel=beluga_linear", "excitation=recording", "identifier=auto")
-        trial = composed(
-            *options, "evaluation=none", "controller=none", f"excitation.train={train}",
-            f"excitation.test={json.dumps([str(data(f'beluga/{test}.csv'))])}",
-        )  # fmt: skip
-        rows = trials.run(trial).coefficients
-        thetas.append({(r.dof, r.term): r.value for r in rows if r.model == "identified"})
-    assert thetas[0] == thetas[1]
+@pytest.mark.parametrize("name", MEASURED)
+def test_what_is_identified_does_not_depend_on_the_files_that_are_tested_on(
+    name: str, tmp_path: Path
+) -> None:
+    """Selection uses training files alone: tested on a copy of one of these, the same model.
+
+    The entrant chooses its disturbance terms by cross-validation and its filter by the noise.
+    """
+    task = task_of(name)
+    for file in task.files:
+        data(file)
+    case = next(label for label, case in task.cases.items() if case.test)
+    entrant = {"robust": ("identifier=robust", "identifier.refinement=none")}
+    cell = next(cell for cell in cells(name, task, entrant) if cell.case == case)
+    first = Path(DATA or "") / task.cases[case].train[0]
+    copy = tmp_path / first.name
+    (shutil.copytree if first.is_dir() else shutil.copyfile)(first, copy)
+    own = [word for word in cell.options if not word.startswith(("excitation.test", "horizons_s"))]
+    models = []
+    for options in (cell.options, (*own, f"excitation.test={json.dumps([str(copy)])}")):
+        rows = trials.run(composed(*options)).coefficients
+        models.append({(r.dof, r.term): r.value for r in rows if r.model == "identified"})
+    assert models[0] == pytest.approx(models[1], rel=1e-9)  # the same but for rounding of times
+    assert models[0]

@@ -48,33 +48,46 @@ def cells(name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]) -> Ite
                     *task.trial,
                     *_map(task),
                     *case.options,
-                    *_recordings(case, files),
+                    *_recordings(task, case, files),
                     *options,
                 )
                 given += (f"horizons_s={list(task.horizons_s)}",)
                 for seed in range(case.seeds or task.seeds):
-                    yield Cell(name, label, entrant, seed, (*given, f"seed={seed}"))
+                    yield Cell(name, label, entrant, seed, _last((*given, f"seed={seed}")))
 
 
 def lacking(task: Task) -> list[Lacking]:
     """Return the cases whose files are missing or damaged."""
     files = {file.name: file for file in located(task)}
     wrong = {
-        label: tuple(files[path] for path in case.files if files[path].state != "found")
+        label: tuple(
+            files[part]
+            for path in case.files
+            for part in task.parts(path)
+            if files[part].state != "found"
+        )
         for label, case in task.cases.items()
     }
     return [Lacking(label, files) for label, files in wrong.items() if files]
 
 
+def _last(options: Sequence[str]) -> tuple[str, ...]:
+    """The last option of each key: an entrant may replace one of the task, such as the vessel."""
+    return tuple({option.partition("=")[0]: option for option in options}.values())
+
+
 def _map(task: Task) -> Iterator[str]:
     if task.map is not None:
         yield f"excitation.map={maps_folder() / task.map}"
+    if task.test_map is not None:
+        yield f"excitation.test_map={maps_folder() / task.test_map}"
 
 
-def _recordings(case: Case, files: Mapping[str, Located]) -> Iterator[str]:
+def _recordings(task: Task, case: Case, files: Mapping[str, Located]) -> Iterator[str]:
     for key, names in (("train", case.train), ("test", case.test)):
         if names:
-            paths = [str(files[name].path) for name in names]
+            parts = [(name, task.parts(name)[0]) for name in names]
+            paths = [str(files[part].path).removesuffix(part) + name for name, part in parts]
             if any(set(path) & set("'\"\\") for path in paths):
                 raise ConfigurationError(f"{paths[0]}: got a quote or backslash in a path of data")
             yield f"excitation.{key}={json.dumps(paths)}"

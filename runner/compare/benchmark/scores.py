@@ -53,17 +53,33 @@ def score(
     """
     measured = _columns(series, outputs)
     starts, t = series.columns["start"], series.columns["t"]
-    spread = np.std(measured, axis=0)
+    spread, period_s = np.std(measured, axis=0), float(np.median(np.diff(t)))
     after = {}
     for seconds in horizons_s:
-        values = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in outputs])
+        values = _after(series, model, outputs, measured, round(seconds / period_s), seconds)
         reached = ~np.isnan(values[:, 0])
         error = (values - measured)[reached]
         after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(outputs), np.inf)
     errors = (_free_run(series, model, outputs, measured, starts) - measured) / spread
-    ones = np.ones(len(outputs))
-    period_s = float(np.median(np.diff(t)))
-    return Score(_nrmse(errors, ones), errors, starts, period_s, after)
+    return Score(_nrmse(errors, np.ones(len(outputs))), errors, starts, period_s, after)
+
+
+def _after(
+    series: Series, model: str, outputs: Sequence[str], measured: Sample, steps: int, seconds: float
+) -> Sample:
+    """Predictions (N, n) from the state measured `steps` before; NaN where none ends.
+
+    Those of PERSISTENCE and MEAN_MOTION end where some model's do.
+    """
+    suffix = f"_{seconds:g}s"
+    if model not in (PERSISTENCE, MEAN_MOTION):
+        return _columns(series, [f"{name}_{model}{suffix}" for name in outputs])
+    ends = [values for name, values in series.columns.items() if name.endswith(suffix)]
+    none = ~np.any([~np.isnan(values) for values in ends], axis=0) if ends else slice(None)
+    earlier = np.roll(measured, max(steps, 1), axis=0)
+    values = earlier if model == PERSISTENCE else np.tile(measured.mean(axis=0), (len(measured), 1))
+    values[none] = np.nan
+    return values
 
 
 def _free_run(
@@ -88,8 +104,14 @@ def _nrmse(errors: Sample, spread: Sample) -> Sample:
     return np.where(np.isnan(values), np.inf, values)
 
 
+def pooled(scores: Sequence[Score]) -> Sample:
+    """Return the NRMSE of each output (n,) over the samples of several free runs."""
+    errors = np.concatenate([score.errors for score in scores])
+    return _nrmse(errors, np.ones(errors.shape[1]))
+
+
 def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
-    """Return the 90 % interval of the pooled loss, by a bootstrap of files and blocks.
+    """Return the 90 % interval of the mean of `pooled`, by a bootstrap of files and blocks.
 
     (inf, inf) where a trial diverges.
     """
@@ -100,3 +122,27 @@ def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
     drawn = np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed))).mean(axis=1)
     low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return float(low), float(high)
+
+
+def chance(first: Sequence[Score], other: Sequence[Score], seed: int = 0) -> float:
+    """Return the p-value of equal pooled losses of two entrants, by a paired bootstrap.
+
+    `first` and `other` are their scores of the same files: both are drawn at the same files and
+    blocks. 0 where only one of the two diverges, 1 where both do; NaN for scores that do not match.
+    """
+    lost = [any(not np.isfinite(score.loss) for score in scores) for scores in (first, other)]
+    if any(lost):
+        return float(all(lost))
+    pairs = list(zip(first, other, strict=False))
+    if len(first) != len(other) or any(a.errors.shape != b.errors.shape for a, b in pairs):
+        return np.nan
+    both = [piece for a, b in pairs for piece in map(_side_by_side, a.pieces(), b.pieces())]
+    length = max(round(BLOCK_S / first[0].period_s), 1)
+    drawn = np.sqrt(block_bootstrap(both, length, np.random.default_rng(seed)))
+    half = drawn.shape[1] // 2
+    better = np.mean(drawn[:, :half].mean(axis=1) < drawn[:, half:].mean(axis=1))
+    return float(min(2.0 * min(better, 1.0 - better) + 2.0 / len(drawn), 1.0))
+
+
+def _side_by_side(first: Sample, other: Sample) -> Sample:
+    return np.hstack([first, other])

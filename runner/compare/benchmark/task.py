@@ -15,6 +15,7 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import options, search_path
+from seatrial.runner.export.manoeuvre_tracks import Manoeuvre
 from seatrial.runner.vocabulary import DOF_ORDER
 
 GROUP = "benchmark"
@@ -42,6 +43,7 @@ class Case:
     test: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
     seeds: int | None = None  # null: as many as the task has; 1 where nothing is random
+    manoeuvre: Manoeuvre | None = None  # whose measures are compared, of each test file
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -54,7 +56,9 @@ class Task:
     """A task; its trials have the options `trial` and those of a case and an entrant.
 
     `outputs` are the degrees of freedom whose velocities are scored, `horizons_s` [s] the times
-    over which predictions are scored beside the free run. `entrants` are those of this task alone.
+    over which predictions are scored beside the free run. The loss is that of the free run, or the
+    error of the position `position_after_s` [s] after a measured state. `entrants` are those of
+    this task alone.
     """
 
     title: str
@@ -64,8 +68,10 @@ class Task:
     source: Source | None = None  # None: simulated
     files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
     map: str | None = None  # of the columns, a file of the folder `maps` beside the task
+    test_map: str | None = None  # of the files that are tested on, where it is another one
     seeds: int = 1
     horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
+    position_after_s: float | None = None  # one of them: the entrants are ranked by its position
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
     without: tuple[str, ...] = ()  # entrants that cannot take part
 
@@ -75,12 +81,21 @@ class Task:
                 raise ConfigurationError(
                     f"outputs: got {dof!r}, expected some of {', '.join(DOF_ORDER)}"
                 )
+        if self.position_after_s not in (None, *self.horizons_s):
+            raise ConfigurationError(
+                f"position_after_s: got {self.position_after_s:g}, expected one of horizons_s: "
+                f"{', '.join(f'{seconds:g}' for seconds in self.horizons_s)}"
+            )
         if not self.cases:
             raise ConfigurationError("cases: got none, expected at least one")
         for name, case in self.cases.items():
             for path in case.files:
-                if path not in self.files:
+                if not self.parts(path):
                     raise ConfigurationError(f"cases.{name}: {path} has no SHA-256 under `files`")
+
+    def parts(self, path: str) -> list[str]:
+        """The files of a recording: itself, or those that are listed of a folder."""
+        return [file for file in self.files if file == path or file.startswith(f"{path}/")]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.ranking import block_bootstrap, holm, ranking
+from seatrial.runner.compare.ranking import block_bootstrap, critical_difference, holm, ranking
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.
 # Its ranks of the last but one set are 4, 1, 2, 3: the tie there is one of rounding.
@@ -18,6 +18,19 @@ def test_mean_ranks_are_the_published_ones() -> None:
     losses = -np.array(DEMSAR.split(), dtype=float).reshape(14, 4)
     expected = [3.143, 2.000, 2.893, 1.964]
     np.testing.assert_allclose(ranking(losses).mean_ranks, expected, atol=5e-4)
+
+
+@pytest.mark.parametrize(("level", "printed"), [(0.05, 1.25), (0.10, 1.12)])
+def test_critical_difference_is_the_published_one(level: float, printed: float) -> None:
+    """Demsar (2006), section 3.2.2: four classifiers on 14 data sets."""
+    assert critical_difference(4, 14, level) == pytest.approx(printed, abs=5e-3)
+
+
+@pytest.mark.parametrize(("entrants", "quantile"), [(2, 1.960), (5, 2.728), (9, 3.102)])
+def test_critical_values_are_the_published_ones(entrants: int, quantile: float) -> None:
+    """Demsar (2006), Table 5(a), at 5 %."""
+    cases = entrants * (entrants + 1) // 6  # whose critical difference is the quantile
+    assert critical_difference(entrants, cases) == pytest.approx(quantile, abs=5e-4)
 
 
 def test_holm_is_the_step_down_procedure() -> None:
@@ -71,3 +84,17 @@ def test_blocks_keep_the_dependence_of_neighbouring_errors() -> None:
         naive.append(block_bootstrap([errors[:, None]], 1, rng, 200).std())
     assert np.mean(spreads) == pytest.approx(np.std(means), rel=0.35)
     assert np.mean(naive) < 0.4 * np.std(means)
+
+
+def test_blocks_as_long_as_the_file_keep_its_mean() -> None:
+    errors = np.random.default_rng(4).standard_normal((50, 2))
+    for length in (50, 80):  # a longer block is the whole file
+        drawn = block_bootstrap([errors], length, np.random.default_rng(5), 20)
+        np.testing.assert_allclose(drawn, np.tile(np.mean(errors**2, axis=0), (20, 1)), rtol=1e-12)
+
+
+def test_every_sample_is_drawn_as_often() -> None:
+    errors = np.sqrt(np.arange(1.0, 8.0))[:, None]
+    drawn = block_bootstrap([errors], 3, np.random.default_rng(6), 20_000)
+    spread = np.std(drawn) / np.sqrt(20_000)
+    assert abs(np.mean(drawn) - 4.0) < 4.0 * spread

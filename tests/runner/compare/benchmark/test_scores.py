@@ -3,10 +3,19 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, interval, score
+from seatrial.runner.compare.benchmark.position import position_error
+from seatrial.runner.compare.benchmark.scores import (
+    MEAN_MOTION,
+    PERSISTENCE,
+    chance,
+    interval,
+    pooled,
+    score,
+)
 from seatrial.runner.database.records import Series
 
 N = 2000
+PAIRS = ((0, 0.1), (1, 0.2), (2, 0.3))  # seed and noise of pooled series
 
 
 def series(noise: float, seed: int = 0) -> Series:
@@ -43,6 +52,25 @@ def test_references() -> None:
     assert score(stored, PERSISTENCE, ("surge",)).loss == pytest.approx(expected)
 
 
+def test_references_are_predicted_over_the_same_times() -> None:
+    stored = series(0.2)
+    u, ends = stored.columns["surge"], np.arange(N) % 100 == 99
+    spread = np.std(u)
+    held = score(stored, PERSISTENCE, ("surge",), (10.0,)).after[10.0][0]
+    expected = np.sqrt(np.mean((u[ends] - u[np.flatnonzero(ends) - 100]) ** 2)) / spread
+    assert held == pytest.approx(expected)
+    mean = score(stored, MEAN_MOTION, ("surge",), (10.0,)).after[10.0][0]
+    assert mean == pytest.approx(np.sqrt(np.mean((u[ends] - u.mean()) ** 2)) / spread)
+
+
+def test_pooled_scores_weigh_samples_alike_and_lie_in_their_interval() -> None:
+    scores = [score(series(noise, seed), "identified", ("surge",)) for seed, noise in PAIRS]
+    squares = [np.square(one.nrmse) for one in scores]
+    assert pooled(scores)[0] == pytest.approx(np.sqrt(np.mean(squares)))
+    low, high = interval(scores)
+    assert low < pooled(scores)[0] < high
+
+
 def test_what_diverges_or_is_not_stored_is_infinitely_bad() -> None:
     stored = series(0.2)
     assert score(stored, "nominal", ("surge",)).loss == np.inf
@@ -57,3 +85,41 @@ def test_the_interval_holds_the_error_as_often_as_it_says() -> None:
         low, high = interval([result])
         held += low <= 0.2 / np.std(series(0.0).columns["surge"]) <= high
     assert 30 <= held <= 40
+
+
+def test_equal_entrants_are_told_apart_seldom_and_a_better_one_always() -> None:
+    wrong, right = 0, 0
+    for seed in range(60):
+        own, other, worse = (
+            score(series(noise, seed + shift), "identified", ("surge",))
+            for noise, shift in ((0.2, 0), (0.2, 1000), (0.24, 2000))
+        )
+        wrong += chance([own], [other]) < 0.05
+        right += chance([own], [worse]) < 0.05
+    assert wrong <= 0.05 * 60 + 3.0 * np.sqrt(60 * 0.05 * 0.95)
+    assert right >= 55
+
+
+def test_one_that_diverges_differs_from_one_that_does_not() -> None:
+    own, lost = (
+        score(series(0.2), "identified", ("surge",)),
+        score(series(0.2), "nominal", ("surge",)),
+    )
+    assert chance([own], [lost]) == 0.0
+    assert chance([lost], [lost]) == 1.0
+
+
+def test_position_after_a_time_is_a_distance() -> None:
+    """A ship at 2 m/s to the east, predicted 0.3 m too far north and 0.4 m too far east."""
+    t = np.arange(0.0, 20.0, 0.5)
+    known = {"t": t, "x": 0.0 * t, "y": 2.0 * t, "psi": 0.5 * np.pi + 0.0 * t}
+    known |= {"surge": 2.0 + 0.0 * t, "sway": 0.0 * t}
+    reached = np.where(t >= 5.0, 0.0, np.nan)
+    for model, north, east in (("nominal", 0.0, 1.0), ("identified", 0.3, 0.4)):
+        known |= {f"x_{model}_5s": north + reached, f"y_{model}_5s": 2.0 * t + east + reached}
+    series = Series("prediction", known, dict.fromkeys(known, ""))
+    assert position_error(series, "identified", 5.0) == pytest.approx(0.5)
+    assert position_error(series, "nominal", 5.0) == pytest.approx(1.0)
+    assert position_error(series, PERSISTENCE, 5.0) == pytest.approx(0.0, abs=1e-9)
+    assert position_error(series, MEAN_MOTION, 5.0) == pytest.approx(0.0, abs=1e-9)
+    assert position_error(series, "plant", 5.0) == np.inf

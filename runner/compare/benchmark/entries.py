@@ -1,0 +1,142 @@
+"""Entries of the benchmark: the cells that have been run, each with its newest run and scores.
+
+A run that failed or diverged, and one whose model cannot predict, has an infinite loss.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import sqlalchemy as sa
+
+from seatrial.runner.compare.benchmark.cells import Cell
+from seatrial.runner.compare.benchmark.manoeuvre_scores import Measure, measures
+from seatrial.runner.compare.benchmark.position import position_error
+from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, Score, score
+from seatrial.runner.compare.benchmark.task import Task
+from seatrial.runner.compare.results import FINISHED, Results
+from seatrial.runner.database.records import Coefficient, Series
+from seatrial.runner.database.tables import Diagnostic
+from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.vocabulary import DOFS, ENDINGS, TRAINING_TIME
+
+REFERENCES = (MEAN_MOTION, PERSISTENCE)
+LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result
+SPELLING = re.compile(r"[\s'\"]+")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A cell with its newest run."""
+
+    cell: Cell
+    run: int
+    status: str
+    duration_s: float
+    training_s: float  # NaN if it is not stored
+    error: str
+    parameters: int  # that differ from the believed ones
+    score: Score | None  # None: without a prediction
+    measures: tuple[Measure, ...] = ()
+    position_m: float | None = None  # error after a time, for a task that ranks by it
+
+    @property
+    def loss(self) -> float:
+        """Error of the position, or mean NRMSE of the free run; inf if that diverges."""
+        if self.score is None or self.position_m is None or math.isinf(self.score.loss):
+            return math.inf if self.score is None else self.score.loss
+        return self.position_m
+
+
+def entries(results: Results, task: Task, listed: Iterable[Cell]) -> list[Entry]:
+    """Return the cells that have been run, with their scores."""
+    newest = _newest(results)
+    found = []
+    for cell in listed:
+        row = newest.get(_normal(cell.options))
+        if row is not None:
+            found.append(_entry(results, task, cell, row))
+    return found
+
+
+Stored = sa.Row[int, str, list[str], datetime, datetime | None, str | None]
+
+
+def _newest(results: Results) -> dict[tuple[str, ...], Stored]:
+    """Return the newest run that has ended of each set of options, by their normal form."""
+    columns = (RunTable.id, RunTable.status, RunTable.overrides)
+    ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
+    ended = RunTable.status.in_(ENDINGS)
+    query = sa.select(*columns, *ends).where(ended).order_by(RunTable.id)
+    return {_normal(row.overrides): row for row in results.reader.select(query)}
+
+
+def _normal(options: Iterable[str]) -> tuple[str, ...]:
+    """Return the options that decide the results, in one spelling and order."""
+    return tuple(sorted(SPELLING.sub("", text) for text in options if not text.startswith(LABELS)))
+
+
+def _entry(results: Results, task: Task, cell: Cell, row: Stored) -> Entry:
+    run, status, _, started, finished, error = row
+    result, found, position = None, tuple[Measure, ...](), None
+    if status == FINISHED:
+        series = results.reader.series(run, "prediction")
+        result = score(series, "identified", task.outputs, task.horizons_s)
+        position = _position(series, "identified", task)
+        manoeuvre = task.cases[cell.case].manoeuvre
+        if manoeuvre is not None:
+            config = results.reader.run(run).config
+            recording = results.reader.series(run, "recording")
+            found = tuple(measures(series, recording, config, manoeuvre))
+    return Entry(
+        cell, run, status, (finished - started).total_seconds() if finished else math.nan,
+        _training_s(results, run), error or "", parameters(results.reader.coefficients(run)),
+        result, found, position,
+    )  # fmt: skip
+
+
+def _position(series: Series, model: str, task: Task) -> float | None:
+    if task.position_after_s is None:
+        return None
+    return position_error(series, model, task.position_after_s)
+
+
+def _training_s(results: Results, run: int) -> float:
+    where = Diagnostic.run_id == run, Diagnostic.name == TRAINING_TIME
+    rows = results.reader.select(sa.select(Diagnostic.value).where(*where))
+    return float(rows[0].value) if rows else math.nan
+
+
+def parameters(rows: Iterable[Coefficient]) -> int:
+    """Number of parameters of a run's model that differ from those of the believed one.
+
+    These are coefficients, parameters of devices, and entries of the matrices of a state space.
+    """
+    value = {(row.model, row.dof, row.term): row.value for row in rows}
+    count = 0
+    for (model, dof, term), own in value.items():
+        if model in ("residual", "state_space"):
+            count += own not in (0.0, 1.0) if model == "state_space" else own != 0.0
+        elif model == "identified" and dof not in DOFS:
+            count += own != value.get(("nominal", dof, term))
+    return count
+
+
+def references(results: Results, task: Task, own: Sequence[Entry]) -> list[Entry]:
+    """Return what the mean of the motion and a held velocity reach in the cells of `own`."""
+    done: dict[tuple[str, int], Entry] = {}
+    for entry in own:
+        if entry.score is not None:
+            done.setdefault((entry.cell.case, entry.cell.seed), entry)
+    found = []
+    for entry in done.values():
+        series = results.reader.series(entry.run, "prediction")
+        for name in REFERENCES:
+            cell = replace(entry.cell, entrant=name)
+            result = score(series, name, task.outputs, task.horizons_s)
+            position = _position(series, name, task)
+            row = Entry(cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position_m=position)
+            found.append(row)
+    return found
