@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated
 
 import typer
@@ -22,15 +23,23 @@ RESULTS = Path("results/benchmark")
 def main(words: Sequence[str]) -> int:
     """Run the cells; returns 0, or 1 if a trial failed or an entrant cannot take part."""
     options = _parser().parse_args(words)
-    code = 0
+    code, began = 0, perf_counter()
     for name in options.task or search_path.options(GROUP):
-        task = task_of(name)
+        task, began_task = task_of(name), perf_counter()
         for lack in lacking(task):
             print(_absent(name, lack))
         listed = cells(name, task, entrants_of(task, options.entrant or ()))
         for entrant, own in groupby(listed, key=lambda cell: cell.entrant):
             code = max(code, _run(f"{name}, {entrant}", list(own), options))
+        print(f"{name}: {_time(began_task)}")
+    print(f"benchmark: {_time(began)}")
     return code
+
+
+def _time(began: float) -> str:
+    """The time since an instant, as `12 min 3 s`."""
+    minutes, seconds = divmod(round(perf_counter() - began), 60)
+    return f"{minutes} min {seconds} s"
 
 
 def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -> None:

@@ -144,7 +144,8 @@ def prepare(
     vessel, period = trial.vessel, trial.sample_time_s
     t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
-    weather, plant = weather_of(trial, seeds, len(t)), plant_of(trial, deployed, true)
+    weather = weather_of(trial, seeds, len(t))
+    plant = allotted(trial, mission, plant_of(trial, deployed, true))
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     _check_step(mission, "guidance", guidance, GUIDANCE)
     if isinstance(guidance[0], Timetable):
@@ -159,6 +160,7 @@ def prepare(
     control, controller = mission.steering(vessel.dofs, period), None
     if control is None:
         controller = controller_of(trial, deployed)
+        model = commanded(model, controller)
         built = controller.build(model, period)
         _check_step(controller, "build", built, CONTROLLERS)
         parameters, state = built
@@ -168,6 +170,23 @@ def prepare(
         trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
         start, added, ahead, design,
     )  # fmt: skip
+
+
+def allotted(trial: Trial, mission: Mission, plant: Plant) -> Plant:
+    """Return the plant with the allocation to its devices, if forces are commanded."""
+    alone = mission.steering(trial.vessel.dofs, trial.sample_time_s) is not None
+    part = mission if alone else trial.controller
+    if not plant.inputs or part is None or part.commands_inputs:
+        return plant
+    return replace(plant, allocation=trial.vessel.positioning)
+
+
+def commanded(model: Vessel | StateSpace, controller: Controller) -> Vessel | StateSpace:
+    """Return the model for a controller: of a vessel with inputs the hull, if it gives forces."""
+    if not isinstance(model, Vessel) or not model.inputs or controller.commands_inputs:
+        return model
+    hull = {name: device for name, device in model.devices.items() if not device.inputs()}
+    return replace(model, inputs=(), devices=hull)
 
 
 def _check_step(

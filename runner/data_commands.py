@@ -12,17 +12,15 @@ from rich.table import Table as Grid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.proposal import propose
-from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
 from seatrial.runner.data_convert import convert
-from seatrial.runner.recording_map import options_of, read_map, with_map
+from seatrial.runner.recording_map import options_of, read_map, reader_of
 from seatrial.runner.recording_page import page, sheets
 from seatrial.runner.recording_report import Report, report
-from seatrial.runner.search_path import CONF
 
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
@@ -40,7 +38,6 @@ Out = Annotated[
 ]
 app.command()(convert)
 app.command()(get)
-DEFAULT = CONF / "excitation" / "recording.yaml"
 WIDE = 120  # letters of a line that goes to a file
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
 FLIPPED = {"frames.velocity=earth": ("velocity", "earth"),
@@ -72,7 +69,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     """
     sources = read_sources(file.expanduser(), _options(map_file))
     node = read_map(map_file) if map_file else _nested(proposed(file, sources))
-    reader = _reader(file, node)
+    reader = reader_of(file, node)
     known = report(reader, sources, reader.columns)
     if html is not None:
         write_page(page(known), html)
@@ -102,7 +99,7 @@ def proposed(file: Path, sources: Mapping[str, Source]) -> dict[str, object]:
         node |= {"resample_hz": _rate(file, node, sources), "at_gap": "split"}
     for _ in range(MOST_CURES):
         try:
-            reader = _reader(file, _nested(node))
+            reader = reader_of(file, _nested(node))
             known = reader.examine(tuple(reader.columns.velocity))
         except (ConfigurationError, RecordingError):
             return node
@@ -116,7 +113,7 @@ def proposed(file: Path, sources: Mapping[str, Source]) -> dict[str, object]:
 
 def _has_gaps(file: Path, node: dict[str, object]) -> bool:
     """Whether the file is refused as it is, since it is not sampled uniformly or has gaps."""
-    reader = _reader(file, _nested(node))
+    reader = reader_of(file, _nested(node))
     try:
         reader.read(tuple(reader.columns.velocity))
     except RecordingError:
@@ -127,7 +124,7 @@ def _has_gaps(file: Path, node: dict[str, object]) -> bool:
 
 
 def _rate(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> float:
-    reader = _reader(file, _nested(node))
+    reader = reader_of(file, _nested(node))
     known = report(reader, sources, replace(reader.columns, velocity={}))
     column = next(iter(reader.columns.velocity.values()), None)
     name = str(getattr(column, "column", column)).rpartition(":")[0]
@@ -185,16 +182,6 @@ def _options(map_file: Path | None) -> ReadOptions:
     node = read_map(map_file)
     reading = {key: node[key] for key in ("format", "text") if key in node}
     return build_as(ReadOptions, reading, "excitation")
-
-
-def _reader(file: Path, node: dict[str, object]) -> RecordedFile:
-    default = yaml.safe_load(DEFAULT.read_text(encoding="utf-8"))
-    own = with_map({**default, "path": str(file)})
-    assert isinstance(own, dict)
-    options = {**own, "heading_deg": 0.0, "statistics": [], **node}
-    reader = build_as(object, options, "excitation")
-    assert isinstance(reader, RecordedFile)
-    return reader
 
 
 def _show(known: Report) -> None:

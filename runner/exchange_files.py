@@ -1,4 +1,4 @@
-"""The files that an identification by another program reads and writes: docs/plugins.md.
+"""The files that an identification by another program reads and writes: docs/howto/plugins.md.
 
 The program reads `problem.json` and the recording that it names, and writes `coefficients.json` or
 `coefficients.csv`: the coefficients of tau[dof] = sum_k theta[k, dof] phi_k in SI units.

@@ -1,7 +1,8 @@
 """Maps of recordings: YAML files that say which column is what.
 
 The keys of a map are those of `excitation.columns`; other options of `excitation=recording`, such
-as `resample_hz`, may stand beside them. A map replaces the columns of the configuration.
+as `resample_hz`, may stand beside them. A map replaces the columns of the configuration. Files for
+testing may have a map of their own, with `format` and `text` beside the columns.
 """
 
 from collections.abc import Mapping
@@ -12,8 +13,12 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.runner.yaml_files import LOADER, check_file
+from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.runner import options
+from seatrial.runner.checked_yaml import LOADER, check_file
+from seatrial.runner.search_path import CONF
 
+DEFAULT = CONF / "excitation" / "recording.yaml"
 COLUMNS = tuple(field.name for field in fields(ColumnMap))
 NONE: dict[str, object] = {
     "position": {}, "velocity": {}, "acceleration": {}, "force": {}, "actual_force": {},
@@ -26,8 +31,20 @@ def with_map(node: object) -> object:
     """The options of a recording with the content of its map, if it names one."""
     if not isinstance(node, Mapping) or not node.get("map"):
         return node
+    path = _located(str(node["map"]))
     # Those of the configuration are for other files.
-    return {**node, "heading_deg": 0.0, "statistics": [], **read_map(Path(str(node["map"])))}
+    own = {**node, "heading_deg": 0.0, "statistics": [], "map": str(path), **read_map(path)}
+    if node.get("test_map"):
+        path = _located(str(node["test_map"]))
+        own |= {"test_map": str(path), "tested": read_map(path)}
+    return own
+
+
+def _located(name: str) -> Path:
+    """The file of a map; a name without a folder may be that of a map of the benchmark."""
+    path = Path(name).expanduser()
+    ours = CONF / "benchmark" / "maps" / path
+    return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
 
 
 def read_map(path: Path) -> dict[str, object]:
@@ -62,3 +79,15 @@ def options_of(content: dict[str, object]) -> dict[str, object]:
     if position:
         columns["position"] = position
     return {**content, "columns": columns}
+
+
+def reader_of(file: Path, node: Mapping[str, object]) -> RecordedFile:
+    """The reader of a file with the options of a map; raises ConfigurationError."""
+    default = yaml.safe_load(DEFAULT.read_text(encoding="utf-8"))
+    own = {**default, "path": str(file), "heading_deg": 0.0, "statistics": [], **node}
+    try:
+        reader = options.part(RecordedFile, own)
+    except options.OptionError as error:
+        raise ConfigurationError(error.at("excitation")) from error
+    assert isinstance(reader, RecordedFile)
+    return reader

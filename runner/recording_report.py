@@ -30,6 +30,9 @@ SINGULAR = 0.01  # of a singular value, relative to the largest, of terms not to
 SHARE = 0.3  # relative weight of a term in a combination
 FEWEST = 50  # samples of a signal that is compared
 SLOW = 0.2  # of the Nyquist frequency: cut-off for clock offsets
+SLOWER = (1.0, 0.5, 0.25, 0.125)  # of that cut-off, until signals agree
+KEPT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
+BRIDGED = 2.5  # sample times of a source that count as a step of it
 SHORT_S = 120.0  # [s] below which a recording is short
 
 
@@ -72,7 +75,8 @@ class Report:
 def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap) -> Report:
     """Examine a recording by a map; what cannot be read is said, the rest is reported."""
     samplings = _samplings(sources, columns)
-    dofs = tuple(dof for dof in DOFS if dof in columns.velocity)
+    turning = "yaw" in columns.position  # its rate may be missing: it is then differentiated
+    dofs = tuple(dof for dof in DOFS if dof in columns.velocity or (dof == "yaw" and turning))
     used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
     why, known = "", None
     try:
@@ -88,7 +92,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
     return Report(
         str(file.path), samplings, known, "", _ranges(recording),
         _offsets(recording, sources, columns), _terms(recording),
-        (*_cures(used, ""), *_advice(known)),
+        (*_cures(used, ""), *_bridges(used, recording), *_advice(known, str(file.path))),
     )  # fmt: skip
 
 
@@ -197,19 +201,22 @@ def _offset(
     grid = np.arange(recording.t[inside][0], recording.t[inside][-1], fine)
     own = np.interp(grid, t, values)[:, None]
     others = np.column_stack([np.interp(grid, recording.t, column) for column in known.T])
-    cutoff = SLOW * 0.5 / period
-    own, others = (np.diff(lowpass(x, cutoff, fine), axis=0) for x in (own, others))
-    rho = correlations(own, others)[0]
-    best = int(np.argmax(np.abs(rho)))
-    if abs(rho[best]) < SIMILAR - 0.4:
-        return None
-    sign = np.sign(rho[best])
-    behind = lag(sign * own, others[:, [best]], round(LONGEST_LAG_S / fine)) * fine
-    moved = np.interp(grid[:-1] + behind, grid[:-1], own[:, 0])[:, None]
-    agreed = float(correlations(moved, others[:, [best]])[0, 0])
-    if abs(agreed) < SIMILAR:
-        return None
-    return Offset(source, name, names[best], behind, agreed)
+    after = np.clip(np.searchsorted(recording.t, grid[:-1]), 1, len(recording.t) - 1)
+    recorded = (np.diff(recording.t)[after - 1] < 1.5 * period)[:, None]  # not within a gap
+    for part in SLOWER:  # states that were recorded more slowly than the grid are steps below it
+        low = (lowpass(x, SLOW * part * 0.5 / period, fine) for x in (own, others))
+        rates = [recorded * np.diff(x, axis=0) for x in low]
+        rho = correlations(*rates)[0]
+        best = int(np.argmax(np.abs(rho)))
+        if abs(rho[best]) >= SIMILAR - 0.4:
+            sign = np.sign(rho[best])
+            most = round(LONGEST_LAG_S / fine)
+            behind = lag(sign * rates[0], rates[1][:, [best]], most) * fine
+            moved = np.interp(grid[:-1] + behind, grid[:-1], rates[0][:, 0])[:, None]
+            agreed = float(correlations(moved, rates[1][:, [best]])[0, 0])
+            if abs(agreed) >= SIMILAR:
+                return Offset(source, name, names[best], behind, agreed)
+    return None
 
 
 def _terms(recording: Recording) -> dict[str, tuple[str, ...]]:
@@ -256,6 +263,19 @@ def _cures(samplings: Mapping[str, Sampling], why: str) -> tuple[str, ...]:
     return tuple(advice)
 
 
+def _bridges(samplings: Mapping[str, Sampling], recording: Recording) -> tuple[str, ...]:
+    """Advice where ordinary steps of a slow source count as gaps, so that most is left out."""
+    kept = len(recording.t) * recording.period_s
+    whole = float(recording.t[-1] - recording.t[0])
+    name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
+    if kept > KEPT * whole or not slowest.rate_hz > 0.0:
+        return ()
+    return (
+        f"{kept:.0f} of {whole:.0f} s are kept, the rest is in gaps: "
+        f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of {name}",
+    )
+
+
 MANOEUVRES = {
     "surge": "accelerate and stop, at several speeds",
     "sway": "zig-zags of 20 degrees, or sideways steps",
@@ -266,7 +286,7 @@ MANOEUVRES = {
 }
 
 
-def _advice(known: Examination) -> list[str]:
+def _advice(known: Examination, path: str) -> list[str]:
     """What to run next."""
     advice = [
         f"{axis.dof} hardly moves: {MANOEUVRES[axis.dof]}"
@@ -276,4 +296,5 @@ def _advice(known: Examination) -> list[str]:
     seconds_long = known.recording.t[-1] - known.recording.t[0]
     if seconds_long < SHORT_S:
         advice.append(f"the recording lasts {seconds_long:.0f} s: run several minutes")
-    return advice or ["nothing is missing: seatrial excitation=recording identifier=auto"]
+    trial = f"seatrial vessel=NAME excitation=recording excitation.path={path}"
+    return advice or [f"nothing is missing: {trial} excitation.map=MAP.yaml"]

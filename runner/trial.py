@@ -8,6 +8,7 @@ So all methods are compared in the same weather, and the nominal and the identif
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from seatrial.models.control.controller import Controller
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.findings import Finding
+from seatrial.models.findings import TRAINING_TIME, Finding
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     FEWEST,
@@ -38,6 +39,7 @@ from seatrial.runner.closed_loop import (
     MissionSetup,
     SimulatedMission,
     Streams,
+    commanded,
     prepare,
 )
 from seatrial.runner.config import Trial
@@ -46,6 +48,8 @@ from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
     excitation_results,
+    manoeuvre_findings,
+    manoeuvre_results,
     own_metrics,
     time_series,
     validation_metrics,
@@ -89,7 +93,7 @@ def check(trial: Trial) -> None:
     check_cutoff(needs.lowpass_hz, period)
     controller = trial.controller
     if controller is not None:
-        controller.build(trial.vessel.nominal(), trial.sample_time_s)
+        controller.build(commanded(trial.vessel.nominal(), controller), trial.sample_time_s)
         check_periods(trial, controller, period if skipped(trial) is None else None)
     thruster = trial.vessel.thruster
     trial.identifier.check(trial.vessel.nominal(), thruster, recording is not None)
@@ -143,16 +147,34 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
 
 def _check_commands(trial: Trial) -> None:
     """Check that missions and controller command what the vessel takes: inputs, or forces."""
-    inputs = bool(trial.vessel.inputs)
-    takes = f"is commanded by {', '.join(trial.vessel.inputs) or 'forces'}"
+    vessel = trial.vessel
+    takes = f"is commanded by {', '.join(vessel.inputs) or 'forces'}"
+    known = {bool(vessel.inputs)} | ({False} if vessel.positioning else set())
     for group, part in (
         ("excitation", trial.excitation),
         ("controller", trial.controller),
         ("evaluation", trial.evaluation),
     ):
-        if isinstance(part, Mission | Controller) and part.commands_inputs != inputs:
+        if isinstance(part, Mission | Controller) and part.commands_inputs not in known:
             raise ConfigurationError(
-                f"{group}={trial.names[group]}: {trial.vessel.name} {takes}, which it does not give"
+                f"{group}={trial.names[group]}: {vessel.name} {takes}, which it does not give"
+            )
+    _check_agreement(trial)
+
+
+def _check_agreement(trial: Trial) -> None:
+    """Check that a controller commands what the missions that it sails are commanded by."""
+    controller = trial.controller
+    for group in ("excitation", "evaluation"):
+        mission = getattr(trial, group)
+        if controller is None or not isinstance(mission, Mission) or mission.open_loop:
+            continue
+        if mission.commands_inputs != controller.commands_inputs:
+            kinds = {True: "inputs", False: "forces"}
+            raise ConfigurationError(
+                f"{group}={trial.names[group]}: is sailed by {kinds[mission.commands_inputs]}, but "
+                f"controller={trial.names['controller']} commands "
+                f"{kinds[controller.commands_inputs]}"
             )
 
 
@@ -242,8 +264,16 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         models["plant"] = excited.truth
     user_defined = own_metrics.validation_rows(trial.metrics, problem.validation, models)
     mix = excitation_results.mix_results(trial.excitation, excited)
+    sheets = manoeuvre_results.manoeuvre_results(trial, models, identified)
     results = Results(
-        metrics=[*validation, *predicted.metrics, *unreached(excited), *mix.metrics, *user_defined],
+        metrics=[
+            *validation,
+            *predicted.metrics,
+            *unreached(excited),
+            *mix.metrics,
+            *user_defined,
+            *sheets.metrics,
+        ],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
             *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
@@ -253,10 +283,12 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *identified.findings,
             *predicted.findings,
             *validation_metrics.per_file(problem, identified),
+            *measured_manoeuvres(trial, problem, identified),
             *excitation_report(problem, excited.recording),
             *device_report(problem.nominal, excited.recording),
             *deployment_metrics.loop_findings(excited.sailed, "excitation"),
             *mix.diagnostics,
+            *sheets.diagnostics,
         ],
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
@@ -270,6 +302,14 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         results = with_quality(results, trial.excitation, excited.recording)
     if results.note:
         return results
+    return _with_deployment(trial, seeds, problem.nominal, identified, impossible, excited, results)
+
+
+def _with_deployment(
+    trial: Trial, seeds: Streams, nominal: Vessel, identified: Identified, impossible: str | None,
+    excited: ExcitationData, results: Results,
+) -> Results:  # fmt: skip
+    """Sail the evaluation with what was identified, unless it is impossible or has no plant."""
     deployed: Identified | None = identified
     if impossible and not trial.deploy_unphysical:
         deployed, results = None, replace(results, note=WITHHELD.format(impossible))
@@ -280,14 +320,24 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         results = replace(results, note=note)
     if excited.truth is None and true is None:
         return results
-    return deploy(trial, seeds, problem.nominal, deployed, results, true)
+    return deploy(trial, seeds, nominal, deployed, results, true)
+
+
+def measured_manoeuvres(trial: Trial, problem: Problem, identified: Identified) -> list[Finding]:
+    """Return the measures of the manoeuvres that were recorded, beside the predicted ones."""
+    if not isinstance(trial.excitation, Reader):
+        return []
+    length_m = manoeuvre_results.length_of(trial)
+    return manoeuvre_findings.manoeuvres(problem, identified, length_m)
 
 
 def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:
     """Identify the model, and say what of it is physically impossible, with a finding."""
     identifier, rng = trial.identifier, seeds.generator("identifier")
+    began = perf_counter()
     result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
-    identified = with_interval(identifier, result)
+    seconds = Finding(TRAINING_TIME, "all", perf_counter() - began, "s")
+    identified = with_interval(identifier, replace(result, findings=(*result.findings, seconds)))
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)

@@ -2,7 +2,8 @@
 
 from typing import Literal, get_args
 
-from seatrial.models.notation import DOFS
+from seatrial.models.findings import TRAINING_TIME as TRAINING_TIME
+from seatrial.models.notation import DOFS as DOFS
 
 # Groups of options; a run stores the option chosen from each group.
 GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")

@@ -7,7 +7,9 @@ The modules that need SQLAlchemy or matplotlib are loaded when a command first u
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from seatrial.runner.compare import animation as animation
     from seatrial.runner.compare import audit as audit
+    from seatrial.runner.compare import benchmark_page as benchmark_page
     from seatrial.runner.compare import browse as browse
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import results as results
     from seatrial.runner.compare import runs as runs
     from seatrial.runner.compare import selection as selection
+    from seatrial.runner.compare import site as site
 else:
     import lazy_loader
 
@@ -29,7 +32,9 @@ else:
         __name__,
         [
             *(
+                "animation",
                 "audit",
+                "benchmark_page",
                 "browse",
                 "comparison_table",
                 "housekeeping",
@@ -39,6 +44,6 @@ else:
                 "printed_figures",
             ),
             *("published", "published_page", "published_summary"),
-            *("report", "results", "runs", "selection"),
+            *("report", "results", "runs", "selection", "site"),
         ],
     )

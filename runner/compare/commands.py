@@ -74,11 +74,25 @@ def benchmark_ranks(
     entrant: Annotated[
         list[str] | None, typer.Option(help="An entrant, beside those of the task.")
     ] = None,
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Only one line for each task.")
+    ] = False,
+    page: Annotated[
+        Path | None, typer.Option(help="Also write tables and free runs to this HTML file.")
+    ] = None,
     database: Database = "sqlite:///results/benchmark/results.db",
+    results_dir: ResultsDir = None,
     form: Form = Format.RICH,
 ) -> None:
     """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
-    show_grids(compare.leaderboard.leaderboards(database, task or (), entrant or ()), form)
+    board = compare.leaderboard
+    with compare.results.open_results(database, results_dir) as results:
+        boards = board.boards(results, task or (), entrant or ())
+        if page is not None:
+            compare.benchmark_page.write_benchmark(results, boards, page)
+    show_grids([board.summary(boards)] if summary else board.grids(boards), form)
+    if page is not None:
+        typer.echo(page, err=True)
 
 
 @app.command()
@@ -93,6 +107,13 @@ def table(options: TableOptions) -> None:
     request = compare.selection.request_of(options)
     with compare.results.open_results(options.database) as results:
         show_grid(compare.comparison_table.comparison(results, request), options.form)
+        _say(results.left_out(options.where, options.sweep, options.tag))
+
+
+def _say(hint: str) -> None:
+    """Print a hint, if there is one, apart from the output."""
+    if hint:
+        typer.echo(hint, err=True)
 
 
 class PlotCommand(TyperCommand):
@@ -121,6 +142,8 @@ def plot(options: PlotOptions) -> None:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
         for path in compare.plots.draw(options.kind, results, request, folder, width):
             typer.echo(path)
+        if options.run is None:
+            _say(results.left_out(options.where, options.sweep, options.tag))
 
 
 @app.command()
@@ -158,7 +181,7 @@ def manoeuvres(
         typer.Option(help="Which manoeuvre it is.  [default: by helm and heading]"),
     ] = None,
     helm: Annotated[
-        str | None, typer.Option(help="Input of a run that is put over.  [default: the run's]")
+        str | None, typer.Option(help="Input that is put over.  [default: the run's, or delta]")
     ] = None,
     length: Annotated[
         float | None, typer.Option(min=1e-3, help="Length of the ship [m], if it is not stored.")
@@ -166,13 +189,9 @@ def manoeuvres(
     scale: Annotated[
         float, typer.Option(min=1.0, help="Length of the ship over that of the model.")
     ] = 1.0,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="Q=COLUMN,...",
-            help="Columns of a file by name or number: t, x, y, psi or psi_deg, helm or helm_deg;"
-            " u and v are optional.",
-        ),
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP.yaml", help="Which column of a file is what."),
     ] = None,
     series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
     database: Database = DEFAULT_DATABASE,
@@ -184,7 +203,7 @@ def manoeuvres(
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
     request = compare.manoeuvres.SheetRequest(
-        subject, execution, manoeuvre, helm, length, scale, columns, series
+        subject, execution, manoeuvre, helm, length, scale, map_file, series
     )
     show_grid(compare.manoeuvres.sheet_grid(request, database, results_dir), form)
 

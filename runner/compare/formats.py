@@ -206,13 +206,20 @@ def _html(grid: Grid) -> str:
 
 
 def html_table(grid: Grid) -> Markup:
-    """Return the table for a page; it has its own scroll bar, and its headings sort it."""
+    """Return the table for a page; it has its own scroll bar, and its headings sort it.
+
+    On a phone the first column stays in view with the other labels in small print, so that the
+    values follow it at once.
+    """
     heads = "".join(
         f'<th scope="col"{" class=label" if index < grid.labels else ""}>'
         f'<button type="button">{_html_text(header)}</button></th>'
         for index, header in enumerate(grid.headers)
     )
-    rows = "\n".join("<tr>" + _html_row(grid, row) + "</tr>" for row in grid.rows)
+    others = ", ".join(grid.headers[1 : grid.labels])
+    if others and grid.labels < len(grid.headers):
+        heads = heads.replace("<th", f'<th data-others="{_html_text(others)}"', 1)
+    rows = "\n".join("<tr>" + _page_row(grid, row) + "</tr>" for row in grid.rows)
     title = _html_text(grid.title)
     caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
     notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
@@ -220,6 +227,13 @@ def html_table(grid: Grid) -> Markup:
         f'{caption}<div class="scroll" tabindex="0"><table><thead><tr>{heads}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>{notes}"
     )
+
+
+def _page_row(grid: Grid, row: Sequence[Cell]) -> str:
+    """Return a row whose first cell repeats the other labels for phones, which hide those."""
+    others = ", ".join(cell.text for cell in row[1 : grid.labels] if cell.text)
+    text = f' data-others="{_html_text(others)}"' if others and grid.labels < len(row) else ""
+    return _html_row(grid, row).replace('<th scope="row"', f'<th scope="row"{text}', 1)
 
 
 def _html_row(grid: Grid, row: Sequence[Cell]) -> str:

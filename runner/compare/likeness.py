@@ -45,10 +45,15 @@ class Likeness:
         self._results = results
         self._first: dict[str, Run] = {}  # one run of each experiment
         for run in runs:
-            self._first.setdefault(_experiment(run), run)
+            self._first.setdefault(self.experiment_of(run), run)
         # The circumstances by experiment and ignored names, numbered by their content.
         self._known: dict[tuple[str, tuple[str, ...]], tuple[int, Circumstances]] = {}
         self._numbers: dict[frozenset[tuple[str, str]], int] = {}
+
+    @staticmethod
+    def experiment_of(run: Run) -> str:
+        """Return a name that is equal for runs that differ in nothing but the seed."""
+        return run.experiment or f"run {run.id}"  # of runs of earlier versions it is not known
 
     @cached_property
     def _facts(self) -> Mapping[str, Circumstances]:
@@ -72,7 +77,7 @@ class Likeness:
 
     def _numbered(self, observation: Observation) -> tuple[int, Circumstances]:
         ignored = _ignored(observation)
-        key = _experiment(observation.run), ignored
+        key = self.experiment_of(observation.run), ignored
         if key not in self._known:
             facts = {
                 name: level for name, level in self._facts[key[0]].items()
@@ -100,10 +105,6 @@ class Likeness:
         """Return one number of every experiment, the newest, in the order of the first."""
         newest = {self.experiment(observation): observation for observation in observations}
         return list(newest.values())
-
-
-def _experiment(run: Run) -> str:
-    return run.experiment or f"run {run.id}"  # of runs of earlier versions it is not known
 
 
 def differing(

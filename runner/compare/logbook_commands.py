@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, published, audit, retry, export, prune, verify, scrub and browse.
+report, animate, site, serve, published, audit, retry, export, prune, verify, scrub and browse.
 """
 
 from dataclasses import replace
@@ -13,10 +13,12 @@ import typer
 from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
+    MOST,
     Database,
     EverySweep,
     Form,
     ResultsDir,
+    RunNumber,
     Several,
     Sweep,
     Tag,
@@ -61,6 +63,41 @@ def report(
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         compare.report.write_report(results, request, file)
     typer.echo(file)
+
+
+@app.command()
+def site(
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            "--to", metavar="FOLDER", help="Output folder.  [default: site in the results folder]"
+        ),
+    ] = None,
+    runs: Annotated[
+        int,
+        typer.Option("--runs", min=0, max=MOST, help="Newest runs with details and time series."),
+    ] = 200,
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Write pages to walk through the results: they open from disk and need no network.
+
+    Tables, figures, runs and failures; every view has a link and the command that repeats it.
+    """
+    with compare.results.open_results(database, results_dir) as results:
+        folder = to or shown_path(results.reader.results_dir / "site")
+        typer.echo(compare.site.write_site(results, folder, database, runs))
+
+
+@app.command()
+def serve(
+    database: Database = DEFAULT_DATABASE,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.")] = 8002,
+    open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Serve the pages of `site` on 127.0.0.1 only, with new runs as they come."""
+    compare.site.serve(database, port, results_dir, typer.echo, open_browser)
 
 
 @app.command()
@@ -186,6 +223,29 @@ def browse(
 ) -> None:
     """Open the database in Datasette: read-only, on 127.0.0.1 only (extra `browse`)."""
     raise typer.Exit(compare.browse.browse_database(database, port, open_browser))
+
+
+@app.command()
+def animate(
+    run: RunNumber,
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            "--to",
+            metavar="FILE",
+            help="A file ending in .html, .gif or .mp4; MP4 needs the program ffmpeg."
+            "  [default: an HTML file in the folder of the figures]",
+        ),
+    ] = None,
+    database: Database = DEFAULT_DATABASE,
+    results_dir: ResultsDir = None,
+) -> None:
+    """Animate the track of a run, and print the path of the file.
+
+    The hull is to scale, with thrust and rudder; nominal and identified model are side by side.
+    """
+    with compare.results.open_results(database, results_dir) as results:
+        typer.echo(shown_path(compare.animation.animate(results, run, to)))
 
 
 @app.command()

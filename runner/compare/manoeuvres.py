@@ -1,17 +1,24 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, number_text
 from seatrial.runner.compare.results import FINISHED, Results, Run, open_results
+from seatrial.runner.database.records import Finding
 from seatrial.runner.export.manoeuvre_tracks import (
+    COMPARED,
+    FINDING,
     INSTANTS,
     MANOEUVRES,
     Entry,
     Execution,
     Manoeuvre,
+    Predicted,
     Recorded,
     Sheet,
     file_track,
@@ -20,6 +27,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
 )
 
 RECORDING = "recording"
+STORED: Execution = "half"  # instant of execution of what is stored of the models
 MOST = 6  # manoeuvres in a report
 
 
@@ -33,7 +41,7 @@ class SheetRequest:
     helm: str | None
     length_m: float | None
     scale: float
-    columns: str | None
+    map_file: Path | None
     series: str
 
 
@@ -42,17 +50,24 @@ def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -
     path = Path(request.subject)
     if request.subject.isdigit() and not path.exists():
         with open_results(database, results_dir) as results:
+            run = int(request.subject)
+            predicted = [
+                row for row in results.reader.diagnostics(run) if row.name.startswith(FINDING)
+            ]
+            if predicted and request.series == RECORDING:
+                return comparison(predicted, f"Run {run}")
             recorded = stored(
                 results.reader, int(request.subject), request.series, request.helm, request.length_m
             )
         title = f"Run {request.subject}"
     else:
         recorded, title = (
-            Recorded(file_track(path, request.columns, request.length_m), None),
+            Recorded(file_track(path, request.map_file, request.helm, request.length_m), None),
             str(path),
         )
     manoeuvre = request.manoeuvre or recorded.manoeuvre
-    return grid_of_sheet(sheet(recorded.track, manoeuvre, request.execution, request.scale), title)
+    result = sheet(recorded.track, manoeuvre, request.execution, request.scale)
+    return grid_of_sheet(result, title, recorded.predicted)
 
 
 def newest_manoeuvres(
@@ -65,22 +80,72 @@ def newest_manoeuvres(
     configs = results.configs_of([run.id for run in chosen])
     key = "excitation.manoeuvre"
     found = [run for run in chosen if configs.get(run.id, {}).get(key) in kinds][:MOST]
-    return [(run, stored(results.reader, run.id, RECORDING)) for run in found]
+    known = []
+    for run in found:
+        try:
+            known.append((run, stored(results.reader, run.id, RECORDING)))
+        except ConfigurationError:  # of a vessel that has no position, such as one in yaw alone
+            continue
+    return known
 
 
-def grid_of_sheet(result: Sheet, title: str) -> Grid:
-    """The sheet as a table with its definitions below."""
-    rows = [_row(entry, result.length_m) for entry in result.entries]
-    headers = ("quantity", "value", "unit", "metres", "limit", "MSC.137(76)")
-    return grid_of(
-        f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes_of(result)
+def grid_of_sheet(
+    result: Sheet, title: str, predicted: Mapping[str, Predicted] | None = None
+) -> Grid:
+    """The sheet as a table with its definitions below.
+
+    `predicted` are the quantities that the identified model predicts.
+    """
+    known = {} if result.execution != STORED else predicted or {}
+    if not any(_adds(entry, known) for entry in result.entries):
+        known = {}
+    rows = [_row(entry, result.length_m, known) for entry in result.entries]
+    headers = ["quantity", "value", "unit", "metres", "limit", "MSC.137(76)"]
+    notes = notes_of(result)
+    if known:
+        headers += ["identified", "90 % from", "90 % to"]
+        notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
+    return grid_of(f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes)
+
+
+def comparison(rows: Sequence[Finding], title: str) -> Grid:
+    """The measures of recorded manoeuvres, and those of the predictions that the run has stored."""
+    lines: dict[tuple[str, str], list[Finding]] = {}
+    for row in rows:
+        file = (row.label or "").rpartition(", ")[0]
+        lines.setdefault((file, row.name.removeprefix(FINDING).replace("_", " ")), []).append(row)
+    table: list[list[Scalar]] = []
+    for (file, quantity), own in lines.items():
+        values: dict[int | None, float | None] = {row.j: row.value for row in own}
+        measured, nominal, identified, low, high = (values.get(j) for j in range(len(COMPARED)))
+        error = None
+        if measured and identified is not None:
+            error = 100.0 * (identified / measured - 1.0)
+        table.append([file, quantity, own[0].unit, measured, nominal, identified, error, low, high])
+    headers = ("file", "quantity", "unit", *COMPARED[:3], "error [%]", *COMPARED[3:])
+    notes = [f"from {INSTANTS['half']} (half); L: ship lengths"]
+    notes.append(
+        "low, high: 90 % of the predictions by models drawn from the spread of what was identified"
+    )
+    return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
+
+
+def _adds(entry: Entry, predicted: Mapping[str, Predicted]) -> bool:
+    """Whether a prediction says more than the measure: it differs, or has an interval."""
+    value, low, _ = predicted.get(entry.quantity, (None, np.nan, np.nan))
+    return value is not None and (
+        bool(np.isfinite(low)) or not np.isclose(value, entry.value, rtol=1e-9)
     )
 
 
-def _row(entry: Entry, length_m: float) -> list[Scalar]:
+def _row(entry: Entry, length_m: float, predicted: Mapping[str, Predicted]) -> list[Scalar]:
     verdict = {True: "pass", False: "fail", None: None}[entry.passed]
     metres = entry.value * length_m if entry.unit == "L" else None
-    return [entry.quantity, entry.value, entry.unit, metres, entry.limit, verdict]
+    row: list[Scalar] = [entry.quantity, entry.value, entry.unit, metres, entry.limit, verdict]
+    if not predicted:
+        return row
+    own = predicted.get(entry.quantity, (None,) * 3)
+    return [*row, *(None if value is None or np.isnan(value) else value for value in own)]
 
 
 def notes_of(result: Sheet) -> list[str]:
@@ -89,4 +154,6 @@ def notes_of(result: Sheet) -> list[str]:
     notes = [] if "spiral" in result.manoeuvre else [f"from {instant} ({result.execution})"]
     length, speed = number_text(result.length_m, 5), number_text(result.speed_m_s, 4)
     ratio = number_text(result.length_over_speed_s, 3)
-    return [*notes, f"L = {length} m, approach at {speed} m/s, L/V at full scale {ratio} s"]
+    scaled = result.length_over_speed_s * result.speed_m_s > 1.0001 * result.length_m
+    where = " at full scale" if scaled else ""  # with --scale alone it is not that of the model
+    return [*notes, f"L = {length} m, approach at {speed} m/s, L/V{where} {ratio} s"]

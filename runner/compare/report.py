@@ -1,5 +1,6 @@
 """A self-contained HTML page on a set of runs: tables, figures, failures, provenance."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from seatrial.models.errors import ConfigurationError, LogbookError, PartError, 
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import Grid, grid_of, one_line
+from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
 from seatrial.runner.compare.likeness import TooDifferentError
 from seatrial.runner.compare.manoeuvres import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
@@ -25,7 +26,7 @@ from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
-from seatrial.runner.record.catalogue import METRICS, definition_of
+from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
 # The metrics that have a table, and whether the table is unfolded at first.
@@ -42,6 +43,10 @@ TABLES = {
     "tau_mean_abs": False,
     "power_mean": False,
     "iaew": False,
+}
+WORDS = {
+    **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
+    "below_true_model": "below the true model",
 }
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
@@ -159,8 +164,24 @@ def _tables(
             messages.append(f"{caption}: {error}")
             continue
         if any(cell.sort is not None for row in grid.rows for cell in row):
-            sections.append(Section(caption, html_table(grid), shown))
+            sections.append(Section(caption, html_table(in_words(grid)), shown))
     return sections, messages
+
+
+def in_words(grid: Grid) -> Grid:
+    """Return a table with the labels of metrics, and words for columns, instead of their keys."""
+    return replace(
+        grid,
+        title=_labelled(grid.title),
+        headers=[WORDS.get(header, header.replace("_", " ")) for header in grid.headers],
+        notes=[_labelled(note) for note in grid.notes],
+    )
+
+
+def _labelled(text: str) -> str:
+    """Return a text with the labels of the metrics that it names."""
+    labels = {definition.name: definition.label for definition in all_declared()}
+    return re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
 
 
 def _sheets(results: Results, runs: Sequence[Run]) -> list[Section]:
@@ -168,7 +189,8 @@ def _sheets(results: Results, runs: Sequence[Run]) -> list[Section]:
     sections = []
     for run, recorded in newest_manoeuvres(results, runs):
         try:
-            grid = grid_of_sheet(sheet(recorded.track, recorded.manoeuvre), f"Run {run.id}")
+            result = sheet(recorded.track, recorded.manoeuvre)
+            grid = grid_of_sheet(result, f"Run {run.id}", recorded.predicted)
         except RecordingError:
             continue  # a manoeuvre that was not carried out, such as one that is too short
         sections.append(Section(f"Manoeuvre of {subtitle(run)}", html_table(grid), shown=True))
@@ -256,5 +278,19 @@ def _listed(results: Results, runs: Sequence[Run]) -> Grid:
     summaries = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
     names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]
     rows = run_rows(results, summaries, names)
+    filled = [i for i, name in enumerate(names) if _is_told(name, [row[i] for row in rows])]
+    names = [names[i] for i in filled]
+    rows = [[_minute(row[i], names[k]) for k, i in enumerate(filled)] for row in rows]
     notes = [f"the newest {MOST_LISTED} of {len(runs)}"] if len(runs) > MOST_LISTED else []
-    return grid_of("", names, rows, labels=1, notes=notes)
+    return in_words(grid_of("", names, rows, labels=1, notes=notes))
+
+
+def _is_told(name: str, values: Sequence[Scalar]) -> bool:
+    """Return whether a column has values, and not one choice alone, which the page's head has."""
+    alone = name in GROUPS and len(values) > 1 and len(set(values)) == 1
+    return not alone and any(value not in (None, "") for value in values)
+
+
+def _minute(value: Scalar, name: str) -> Scalar:
+    """Return the start of a run to the minute, and any other value as it is."""
+    return str(value)[:16].replace("T", " ") if name == "started_at" else value

@@ -158,6 +158,17 @@ class Results:
         own = OfSweeps(tuple(one.id for one in chosen))
         return own if condition is None else Joined("and", (condition, own)), _scope(chosen)
 
+    def left_out(self, where: str | None, sweep: str | None, tag: str | None) -> str:
+        """Return one line on single runs newer than the sweep that is shown by default."""
+        sweeps = self.reader.sweeps()
+        if not sweeps or sweep or tag or chooses(self.where(where)):
+            return ""
+        later = sa.select(sa.func.count()).select_from(RUN)
+        later = later.where(RUN.c.sweep_id.is_(None), RUN.c.started_at > sweeps[-1].started_at)
+        ((count,),) = self.reader.select(later)
+        runs = "1 newer run is" if count == 1 else f"{count} newer runs are"
+        return f"{runs} of no sweep and left out: --sweep all" if count else ""
+
     def runs(
         self,
         condition: Condition | None = None,
@@ -189,7 +200,7 @@ class Results:
             Run(
                 id_,
                 status,
-                dict(zip(names, map(_text, levels), strict=True)),
+                dict(zip(names, map(level_text, levels), strict=True)),
                 sweep,
                 experiment,
                 None if drawn is None else frozenset(drawn),
@@ -387,5 +398,6 @@ def _keys(config: str) -> list[str]:
         return []
 
 
-def _text(value: object) -> str:
+def level_text(value: object) -> str:
+    """Return a level as tables show it."""
     return "none" if value is None else str(value)

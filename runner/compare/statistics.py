@@ -87,9 +87,14 @@ def confidence_interval(
         return math.nan, math.nan
     if kind == "bootstrap":
         return _bootstrap_interval(sample, level)
-    quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + level / 2.0))
+    quantile = quantile_of_t(sample.size - 1, level)
     mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
     return mean - half, mean + half
+
+
+def quantile_of_t(freedom: int, level: float = 0.95) -> float:
+    """Return the t within +- which Student's distribution of this freedom has the probability."""
+    return float(scipy.special.stdtrit(freedom, 0.5 + level / 2.0))
 
 
 def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:

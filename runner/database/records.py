@@ -13,7 +13,7 @@ from typing import Any, Literal, SupportsFloat, SupportsInt
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.findings import Finding
+from seatrial.models.findings import Finding as Finding
 from seatrial.runner.vocabulary import Stage, Stream
 
 

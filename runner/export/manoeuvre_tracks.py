@@ -1,46 +1,78 @@
 """Tracks of manoeuvres, for their sheets and figures: of a stored run, and of a file of motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.models.recording.columns_file import parse_columns, read_columns
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.manoeuvre_measures import Execution as Execution
 from seatrial.models.simulation.manoeuvre_measures import Track as Track
 from seatrial.models.simulation.manoeuvre_measures import Turn as Turn
 from seatrial.models.simulation.manoeuvre_measures import ZigZag as ZigZag
 from seatrial.models.simulation.manoeuvre_measures import way_from as way_from
+from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
+from seatrial.models.simulation.manoeuvre_sheet import FINDING as FINDING
 from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
 from seatrial.models.simulation.manoeuvre_sheet import Entry as Entry
 from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre as Manoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
-from seatrial.models.vessel.basis import Array
+from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import Series
+from seatrial.runner.record.catalogue import (
+    MEASURE_HIGH,
+    MEASURE_LOW,
+    MEASURES,
+    metric_of_measure,
+)
+from seatrial.runner.recording_map import read_map, reader_of
 
+HELM = "delta"
 NEEDED = ("t", "x", "y", "psi", "u", "v")
 MANOEUVRES = get_args(Manoeuvre)
+BOUNDS = (MEASURE_LOW, MEASURE_HIGH)
+
+
+class Predicted(NamedTuple):
+    """A quantity of the identified model, and its 90 % interval; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A track, and which manoeuvre it is if that is known."""
+    """A track, which manoeuvre it is if that is known, and what the identified model predicts."""
 
     track: Track
     manoeuvre: Manoeuvre | None
+    predicted: Mapping[str, Predicted] = field(default_factory=dict)  # by quantity
 
 
-def file_track(path: Path, columns: str | None, length_m: float | None) -> Track:
-    """The motion of a file; raises ConfigurationError without columns or length."""
-    if columns is None or length_m is None:
-        missing = "--columns" if columns is None else "--length"
+def file_track(
+    path: Path, map_file: Path | None, helm: str | None, length_m: float | None
+) -> Track:
+    """The motion of a file; the map says which column is what.
+
+    Raises ConfigurationError without a map or a length, or for a map without the helm.
+    """
+    if map_file is None or length_m is None:
+        missing = "--map" if map_file is None else "--length"
         raise ConfigurationError(f"manoeuvres: {path} is a file, expected {missing}")
-    return track_of_columns(read_columns(path, parse_columns(columns)), length_m)
+    reader = reader_of(path, read_map(map_file))
+    name = helm or HELM
+    if name not in reader.columns.inputs:
+        known = ", ".join(reader.columns.inputs) or "none"
+        raise ConfigurationError(
+            f"manoeuvres: {map_file}: got inputs {known}, expected the helm {name}, or --helm"
+        )
+    return track_of(reader.read(PLANAR), name, length_m)
 
 
 def stored(
@@ -54,14 +86,32 @@ def stored(
     if kind not in {file.kind for file in reader.series_files(run)}:
         raise ConfigurationError(f"run {run} has no series {kind}")
     mission = mission_of(config, kind)
-    name = helm or mission.get("helm") or "delta"
-    length = length_m or _length(config)
+    name = helm or mission.get("helm") or HELM
+    length = length_m or length_of(config)
     if length is None:
         raise ConfigurationError(
             f"run {run}: the length of its vessel is not stored, give --length"
         )
     track = track_of_series(reader.series(run, kind), str(name), length, f"run {run}")
-    return Recorded(track, manoeuvre_in(mission))
+    predicted = predicted_by(reader, run) if mission is config.get("excitation") else {}
+    return Recorded(track, manoeuvre_in(mission), predicted)
+
+
+def predicted_by(reader: Reader, run: int) -> dict[str, Predicted]:
+    """What the identified model of a run predicts of its manoeuvre, by quantity."""
+    values = {row.name: row.value for row in reader.metrics(run) if row.model == "identified"}
+    bounds = {(row.name, row.label): row.value for row in reader.diagnostics(run)}
+
+    def number(value: float | None) -> float:
+        return np.nan if value is None else value
+
+    return {
+        quantity: Predicted(
+            *map(number, (values[name], *(bounds.get((b, quantity)) for b in BOUNDS)))
+        )
+        for quantity in MEASURES
+        if (name := metric_of_measure(quantity)) in values
+    }
 
 
 def mission_of(config: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
@@ -83,23 +133,12 @@ def track_of_series(series: Series, helm: str, length_m: float, name: str) -> Tr
             f"{name}: its series {series.kind} has no {missing[0]}, expected a steered vessel in "
             "the plane"
         )
-    columns = {column: series.columns[column] for column in NEEDED}
-    return track_of_columns({**columns, "helm": series.columns[helm]}, length_m)
+    t, north, east, psi, u, v = (series.columns[column] for column in NEEDED)
+    return Track(t, north, east, np.unwrap(psi), series.columns[helm], np.hypot(u, v), length_m)
 
 
-def track_of_columns(columns: Mapping[str, Array], length_m: float) -> Track:
-    """The motion of columns by quantity; without velocities the speed follows from the path."""
-    t, north, east = (np.asarray(columns[name], dtype=np.float64) for name in ("t", "x", "y"))
-    if "u" in columns and "v" in columns:
-        speed = np.hypot(columns["u"], columns["v"])
-    else:
-        speed = np.hypot(np.gradient(north, t), np.gradient(east, t))
-    psi = np.unwrap(columns["psi"])
-    return Track(t, north, east, psi, columns["helm"], speed, length_m)
-
-
-def _length(config: Mapping[str, Any]) -> float | None:
-    """Length of the vessel of a run [m]."""
+def length_of(config: Mapping[str, Any]) -> float | None:
+    """Length of the vessel of a stored configuration [m]; None if it states none."""
     vessel = config.get("vessel")
     if not isinstance(vessel, Mapping):
         raise LogbookError("vessel: the stored configuration has none")

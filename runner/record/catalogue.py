@@ -318,6 +318,33 @@ METRICS = (
         "largest |measured velocity - derivative of the measured pose|",
     ),
 )  # fmt: skip
+# Measures of a manoeuvre that a model predicts, by their names on its sheet.
+MEASURES = {
+    "advance": "L", "transfer": "L", "tactical diameter": "L", "steady diameter": "L",
+    "track at 10 deg": "L", "time to 90 deg": "s", "time to 180 deg": "s", "speed loss": "%",
+    "drift angle": "deg", "yaw rate": "deg/s", "residual yaw rate": "deg/s",
+    "width of the loop": "deg", "initial turning": "L", "period P": "s", "track reach": "L",
+    "head reach": "L", "lateral deviation": "L", "time to stop": "s", "change of heading": "deg",
+    "offset from the track": "L", "error of the heading": "deg",
+    "largest distance from the track": "L", "helm": "deg",
+    **{f"{n} overshoot": "deg" for n in ("first", "second", "third", "fourth")},
+    **{f"{n} overshoot, time": "s" for n in ("first", "second", "third", "fourth")},
+}  # fmt: skip
+MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # findings: a 90 % interval
+
+
+def metric_of_measure(quantity: str) -> str:
+    """Return the name of the metric of a quantity on the sheet of a manoeuvre."""
+    return "manoeuvre_" + quantity.replace(",", "").replace(" ", "_").lower()
+
+
+MANOEUVRE = tuple(
+    Definition(
+        metric_of_measure(quantity), VALIDATION, unit, None, quantity.capitalize(),
+        f"{quantity} of the trial's manoeuvre in calm water",
+    )
+    for quantity, unit in MEASURES.items()
+)  # fmt: skip
 _declared: dict[str, Definition] = {}
 
 
@@ -335,7 +362,7 @@ def register(definition: Definition) -> Definition:
     return definition
 
 
-for _definition in METRICS:
+for _definition in (*METRICS, *MANOEUVRE):
     register(_definition)
 
 

@@ -45,7 +45,7 @@ def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
         "itae": itae,
         **_step_metrics(sailed),
     }
-    if not voyage.inputs:  # the commands are forces
+    if voyage.by_force:
         values |= {
             "tau_max_abs": np.max(np.abs(log.tau), axis=0),
             "tau_rms": measure.root_mean_square(log.tau),
@@ -89,10 +89,10 @@ def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     voyage = sailed.voyage
     log = voyage.log
     values: list[tuple[str, str, float]] = []
-    if not voyage.inputs:
+    if voyage.by_force:
         work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
         values.append(("energy", "position", work))
-    if voyage.dofs == PLANAR and not voyage.inputs:
+    if voyage.dofs == PLANAR and voyage.by_force:
         work = measure.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
         values.append(("energy", "heading", work))
     values.append(("failures", "all", float(sailed.failures)))
@@ -156,8 +156,11 @@ UNREACHED = "unreached_share: the thrusters cannot produce {:.1%} of the command
 
 
 def is_allocated(voyage: Voyage) -> bool:
-    """Return whether the commands were allocated to thrusters: then at least rounding differs."""
-    return not np.array_equal(voyage.log.applied, voyage.log.tau)
+    """Return whether the commands were allocated to forces of thrusters.
+
+    Then at least rounding differs.
+    """
+    return not voyage.positioned and not np.array_equal(voyage.log.applied, voyage.log.tau)
 
 
 def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
@@ -178,7 +181,7 @@ def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric
     Angles are in degrees in `e_psi`; `period_s` is the sample time [s]. The commands of a vessel
     with inputs are no forces, and its reference is a pose alone: it has the errors of the pose.
     """
-    if voyage.inputs:
+    if not voyage.by_force:
         return _pose_errors(voyage, model)
     log, dofs = voyage.log, voyage.dofs
     stage: Stage = "deployment"

@@ -193,7 +193,7 @@ def prediction_series(held_out: Recording, predicted: Predicted) -> Series:
     units = {"t": "s", "start": "", **unit_of}
     parts = [(names, model, motion) for model, motion in predicted.free_runs.items()]
     parts += [
-        (dofs, f"{model}_{seconds:g}s", values)
+        (names, f"{model}_{seconds:g}s", values)
         for (model, seconds), values in predicted.after.items()
     ]
     for of, suffix, values in parts:
@@ -212,8 +212,8 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
     if voyage.inputs:
         columns |= _columns(voyage.inputs, log.tau_actual)
-        columns |= _columns(_command_names(voyage.inputs), log.tau)
-    else:
+        columns |= _columns(_command_names(voyage.inputs), log.applied)
+    if voyage.by_force:
         columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
         columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
     if is_allocated(voyage):

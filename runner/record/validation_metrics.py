@@ -121,7 +121,7 @@ class Predicted:
     metrics: list[Metric]
     findings: list[Finding]
     free_runs: dict[str, Array]  # by model: pose and velocity (N, 2 n_dof); NaN where it diverges
-    # by model and horizon [s]: velocity (N, n_dof); NaN where no prediction ends
+    # by model and horizon [s]: pose and velocity (N, 2 n_dof); NaN where no prediction ends
     after: dict[tuple[str, float], Array]
 
 
@@ -158,7 +158,7 @@ def predictions(
         predicted.metrics.extend(rows)
         predicted.free_runs[model] = predictor.motion()
         for seconds in horizons_s:
-            predicted.after[model, seconds] = predictor.velocity_after(seconds)
+            predicted.after[model, seconds] = predictor.motion_after(seconds)
     return predicted
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.record.catalogue import METRICS
+from seatrial.runner.record.catalogue import MANOEUVRE, METRICS
 from tests.runner.compare import stored
 
 ROOT = Path(__file__).parents[2]
@@ -78,7 +78,7 @@ def test_options_are_those_of_the_chosen_part(home: Path) -> None:
         ("plot bars --metric e_pos_ma", {"e_pos_mae"}),
         ("table --statistic med", {"median"}),
         ("table --stage depl", {"deployment"}),
-        ("table --metric ", {metric.name for metric in METRICS}),
+        ("table --metric ", {metric.name for metric in (*METRICS, *MANOEUVRE)}),
     ],
 )
 def test_commands_figures_and_metrics(home: Path, words: str, expected: set[str]) -> None:

@@ -40,7 +40,8 @@ def everything(n: int = 30) -> Recording:
     return Recording(
         PLANAR, np.arange(n) * 0.1 + 1e-9, columns(3), columns(3), columns(3), columns(3),
         columns(3), columns(3), columns(3), columns(2), True, columns(2), columns(2),
-        ("delta", "n"), np.repeat([0, 1], n // 2), ("a.csv", "b.csv"),
+        ("delta", "n"), columns(1), ("propeller.thrust",), np.repeat([0, 1], n // 2),
+        ("a.csv", "b.csv"),
     )  # fmt: skip
 
 

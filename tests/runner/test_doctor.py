@@ -37,7 +37,7 @@ def test_this_environment_has_no_problem(
 
 
 def test_every_extra_of_users_is_known() -> None:
-    own = {"test", "bench", "check"}  # for work on the project
+    own = {"test", "bench", "check", "docs"}  # for work on the project
     assert set(doctor.EXTRAS) == DECLARED["optional-dependencies"].keys() - own
 
 

@@ -37,6 +37,8 @@ FLOORS = (
     "runner.shared",
     "runner.options",
     "runner.record.catalogue",
+    "runner.checked_yaml",
+    "runner.recording_map",
     "runner.database",
     "runner.record.coefficient_rows",
     "runner.export",

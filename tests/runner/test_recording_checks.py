@@ -1,6 +1,7 @@
 """Examined recordings: maps and reports from the command line, clock offsets, and refusals."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,12 @@ import yaml
 from seatrial.models.recording.clocks import seconds
 from seatrial.models.recording.column import Column
 from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.sampling import sampling
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner import data_commands
-from seatrial.runner.recording_report import _offset, signals
+from seatrial.runner.recording_map import options_of, reader_of
+from seatrial.runner.recording_report import _bridges, _offset, signals
 from tests.runner.programs import ended, program
 
 DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
@@ -44,7 +48,7 @@ MAPS: dict[str, dict[str, object]] = {
 
 
 def mapped(file: Path, columns: dict[str, object]) -> RecordedFile:
-    return data_commands._reader(file, data_commands.options_of(dict(columns)))
+    return reader_of(file, options_of(dict(columns)))
 
 
 @needs_data
@@ -89,8 +93,27 @@ def test_a_folder_of_topics_is_mapped_and_examined(
     if name == "nlp1":
         assert "navigation/nav_estimate: 442 rows in 490 s, 0.937 Hz, 15 gaps" in shown
     assert "<svg" in html.read_text()
-    if name == "qp1":  # the estimate of nlp1 is too slow, at 0.9 Hz, to agree to 0.9
-        assert "Clocks of the sources" in html.read_text()
+    assert "Clocks of the sources" in html.read_text()
+    clocks = shown.partition("Clocks of the sources")[2].partition("Ranges")[0]
+    offsets = {line.split()[0]: float(line.split()[1]) for line in clocks.splitlines()[2:-1]}
+    step = {"nlp1": 1.07, "qp1": 0.161}[name]  # [s] of the estimate, which is the recording itself
+    assert abs(offsets["navigation/nav_estimate"]) < 0.1 * step
+    assert "vectorVS330/fix" in offsets
+
+
+def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
+    """A tenth of 100 s at 0.9 Hz is left: the option that keeps the rest is named."""
+    t = np.concatenate([10.0 * k + 0.1 * np.arange(10) for k in range(11)])
+    zero = np.zeros((len(t), 1))
+    recording = Recording(("surge",), t, zero, zero, zero, zero, np.zeros((len(t), 3)))
+    slow = sampling(np.arange(0.0, 101.0, 1.0 / 0.9))
+    advice = _bridges({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, recording)
+    assert advice == (
+        "11 of 101 s are kept, the rest is in gaps: excitation.max_gap_s=2.8 bridges the steps of "
+        "pose",
+    )
+    even = replace(recording, t=0.1 * np.arange(len(t)))
+    assert _bridges({"pose": slow}, even) == ()
 
 
 @needs_data

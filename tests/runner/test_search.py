@@ -160,6 +160,7 @@ def test_what_fails_or_diverges_is_infeasible(
     assert "Traceback" not in answer.out + answer.err
 
 
+@pytest.mark.slow
 def test_several_objectives_have_a_front(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.yaml_files import MOST_NODES, check_file
+from seatrial.runner.checked_yaml import MOST_NODES, check_file
 from tests.runner.command import Command
 
 CONF = Path(__file__).parents[2] / "conf"

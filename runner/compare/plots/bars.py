@@ -22,6 +22,7 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
+from seatrial.runner.record.catalogue import definition_of
 
 FIGURE = Figure(
     "bars",
@@ -78,7 +79,8 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
             request.metric, dof, next(o.unit for o in observations if o.dof == dof)
         )
         _panel(panel, tables[dof], request, label, width)
-    headed(figure, axes, facet.title(f"{request.model.capitalize()} model"))
+    heading = definition_of(request.metric).heading
+    headed(figure, axes, facet.title(f"{heading}, {request.model} model"))
     footnote(figure, _notes(tables, request.pool))
     return Drawing(facet.file(f"bars-{request.metric}"), figure)
 
@@ -90,6 +92,7 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
         centres = np.arange(len(table.column_keys), dtype=np.float64) + shift
         cells = [table.cell(row, column) for column in table.column_keys]
         _bars(axes, centres, cells, width, i, row[0])
+        _whiskers(axes, centres, cells)
     axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
     axes.set_xlabel(request.columns)
     axes.set_ylabel(label)
@@ -134,17 +137,7 @@ def _bars(
     means = [float(np.mean(s)) if s.size else np.nan for s in samples]
     spreads = [float(np.std(s, ddof=1)) if s.size > 1 else 0.0 for s in samples]
     colour = PALETTE[i % len(PALETTE)]
-    axes.bar(
-        centres,
-        means,
-        0.92 * width,
-        yerr=spreads,
-        color=colour,
-        alpha=0.75,
-        label=label,
-        capsize=3,
-        error_kw={"elinewidth": 1.2},
-    )
+    axes.bar(centres, means, 0.92 * width, color=colour, alpha=0.75, label=label)
     for centre, cell, sample, mean, spread in zip(
         centres, cells, samples, means, spreads, strict=True
     ):
@@ -161,6 +154,22 @@ def _bars(
                 zorder=3,
             )
         _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
+
+
+def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
+    """Draw the standard deviation of bars of several seeds.
+
+    A bar of one seed has none. Where the lower end of positive values would be zero or less, which
+    a logarithmic axis draws down to its floor, there is only the upper half.
+    """
+    for centre, sample in zip(centres, (cell.sample for cell in cells), strict=True):
+        if sample.size > 1:
+            mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
+            below = 0.0 if np.min(sample) > 0.0 and spread >= mean else spread
+            axes.errorbar(
+                [centre], [mean], [[below], [spread]], fmt="none", ecolor="black", capsize=3,
+                elinewidth=1.2,
+            )  # fmt: skip
 
 
 def _spread_out(n: int) -> NDArray[np.float64]:

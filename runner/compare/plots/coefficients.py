@@ -7,7 +7,7 @@ the coefficient; the intervals of the others do not include their bias, and are 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     PALETTE,
+    SHADE,
     Drawing,
     footnote,
     headed,
@@ -39,6 +40,7 @@ FIGURE = Figure(
 OF_ESTIMATE = "interval of the estimate"
 UNCERTAIN = "0.5"  # grey
 NORMAL_95 = 1.959963984540054
+LINE = 0.145  # height of the line of an estimate [inch]; a text of 8 points fits
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
 
@@ -58,7 +60,12 @@ class Estimate:
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure for each facet, one panel for each DOF, one mark for each group and term."""
+    """Draw one figure for each facet, one panel for each DOF, one mark for each group and term.
+
+    Each vessel has its own figure: the values at 1 on the axis are those of one vessel.
+    """
+    if request.facet is None and "vessel" in (request.rows, request.columns):
+        request = replace(request, facet="vessel")
     missing = f"no finished run that matches has coefficients of model {request.model}"
     draw = partial(_drawing, results, request)
     return each_facet(results, request, draw, f"plot coefficients: {missing}", averages=True)
@@ -83,11 +90,14 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         return None
     labels = ordered(label for groups in by_dof.values() for label in groups)
     terms = {dof: _terms(groups) for dof, groups in by_dof.items()}
-    rows = max(len(estimates) for estimates in terms.values())
-    height = 2.0 + rows * max(0.3, 0.13 * len(labels) + 0.08)
-    figure, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height)
+    lines = {dof: _lines(terms[dof], groups) for dof, groups in by_dof.items()}
+    height = 2.2 + LINE * max(places[-1].stop for places in lines.values())
+    figure, axes = panels(1, len(by_dof), max(3.9, 5.5 / len(by_dof)), height, rigid=True)
     for panel, (dof, groups) in zip(axes, by_dof.items(), strict=True):
-        _panel(panel, dof, terms[dof], groups, labels)
+        _panel(panel, dof, dict(zip(terms[dof], lines[dof], strict=True)), groups, labels)
+    if len({panel.get_position().y0 for panel in axes}) == 1:  # side by side: lines of one height
+        for panel in axes:
+            panel.set_ylim(max(places[-1].stop for places in lines.values()), 0.0)
     headed(figure, axes, facet.title(f"Coefficients of the {request.model} model"))
     footnote(figure, _notes(numbers, by_dof))
     return Drawing(facet.file("coefficients"), figure)
@@ -152,26 +162,46 @@ def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
     )
 
 
+def _lines(terms: Sequence[Estimate], groups: Mapping[str, Sequence[Estimate]]) -> list[range]:
+    """Return the lines of each term from the top: one for each group that has it, at least two."""
+    first, lines = 0, []
+    for term in terms:
+        count = sum(any(e.term == term.term for e in estimates) for estimates in groups.values())
+        lines.append(range(first, first + max(2, count)))
+        first = lines[-1].stop
+    return lines
+
+
 def _panel(
     axes: Axes,
     dof: str,
-    terms: Sequence[Estimate],
+    lines: Mapping[Estimate, range],
     groups: Mapping[str, Sequence[Estimate]],
     labels: Sequence[str],
 ) -> None:
-    places = {estimate.term: i for i, estimate in enumerate(terms)}
+    """Draw the estimates, each on its own line, the lines of every second term shaded."""
     axes.axvline(1.0, color="black", linewidth=1.2)
+    places: dict[str, dict[str, float]] = {}
+    for k, (term, span) in enumerate(lines.items()):
+        having = [i for i in labels if any(e.term == term.term for e in groups.get(i, ()))]
+        gap = 0.5 * (len(span) - len(having))
+        places[term.term] = {label: span.start + gap + i + 0.5 for i, label in enumerate(having)}
+        if k % 2 == 0:
+            axes.axhspan(span.start, span.stop, color=SHADE, alpha=0.6, linewidth=0, zorder=0)
     for label, estimates in groups.items():
-        i = labels.index(label)
-        shift = 0.7 * ((i + 0.5) / len(labels) - 0.5)
-        _marks(axes, estimates, [places[e.term] + shift for e in estimates], i, label)
-    axes.set_yticks(range(len(terms)), [_tick(estimate) for estimate in terms])
-    axes.set_ylim(len(terms) - 0.5, -0.5)
-    known = all(estimate.known for estimate in terms)
+        heights = [places[e.term][label] for e in estimates]
+        _marks(axes, estimates, heights, labels.index(label), label)
+    ticks = [0.5 * (span.start + span.stop) for span in lines.values()]
+    axes.set_yticks(ticks, [_tick(estimate) for estimate in lines])
+    axes.set_ylim([*lines.values()][-1].stop, 0.0)
+    known = all(estimate.known for estimate in lines)
     axes.set_xlabel("identified / true value" if known else "relative to the estimate")
     axes.set_title(dof, loc="left")
     low, high = axes.get_xlim()
     low, high = min(low, 1.0 - NARROWEST), max(high, 1.0 + NARROWEST)
+    beyond = [e.value for part in groups.values() for e in part if abs(e.value - 1.0) > WIDEST]
+    low = 1.0 - WIDEST if any(value < 1.0 for value in beyond) else low
+    high = 1.0 + WIDEST if any(value > 1.0 for value in beyond) else high
     axes.set_xlim(max(low, 1.0 - WIDEST), min(high, 1.0 + WIDEST))
     axes.grid(axis="y", visible=False)
 

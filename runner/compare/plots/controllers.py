@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.plots.force_units import limits_of
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.sailed_missions import PREFIX
@@ -67,13 +68,15 @@ def _drawing(
         level: results.reader.series(run.id, PREFIX + request.model) for level, run in runs.items()
     }
     colours = [PALETTE[i % len(PALETTE)] for i in range(len(lines))]
-    figure = overlaid(lines, request, colours, f"plot of {request.rows}")
     first = next(iter(runs.values()))
+    limits = limits_of(results.reader.run(first.id).config)
+    figure = overlaid(lines, request, colours, f"plot of {request.rows}", limits)
     title = [first.levels[n] for n in ("vessel", "disturbance", "evaluation")]
     title += [label] if label else []
     headed(
         figure, figure.axes,
-        f"{request.model.capitalize()} model, {', '.join(title)}, seed {first.levels['seed']}",
+        f"Response with the {request.model} model, {', '.join(title)}, "
+        f"seed {first.levels['seed']}",
     )  # fmt: skip
     sources = ", ".join(f"{level}: run {run.id}" for level, run in runs.items())
     footnote(figure, [NOTE, sources])

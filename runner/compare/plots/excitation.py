@@ -1,11 +1,10 @@
-"""The excitation of a run: forces over time and their spectrum, with the thrusters' limits.
+"""The excitation of a run: forces or inputs over time and their spectrum, with the limits.
 
 Diagnostics: `regressor_rank`, `regressor_unknowns`, `spectral_lines`, and `inseparable_terms`
 with the names in `label`.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,9 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
+from seatrial.runner.compare.plots.commanded_signals import Signal, commanded_signals
 from seatrial.runner.compare.plots.force_residual import shade
+from seatrial.runner.compare.plots.force_units import NEAR, largest_of
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
 from seatrial.runner.compare.plots.style import (
     PALETTE,
@@ -29,76 +30,78 @@ from seatrial.runner.database.records import Series
 
 FIGURE = Figure(
     "excitation",
-    "Forces of one run, their spectrum and the limits.",
+    "Forces or inputs of one run, their spectrum and the limits.",
     "series recording",
-    caption="Forces of the newest run and their spectrum",
+    caption="Excitation of the newest run and its spectrum",
     place=13,
 )
 
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
 GROUPS = "inseparable_terms"
-NEAR = 2.5  # a limit above this multiple of the peak is not drawn
-DEPTH = 1e-4  # smallest amplitude shown, relative to the largest
+MATTERS = 0.1  # smallest amplitude that matters, relative to the largest, both smoothed
+DEPTH = 1e-3  # smallest amplitude shown, likewise
 FORCE, ACTING = PALETTE[0], PALETTE[1]
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level), one row for each DOF."""
+    """Draw one figure of one run (with --facet, for each level), one row for each signal."""
     return [_drawing(results, request, run) for run, _ in each_run(results, request, ["recording"])]
 
 
 def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     series = results.reader.series(run.id, "recording")
-    dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns)
-    idle = [dof for dof in dofs if not np.any(series.columns[f"tau_{dof}"])]
-    excited = [dof for dof in dofs if dof not in idle]
+    dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or list(request.dofs)
+    signals = commanded_signals(series, results.reader.run(run.id).config, dofs)
+    excited = [s for s in signals if np.any(s.commanded if s.dof else np.diff(s.commanded))]
+    excited = excited or [signal for signal in signals if np.any(signal.commanded)]
+    idle = [signal for signal in signals if signal not in excited]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
-    limits = limits_of(results.reader.run(run.id).config)
     findings = results.diagnostics([run], (*REPORT, GROUPS), with_run(None, run.id))[run.id]
-    figure, axes = panels(len(excited), 2, 5.4, 2.3)
-    for left, right, dof in zip(axes[::2], axes[1::2], excited, strict=True):
-        _forces(left, series, dof, limits.get(dof))
-        _spectrum(right, series, dof, findings)
+    figure, axes = panels(len(excited), 2, 5.4, 2.3 if len(excited) > 1 else 3.2)
+    for left, right, signal in zip(axes[::2], axes[1::2], excited, strict=True):
+        _over_time(left, series, signal)
+        _spectrum(right, series, signal, findings)
     axes[-2].set_xlabel(with_unit("Time", series.units["t"]))
     axes[-1].set_xlabel("Frequency [Hz]")
     headed(figure, axes, f"Excitation, {subtitle(run)}")
     notes = ["shaded: training part"] if np.any(series.columns.get("train", np.zeros(1))) else []
-    notes += [f"no force in {', '.join(idle)}"] if idle else []
+    notes += [_idle_note(idle)] if idle else []
+    notes.append("spectra: up to twice the last frequency with a tenth of the highest amplitude")
     footnote(figure, [*notes, *_inseparable(findings, dofs)])
     return Drawing(f"excitation-run-{run.id}", figure)
 
 
-def limits_of(config: Mapping[str, Any]) -> dict[str, float]:
-    """Return the thrusters' limits [N, Nm] by degree of freedom, if the vessel has them."""
-    vessel = config.get("vessel", {})
-    return dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
+def _idle_note(idle: Sequence[Signal]) -> str:
+    """Return `no force in sway`, or `constant: n 10 1/s`."""
+    if all(not np.any(signal.commanded) and signal.dof for signal in idle):
+        return f"no force in {', '.join(signal.dof for signal in idle)}"
+    levels = (f"{s.name} {number_text(float(s.commanded[0]), 3)} {unit_text(s.unit)}" for s in idle)
+    return f"constant: {', '.join(levels)}"
 
 
-def _forces(axes: Axes, series: Series, dof: str, limit: float | None) -> None:
-    t, force = series.columns["t"], series.columns[f"tau_{dof}"]
-    unit = series.units[f"tau_{dof}"]
-    acting = series.columns.get(f"tau_actual_{dof}")
-    axes.plot(t, force, color=FORCE, linewidth=1.0, label="commanded")
-    if acting is not None and not np.allclose(acting[1:], force[:-1]):
-        axes.plot(t, acting, color=ACTING, linewidth=1.0, label="acting")
-    peak = float(np.max(np.abs(force)))
-    title = f"peak {number_text(peak, 3)} {unit_text(unit)}"
-    if limit is not None:
+def _over_time(axes: Axes, series: Series, signal: Signal) -> None:
+    t, unit = series.columns["t"], unit_text(signal.unit)
+    axes.plot(t, signal.commanded, color=FORCE, linewidth=1.0, label="commanded")
+    if signal.acting is not None:
+        axes.plot(t, signal.acting, color=ACTING, linewidth=1.0, label="acting")
+    peak = largest_of([signal.commanded])
+    title = f"peak {number_text(peak, 3)} {unit}"
+    if signal.limits is not None:
+        limit = max(map(abs, signal.limits))
         title += f", {peak / limit:.0%} of the limit"
-        if limit <= NEAR * peak:
-            for side in (-limit, limit):
-                axes.axhline(side, color=REFERENCE, linestyle="--", linewidth=1.0, label="limit")
+        for side in signal.limits if limit <= NEAR * peak else ():
+            axes.axhline(side, color=REFERENCE, linestyle="-.", linewidth=1.0, label="limit")
     shade(axes, t, np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64))
     axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
-    axes.set_ylabel(with_unit(dof.capitalize(), unit))
+    axes.set_ylabel(with_unit(signal.name, signal.unit))
     axes.margins(x=0)
 
 
 def amplitudes(t: Sample, force: Sample) -> tuple[Sample, Sample]:
     """Return positive frequencies [Hz] and force amplitudes, shape (n // 2,) each.
 
-    `t` [s] and `force` [N or Nm] have shape (n,); the sampling is uniform.
+    `t` [s] and `force` (in any unit) have shape (n,); the sampling is uniform.
     """
     period = float(t[-1] - t[0]) / (len(t) - 1)
     size = 2.0 * np.abs(np.fft.rfft(force - np.mean(force))) / len(force)
@@ -106,21 +109,33 @@ def amplitudes(t: Sample, force: Sample) -> tuple[Sample, Sample]:
     return frequency[1:], np.asarray(size[1:], dtype=np.float64)
 
 
-def _spectrum(axes: Axes, series: Series, dof: str, findings: Sequence[DiagnosticRow]) -> None:
-    frequency, size = amplitudes(series.columns["t"], series.columns[f"tau_{dof}"])
+def _spectrum(
+    axes: Axes, series: Series, signal: Signal, findings: Sequence[DiagnosticRow]
+) -> None:
+    frequency, size = amplitudes(series.columns["t"], signal.commanded)
     axes.set_xscale("log")
-    axes.set_ylabel(with_unit("Amplitude", series.units[f"tau_{dof}"]))
-    axes.set_xlim(frequency[0], frequency[-1])
+    axes.set_ylabel(with_unit("Amplitude", signal.unit))
     largest = float(np.max(size))
+    axes.set_xlim(frequency[0], frequency[-1])
     if largest > 0.0:
+        smooth = _smooth(size)
+        last = float(frequency[np.flatnonzero(smooth >= MATTERS * np.max(smooth))[-1]])
+        shown = frequency <= max(2.0 * last, 10.0 * frequency[0])
         axes.set_yscale("log")
         axes.plot(frequency, size, color=FORCE, linewidth=0.8)
-        axes.set_ylim(DEPTH * largest, 2.0 * largest)
-    values = {row.name: row.value for row in findings if row.dof == dof and row.name in REPORT}
+        axes.set_xlim(frequency[0], frequency[shown][-1])
+        axes.set_ylim(max(DEPTH * largest, 0.5 * float(np.min(size[shown]))), 2.0 * largest)
+    values = {r.name: r.value for r in findings if r.dof == signal.dof and r.name in REPORT}
     if len(values) == len(REPORT):
         rank, unknowns, lines = (int(values[name]) for name in REPORT)
         title = f"spectral lines: {lines}; {rank} of {unknowns} terms separable"
         axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
+
+
+def _smooth(size: Sample) -> Sample:
+    """Return the root mean square of amplitudes (n,) over neighbours, which evens out noise."""
+    width = max(5, len(size) // 100)
+    return np.asarray(np.sqrt(np.convolve(np.square(size), np.ones(width) / width, "same")))
 
 
 def _inseparable(findings: Sequence[DiagnosticRow], dofs: Sequence[str]) -> list[str]:

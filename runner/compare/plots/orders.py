@@ -32,6 +32,8 @@ FIGURE = Figure(
 )
 
 LINE_STYLES = ("-", "--", ":", "-.")
+FEWEST = 8  # orders that are shown at least, if there are as many
+MOST = 100.0  # largest error shown, in medians of the errors shown
 NAMES = ("order_mse", "selected_order")
 
 
@@ -74,8 +76,9 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         panel.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
         panel.set_yscale("log")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+        _limit(panel, [by_dof[dof] for by_dof in curves.values() if dof in by_dof])
     identifiers = ", ".join(rows)
-    headed(figure, axes, facet.title(f"Error over model order, {identifiers}"))
+    headed(figure, axes, facet.title(f"Force MSE over model order, {identifiers}"))
     footnote(figure, _notes(curves))
     return Drawing(facet.file("orders"), figure)
 
@@ -138,11 +141,34 @@ def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str)
             )
 
 
+def _limit(axes: Axes, curves: Sequence[Curves]) -> None:
+    """Set the limits to what matters: the orders up to twice the largest that was selected.
+
+    Beyond it the error of an overfitted model grows by orders of magnitude.
+    """
+    orders = sorted({order for line in curves for order in line.orders})
+    last = max((order for line in curves for order in line.selected), default=orders[-1])
+    last = min(max(2 * last, FEWEST), orders[-1])
+    shown = [line.mse[:, np.asarray(line.orders) <= last] for line in curves]
+    values = np.concatenate([part[np.isfinite(part) & (part > 0.0)] for part in shown])
+    axes.set_xlim(orders[0] - 0.5, last + 0.5)
+    if values.size:
+        chosen = [
+            float(np.nanmax(line.mse[:, line.orders.index(order)]))
+            for line in curves
+            for order in line.selected
+            if order in line.orders
+        ]
+        highest = min(float(np.max(values)), MOST * float(np.median(values)))
+        highest = max([highest, *(value for value in chosen if np.isfinite(value))])
+        axes.set_ylim(0.7 * float(np.min(values)), 1.4 * highest)
+
+
 def _notes(curves: Mapping[tuple[str, str], Mapping[str, Curves]]) -> list[str]:
     lines = [line for by_dof in curves.values() for line in by_dof.values()]
     notes = ["line: median over seeds, band: smallest to largest"] if _several(lines) else []
     if any(line.selected for line in lines):
-        notes.append("markers: selected orders")
+        notes.append("markers: selected orders; not shown: orders above twice the largest of them")
     labels = ordered(line.label for line in lines if line.label)
     return ["; ".join(notes), *([f"order chosen by: {', '.join(labels)}"] if labels else [])]
 

@@ -29,9 +29,9 @@ POINTS_PER_INCH = 72.0
 WIDTHS_MM = {"column": 86.0, "page": 178.0}  # of journals with two columns: 84-90, 174-190
 NARROWEST_MM, WIDEST_MM = 40.0, 1200.0
 POINTS = 8.0  # of all texts
-PANEL_INCH = 1.6  # width of the narrowest panel, with its labels
+PANEL_INCH = 2.2  # width of the narrowest panel, with its labels
 HIGHEST_INCH = 100.0
-LOWEST_INCH = 0.8  # height of the lowest panel, without them
+LOWEST_INCH = 1.0  # height of the lowest panel, without them
 RC: "dict[RcKeyType, object]" = {
     "font.size": POINTS,
     "axes.titlesize": POINTS,
@@ -114,11 +114,6 @@ def fit(chart: Figure) -> None:
         text.set_fontsize(POINTS)
     _lay_out(chart)
     for axes in chart.axes:
-        room = axes.get_window_extent()
-        _wrap(axes.xaxis.label, room.width)
-        _wrap(axes.yaxis.label, room.height)
-        for title in (axes.title, axes._left_title):  # type: ignore[attr-defined]
-            _wrap(title, room.width)
         _turn_ticks(axes)
     for _ in range(2):  # what surrounds the panels takes its place at the first time
         _lay_out(chart)
@@ -126,6 +121,13 @@ def fit(chart: Figure) -> None:
         if lacking > 0.0:
             rows = max(_rows(axes) for axes in chart.axes)
             chart.set_figheight(chart.get_figheight() + rows * lacking)
+    _lay_out(chart)
+    for axes in chart.axes:
+        room = axes.get_window_extent()
+        _wrap(axes.xaxis.label, room.width)
+        _wrap(axes.yaxis.label, room.height)
+        for title in (axes.title, axes._left_title):  # type: ignore[attr-defined]
+            _wrap(title, room.width)
     _lay_out(chart)
 
 

@@ -21,6 +21,7 @@ from seatrial.runner.compare.plots.style import (
     footnote,
     headed,
     panels,
+    trim,
 )
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
@@ -67,6 +68,7 @@ def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
     clearance = float(waters.columns["clearance"][0])
     notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing", *deviation]
     footnote(figure, notes)
+    trim(figure)
     return Drawing(f"plan-run-{run.id}", figure)
 
 
@@ -119,7 +121,9 @@ def _passages(axes: Axes, plan: Series) -> None:
     north, east = plan.columns["x"], plan.columns["y"]
     for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
-        axes.plot(east[part], north[part], color=MUTED, linewidth=1.2, label=label, zorder=2.5)
+        axes.plot(
+            east[part], north[part], ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5
+        )
 
 
 def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:
@@ -137,7 +141,7 @@ def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:
         thin = columns["role"][part.start] == TESTING
         axes.plot(
             columns["y"][part], columns["x"][part], color=colour, linestyle=style,
-            linewidth=1.0 if thin else 2.4, label=None if i else name, zorder=3,
+            linewidth=1.4 if thin else 2.6, label=None if i else name, zorder=3,
         )  # fmt: skip
         axes.plot(
             columns["y"][part.start], columns["x"][part.start], "o", color=colour, markersize=4,
@@ -149,9 +153,12 @@ def _ends(axes: Axes, plan: Series) -> None:
     """Draw start and goal with their headings."""
     columns = plan.columns
     reach = 0.03 * max(np.ptp(columns["x"]), np.ptp(columns["y"]), 1e-9)
-    for index, label, marker in ((0, "start", "o"), (-1, "goal", "s")):
+    for index, label, marker, size in ((0, "start", "o", 7), (-1, "goal", "s", 12)):
         east, north, psi = (float(columns[name][index]) for name in ("y", "x", "psi"))
-        axes.plot(east, north, marker, color=REFERENCE, markersize=7, label=label, zorder=4)
+        axes.plot(
+            east, north, marker, color=REFERENCE, markersize=size, label=label, zorder=4,
+            markerfacecolor="none" if label == "goal" else REFERENCE, linestyle="none",
+        )  # fmt: skip
         axes.annotate(
             "", (east + 2.2 * reach * np.sin(psi), north + 2.2 * reach * np.cos(psi)),
             (east, north), arrowprops={"arrowstyle": "->", "color": REFERENCE}, zorder=4,
@@ -162,7 +169,7 @@ def _track(axes: Axes, results: Results, run: Run) -> list[str]:
     """Draw the recorded track; return a note on its deviation from the plan."""
     recording = results.reader.series(run.id, "recording")
     east, north = recording.columns["y"], recording.columns["x"]
-    axes.plot(east, north, ":", color=REFERENCE, linewidth=0.9, label="sailed", zorder=3.5)
+    axes.plot(east, north, color=MUTED, linewidth=0.9, label="sailed", zorder=2.2)
     names = ("plan_deviation", "sailed_clearance")
     rows = results.diagnostics([run], names, with_run(None, run.id))[run.id]
     values = {row.name: row.value for row in rows}

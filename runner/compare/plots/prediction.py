@@ -71,9 +71,18 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
     axes.set_ylim(
         *np.clip(axes.get_ylim(), np.min(measured) - margin, np.max(measured) + margin).tolist()
     )
-    beside(axes, [(f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]])
     axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
     axes.margins(x=0)
+    beside(
+        axes,
+        [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]],
+    )
+
+
+def _end(values: Sample) -> float:
+    """Return the last finite value of a line, beside which its FIT is written."""
+    finite = values[np.isfinite(values)]
+    return float(finite[-1]) if len(finite) else float("nan")
 
 
 def _broken(starts: NDArray[np.bool_], t: Sample, values: Sample) -> tuple[Sample, Sample]:

@@ -59,9 +59,12 @@ class Facet:
     run: int | None = None  # the requested run
 
     def title(self, text: str) -> str:
-        """Return the title of the figure with the facet."""
+        """Return the title of the figure with the vessel and the facet."""
         parts = [self.label] if self.label else []
         parts += [f"run {self.run}"] if self.run is not None else []
+        vessels = {run.levels["vessel"] for run in self.runs if run.status == FINISHED}
+        if len(vessels) == 1 and "vessel = " not in self.label:
+            text = f"{text}, {vessels.pop()}"
         return f"{text} ({', '.join(parts)})" if parts else text
 
     def file(self, name: str) -> str:
@@ -99,7 +102,7 @@ def facets(
     """Return the runs of each figure; raises ConfigurationError if no run matches.
 
     `rows` are the factors of a figure with several row factors. A figure that `averages` over runs
-    is drawn once for each level of what the runs of a group differ in.
+    is drawn once for each level of what the runs of a group differ in, and for each vessel.
     """
     condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
@@ -113,6 +116,8 @@ def facets(
     split = []
     if averages and "all" not in request.pool:
         split = _unlike(likeness, runs, factors, request)
+        if "vessel" not in (*factors, *split, *request.pool):
+            split += ["vessel"] if len({run.levels["vessel"] for run in runs}) > 1 else []
     names = [*([] if request.facet is None else [request.facet]), *split]
     if split:
         runs = [_drawable(run) for run in results.runs(condition, [*factors, *split])]
@@ -184,13 +189,25 @@ def with_run(condition: Condition | None, run: int) -> Condition:
     return comparison if condition is None else Joined("and", (condition, comparison))
 
 
+Choice = Callable[[Results, Sequence[Run], Condition | None], Run]
+
+
+def _newest(results: Results, runs: Sequence[Run], condition: Condition | None) -> Run:
+    return runs[-1]
+
+
 def each_run(
-    results: Results, request: PlotRequest, kinds: Sequence[str], column: str | None = None
+    results: Results,
+    request: PlotRequest,
+    kinds: Sequence[str],
+    column: str | None = None,
+    typical: Choice = _newest,
 ) -> list[tuple[Run, list[str]]]:
     """Return the runs of figures over time, and which of the series `kinds` each run has.
 
     The run is the requested one, else the newest finished run that meets --where and has such a
-    series (with the given column); with --facet it is the newest run of each level.
+    series (with the given column); with --facet it is the newest run of each level. `typical` may
+    choose another one of these runs, which are ordered by age.
     """
     condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
@@ -202,22 +219,26 @@ def each_run(
     superseded = request.run is not None
     runs = [_drawable(run) for run in results.runs(condition, factors, superseded)]
     stored = results.series_columns(condition)
-    newest: dict[str, tuple[Run, list[str]]] = {}
-    for run in reversed(runs):
+    candidates: dict[str, list[tuple[Run, list[str]]]] = defaultdict(list)
+    for run in runs:
         available = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
         available = {
             kind: names for kind, names in available.items() if column is None or column in names
         }
         if available and (request.run is not None or run.status == FINISHED):
-            newest.setdefault(
-                run.levels[facet] if facet is not None else "", (run, list(available))
-            )
-    if not newest:
+            level = run.levels[facet] if facet is not None else ""
+            candidates[level].append((run, list(available)))
+    if not candidates:
         subject = f"run {request.run}" if request.run is not None else "no finished run"
         verb = "has no" if request.run is not None else "that matches has a"
         suffix = f" with {column}" if column else ""
         raise ConfigurationError(f"plot: {subject} {verb} series {' or '.join(kinds)}{suffix}")
-    return [newest[level] for level in ordered(newest)]
+    chosen = []
+    for level in ordered(candidates):
+        has = {run.id: names for run, names in candidates[level]}
+        run = typical(results, [run for run, _ in candidates[level]], condition)
+        chosen.append((run, has[run.id]))
+    return chosen
 
 
 def subtitle(run: Run) -> str:

@@ -12,8 +12,16 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots.force_units import (
+    draw_limit,
+    largest_of,
+    limits_of,
+    prefixed,
+)
 from seatrial.runner.compare.plots.request import PlotRequest, each_run
 from seatrial.runner.compare.plots.sailed_missions import PREFIX, degrees
+from seatrial.runner.compare.plots.steered_response import NOTE as STEERED_NOTE
+from seatrial.runner.compare.plots.steered_response import is_steered, steered
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     MUTED,
@@ -67,9 +75,14 @@ def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[s
         names = [name for name in names if name != "identified"] or names
     voyages = {name: results.reader.series(run.id, PREFIX + name) for name in names}
     lines = {f"{name} model": voyage for name, voyage in voyages.items()}
-    figure = overlaid(lines, request, [COLOURS[name] for name in names], f"run {run.id}")
+    config, colours = results.reader.run(run.id).config, [COLOURS[name] for name in names]
+    if all(map(is_steered, lines.values())):
+        figure, note = steered(lines, config, colours, request.dofs, f"run {run.id}"), STEERED_NOTE
+    else:
+        figure = overlaid(lines, request, colours, f"run {run.id}", limits_of(config))
+        note = NOTE
     headed(figure, figure.axes, f"Response, {_title(run)}")
-    footnote(figure, [NOTE])
+    footnote(figure, [note])
     return Drawing(f"response-run-{run.id}", figure)
 
 
@@ -81,11 +94,16 @@ def _title(run: Run) -> str:
 
 
 def overlaid(
-    lines: Mapping[str, Series], request: PlotRequest, colours: Sequence[str], what: str
+    lines: Mapping[str, Series],
+    request: PlotRequest,
+    colours: Sequence[str],
+    what: str,
+    limits: Mapping[str, float],
 ) -> matplotlib.figure.Figure:
     """Draw missions in the same axes, one column for each DOF: pose, force and wind, if any.
 
-    `lines` are the series by label; `what` names the figure in the error message.
+    `lines` are the series by label, `limits` the largest forces [N, Nm] by DOF; `what` names the
+    figure in the error message.
     """
     first = next(iter(lines.values()))
     dofs = request.shown(lambda dof: all(f"tau_{dof}" in s.columns for s in lines.values()))
@@ -97,18 +115,40 @@ def overlaid(
     for column, dof in enumerate(dofs):
         pose, force, *wind = axes[column :: len(dofs)]
         _reference(pose, first, dof)
-        for (label, series), colour in zip(lines.items(), colours, strict=True):
-            values = {pose: _pose(series, POSES[dof]), force: series.columns[f"tau_{dof}"]}
-            for panel, signal in values.items():
-                panel.plot(series.columns["t"], signal, color=colour, linewidth=1.1, label=label)
-        force.set_ylabel(with_unit(f"Force, {dof}", first.units[f"tau_{dof}"]))
+        _missions(pose, force, lines, dof, colours)
+        _limit(force, lines, dof, limits.get(dof))
         for panel in wind:
             _wind(panel, first, dof)
         axes[(rows - 1) * len(dofs) + column].set_xlabel(with_unit("Time", first.units["t"]))
     for panel in axes:
         panel.margins(x=0)
-    figure.align_ylabels(axes)
     return figure
+
+
+def _forces(lines: Mapping[str, Series], dof: str) -> tuple[str, float, float]:
+    """Return the unit of the forces, its size, and the largest force [N, Nm]."""
+    series_of = list(lines.values())
+    peak = largest_of([series.columns[f"tau_{dof}"] for series in series_of])
+    return *prefixed(series_of[0].units[f"tau_{dof}"], peak), peak
+
+
+def _missions(
+    pose: Axes, force: Axes, lines: Mapping[str, Series], dof: str, colours: Sequence[str]
+) -> None:
+    """Draw pose and force of each mission; the first ones are thicker, to be seen below others."""
+    unit, size, _ = _forces(lines, dof)
+    for i, ((label, series), colour) in enumerate(zip(lines.items(), colours, strict=True)):
+        signals = {pose: _pose(series, POSES[dof]), force: series.columns[f"tau_{dof}"] / size}
+        width = 1.1 + 0.45 * (len(lines) - 1 - i)
+        for panel, signal in signals.items():
+            panel.plot(series.columns["t"], signal, color=colour, linewidth=width, label=label)
+    force.set_ylabel(with_unit(f"Force, {dof}", unit))
+
+
+def _limit(axes: Axes, lines: Mapping[str, Series], dof: str, limit: float | None) -> None:
+    unit, size, peak = _forces(lines, dof)
+    if limit is not None:
+        draw_limit(axes, limit, peak, unit, size)
 
 
 def _pose(series: Series, name: str) -> Sample:
@@ -131,7 +171,8 @@ def _reference(axes: Axes, series: Series, dof: str) -> None:
 
 def _wind(axes: Axes, series: Series, dof: str) -> None:
     """Draw the wind force of the first run; it hardly depends on the controller."""
-    values = series.columns.get(f"wind_{dof}")
+    values, unit = series.columns.get(f"wind_{dof}"), series.units[f"tau_{dof}"]
     if values is not None:
-        axes.plot(series.columns["t"], values, color=MUTED, linewidth=1.0, label="wind")
-    axes.set_ylabel(with_unit(f"Wind, {dof}", series.units[f"tau_{dof}"]))
+        unit, size = prefixed(unit, largest_of([values]))
+        axes.plot(series.columns["t"], values / size, color=MUTED, linewidth=1.0, label="wind")
+    axes.set_ylabel(with_unit(f"Wind, {dof}", unit))

@@ -21,13 +21,37 @@ def voyages(
     """Return the runs, one for each figure, and their sailed missions by model.
 
     A run without a deployment uses the series `instead`. `what` names the figure in the error
-    message. Raises ConfigurationError if there is no such series or no motion in the plane.
+    message. Of two equal voyages it is the first. Raises ConfigurationError if there is no such
+    series or no motion in the plane.
     """
     kinds = KINDS if instead is None else (*KINDS, instead)
     return [
-        (run, _planar_series(results, run, what, [k for k in stored if k in KINDS] or stored))
+        (
+            run,
+            distinct(
+                _planar_series(results, run, what, [k for k in stored if k in KINDS] or stored)
+            ),
+        )
         for run, stored in each_run(results, request, kinds)
     ]
+
+
+def distinct(series_of: Voyages) -> Voyages:
+    """Leave out the voyage of the identified model if it is that of the nominal one.
+
+    So it is without identification, and if nothing is taken from the model.
+    """
+    pair = [series_of.get(name) for name in ("nominal", "identified")]
+    if pair[0] is None or pair[1] is None or not _equal(pair[0], pair[1]):
+        return series_of
+    return {"nominal": pair[0]}
+
+
+def _equal(first: Series, second: Series) -> bool:
+    return first.columns.keys() == second.columns.keys() and all(
+        np.array_equal(first.columns[name], second.columns[name], equal_nan=True)
+        for name in first.columns
+    )
 
 
 def _planar_series(results: Results, run: Run, what: str, kinds: Sequence[str]) -> Voyages:
@@ -36,7 +60,7 @@ def _planar_series(results: Results, run: Run, what: str, kinds: Sequence[str]) 
         missing = [name for name in ("t", "x", "y") if name not in series.columns]
         if missing:
             raise ConfigurationError(
-                f"plot {what}: run {run.id} has no {missing[0]} in its series"
+                f"{what}: run {run.id} has no {missing[0]} in its series"
                 f" {kind}; it needs a vessel that moves in the plane"
             )
     return series_of

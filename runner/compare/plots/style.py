@@ -15,9 +15,11 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.grid import with_unit
@@ -28,9 +30,13 @@ from seatrial.runner.vocabulary import COMBINED
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
-# Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale.
-PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+# Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale; then
+# dark colours of Tol (2021) for figures of many series.
+PALETTE = (
+    *("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000"),
+    *("#882255", "#999933", "#332288", "#88CCEE", "#117733", "#AA4499", "#777777"),
+)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", "p", ">", "h", "d", "*", "H")
 MODEL_COLOURS = {
     **{"nominal": "#D55E00", "identified": "#0072B2", "plant": "#009E73"},
     "recording": "#0072B2",  # shown alone, without a deployment
@@ -41,6 +47,7 @@ MUTED = "#595959"
 TITLE_SIZE = 11
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
+TEXT_SHARE = 0.17  # height of a line of text beside a panel, of the lowest panel
 SHADE = "#E8E8E8"
 RC: Mapping["RcKeyType", object] = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
@@ -96,7 +103,7 @@ class Drawing:
 
 
 def marker_of(i: int) -> str:
-    """Return the marker of group i; with the colours of PALETTE there are 49 distinct pairs."""
+    """Return the marker of group i; with the colours of PALETTE there are 196 distinct pairs."""
     return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
 
 
@@ -131,32 +138,38 @@ def _styled(width_mm: float | None) -> Iterator[None]:
             raise LogbookError(message) from error
 
 
-def figure(width: float, height: float) -> Figure:
+def figure(width: float, height: float, rigid: bool = False) -> Figure:
     """Return an empty figure of width x height [inch] with constrained layout.
 
     Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
     """
     if _GIVEN.get() is not None:
         raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
-    return Chart(figsize=paper.size_of(width, height), layout="constrained")
+    size = paper.size_of(width, height)
+    return Chart(figsize=(size[0], height) if rigid else size, layout="constrained")
 
 
 def panels(
-    rows: int, columns: int, width: float, height: float, share_x: bool = False
+    rows: int,
+    columns: int,
+    width: float,
+    height: float,
+    share_x: bool = False,
+    rigid: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x. One panel is drawn into the
-    axes of the caller, if there are any.
+    With `share_x` all axes have the same range of x. `rigid` panels have the same height in print:
+    their lines of text need it. One panel is drawn into the axes of the caller, if there are any.
     """
     given = _GIVEN.get()
     if given is not None and rows * columns == 1:
         return cast(Figure, given.figure), [given]
     abreast = paper.columns_of(columns)
     if abreast < columns:
-        chart = figure(abreast * width, rows * height * -(-columns // abreast))
+        chart = figure(abreast * width, rows * height * -(-columns // abreast), rigid)
         return chart, paper.stacked(chart, rows, columns, share_x)
-    chart = figure(columns * width, rows * height)
+    chart = figure(columns * width, rows * height, rigid)
     axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
     return chart, [panel for row in axes for panel in row]
 
@@ -201,12 +214,54 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     )
 
 
-def beside(axes: Axes, texts: Sequence[tuple[str, str]]) -> None:
-    """Write up to two texts, each with its colour, at the right of a panel."""
-    for height, (text, colour) in zip((0.88, 0.06), texts, strict=False):
+def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
+    """Write texts at the right of a panel, each (value on the y axis, text, colour) at its value.
+
+    The limits of the axis must be final. Texts that would overlap are moved apart.
+    """
+    low, high = axes.get_ylim()
+    wanted = np.nan_to_num([(value - low) / (high - low) for value, _, _ in texts], nan=0.5)
+    order = np.argsort(wanted, kind="stable")
+    heights = np.empty(len(texts))
+    heights[order] = apart(wanted[order], TEXT_SHARE)
+    for (_, text, colour), height in zip(texts, heights, strict=True):
         axes.text(
             1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
         )
+
+
+def apart(heights: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Return increasing heights in 0 to 1, shape (n,), moved to be `distance` from each other.
+
+    They are moved as little as possible in least squares: those that are too near to each other
+    become a block around their mean.
+    """
+    steps = distance * np.arange(len(heights))
+    blocks: list[list[float]] = []
+    for height in heights - steps:
+        blocks.append([float(height)])
+        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    moved = steps + [float(np.mean(block)) for block in blocks for _ in block]
+    room = 0.5 * distance
+    upward = np.maximum(moved, room + steps)
+    return np.asarray(np.minimum(upward, 1.0 - room - steps[::-1]))
+
+
+def trim(chart: Figure) -> None:
+    """Take away the height that panels of equal axes leave unused above and below them."""
+    if _GIVEN.get() is not None:
+        return
+    for _ in range(2):  # the first layout has the old height
+        chart.draw_without_rendering()
+        rows: dict[float, float] = {}
+        for axes in chart.axes:
+            slot, used = axes.get_position(original=True), axes.get_position()
+            unused = slot.height - used.height
+            key = round(slot.y0, 3)
+            rows[key] = min(rows.get(key, unused), unused)
+        chart.set_figheight(chart.get_figheight() * (1.0 - sum(rows.values())))
 
 
 def footnote(chart: Figure, notes: Sequence[str]) -> None:

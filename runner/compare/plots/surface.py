@@ -37,6 +37,7 @@ FIGURE = Figure(
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"
+WORST = 100.0  # largest error with a colour of its own, in the smallest ones
 COLOURS = "cividis"  # perceptually uniform and suited to colour-blind readers
 
 
@@ -59,13 +60,21 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         of_dof = [row for row in rows if row.dof == dof]
         points = [row for row in of_dof if row.name == SURFACE and row.value is not None]
         mesh = _panel(panel, dof, points)
-        figure.colorbar(mesh, ax=panel, label=with_unit("MSE", points[0].unit), pad=0.02)
+        figure.colorbar(
+            mesh, ax=panel, label=with_unit("MSE", points[0].unit), pad=0.02, extend="max"
+        )
         chosen = {row.name: row.value for row in of_dof if row.name in (ORDER, VARIABLES)}
         if len(chosen) == 2:
             place = [chosen[VARIABLES]], [chosen[ORDER]]
             panel.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
-    headed(figure, axes, f"Error over order and variables, {subtitle(run)}")
-    footnote(figure, ["contours: powers of ten; blank: no model of that order"])
+    headed(figure, axes, f"Force MSE over order and variables, {subtitle(run)}")
+    footnote(
+        figure,
+        [
+            f"contours: powers of ten; brightest: {WORST:g} times the smallest error and more; "
+            "blank: no model of that order",
+        ],
+    )
     return Drawing(f"surface-run-{run.id}", figure)
 
 
@@ -77,7 +86,7 @@ def _panel(axes: Axes, dof: str, points: Sequence[DiagnosticRow]) -> QuadMesh:
         mse[orders.index(point.i), variables.index(point.j)] = point.value
     low, high = float(np.nanmin(mse)), float(np.nanmax(mse))
     low = max(low, 1e-12 * high, np.finfo(float).tiny)
-    norm = LogNorm(low, max(high, 1.0000001 * low))
+    norm = LogNorm(low, max(min(high, WORST * low), 1.0000001 * low))
     masked = np.ma.masked_invalid(mse)
     mesh = axes.pcolormesh(variables, orders, masked, norm=norm, cmap=COLOURS, shading="nearest")
     powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)

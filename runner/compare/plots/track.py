@@ -6,6 +6,7 @@ from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots.hull import drawn_length, outline
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.sailed_missions import Voyages, voyages
 from seatrial.runner.compare.plots.style import (
@@ -16,6 +17,7 @@ from seatrial.runner.compare.plots.style import (
     footnote,
     headed,
     panels,
+    trim,
 )
 from seatrial.runner.compare.plots.wind_force import EAST, NORTH
 from seatrial.runner.compare.results import Results, Run
@@ -30,68 +32,89 @@ FIGURE = Figure(
     place=7,
 )
 
-MARKS = 24  # hulls along a track
-# A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
-HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
+MARKS = 24  # hulls along a track, at most
+SLENDEREST = 0.35  # smaller over larger side of the picture, at least
 ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
-HULL_SHARE = 0.045  # length of a hull, of the larger side of the picture
 
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): one panel for each model.
 
-    A run without a deployment shows the track of the recording.
+    Models that sail alike share a panel. A run without a deployment shows the track of the
+    recording.
     """
-    runs = voyages(results, request, "track", instead="recording")
-    return [_drawing(run, missions) for run, missions in runs]
+    runs = voyages(results, request, "plot track", instead="recording")
+    return [_drawing(results, run, missions) for run, missions in runs]
 
 
-def _drawing(run: Run, missions: Voyages) -> Drawing:
-    north, east = _limits(list(missions.values()))
+def _drawing(results: Results, run: Run, missions: Voyages) -> Drawing:
+    series_of = list(missions.values())
+    extent = max(float(np.ptp(limits)) for limits in _ranges(series_of))
+    length, note = drawn_length(results.reader.run(run.id).config, extent)
+    north, east = _limits(series_of, length)
     side = 4.6
     height = side * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
     figure, axes = panels(1, len(missions), side, height + 0.9)
     for panel, (model, series) in zip(axes, missions.items(), strict=True):
-        _panel(panel, model, series, max(np.ptp(north), np.ptp(east)))
+        _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)))
         panel.set_xlim(*east)
         panel.set_ylim(*north)
     headed(figure, axes, f"Track, {subtitle(run)}")
-    notes = ["hull outlines, not to scale: position and heading at equal distances sailed"]
+    notes = [f"{note}, at equal distances sailed"]
     if any(NORTH in series.columns for series in missions.values()):
         notes.append("arrows: direction and speed of the wind at the position of the tip")
+    if list(missions) == ["nominal"]:
+        notes.append("the identified model sails the same track")
     footnote(figure, notes)
+    trim(figure)
     return Drawing(f"track-run-{run.id}", figure)
 
 
-def _limits(voyages: list[Series]) -> tuple[Sample, Sample]:
-    """Return common limits of north and east [m], each of shape (2,), with a margin."""
+def _ranges(series_of: list[Series]) -> list[Sample]:
+    """Return smallest and largest north and east [m], each of shape (2,)."""
     ranges = []
     for actual, desired in (("x", "x_d"), ("y", "y_d")):
         names = (actual, desired)
         values = np.concatenate(
-            [v.columns[name] for v in voyages for name in names if name in v.columns]
+            [v.columns[name] for v in series_of for name in names if name in v.columns]
         )
         ranges.append(np.array([np.nanmin(values), np.nanmax(values)]))
-    share = 0.06 if all(NORTH not in v.columns for v in voyages) else 0.06 + ARROW_SHARE
+    return ranges
+
+
+def _limits(series_of: list[Series], length: float) -> tuple[Sample, Sample]:
+    """Return common limits of north and east [m], each of shape (2,), with room for the hulls."""
+    ranges = _ranges(series_of)
+    share = 0.06 if all(NORTH not in v.columns for v in series_of) else 0.06 + ARROW_SHARE
     margin = share * max(float(np.ptp(limits)) for limits in ranges) + 1e-9
-    north, east = (limits + np.array([-margin, margin]) for limits in ranges)
+    margin = max(margin, 0.55 * length)
+    least = SLENDEREST * max(float(np.ptp(limits)) + 2.0 * margin for limits in ranges)
+    halves = (max(0.5 * float(np.ptp(limits)) + margin, 0.5 * least) for limits in ranges)
+    north, east = (
+        np.mean(limits) + np.array([-half, half])
+        for limits, half in zip(ranges, halves, strict=True)
+    )
     return north, east
 
 
-def _panel(axes: Axes, model: str, series: Series, extent: float) -> None:
+def _panel(axes: Axes, model: str, series: Series, length: float, extent: float) -> None:
     columns, colour = series.columns, MODEL_COLOURS[model]
     if "x_d" in columns:
         axes.plot(columns["y_d"], columns["x_d"], "--", color=REFERENCE, label="reference")
-    axes.plot(columns["y"][0], columns["x"][0], "o", color=REFERENCE, markersize=6, label="start")
     label = "sailed" if model == "recording" else f"{model} model"
     axes.plot(columns["y"], columns["x"], color=colour, label=label)
     if "psi" in columns:
-        for index in _equidistant(columns["x"], columns["y"]):
-            north, east, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
-            axes.add_patch(_hull(north, east, psi, HULL_SHARE * extent, colour))
+        for index in _equidistant(columns["x"], columns["y"], length):
+            x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
+            corners = outline(x, y, psi, length)
+            axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
     if NORTH in columns:
         _arrows(axes, series, extent)
+    axes.plot(
+        columns["y"][0], columns["x"][0], "o", color=REFERENCE, markersize=7, label="start",
+        markeredgecolor="white", markeredgewidth=1.2, zorder=5,
+    )  # fmt: skip
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel(with_unit("East", series.units["y"]))
     axes.set_ylabel(with_unit("North", series.units["x"]))
@@ -125,17 +148,12 @@ def _separated(places: Sample, distance: float) -> list[int]:
     return chosen
 
 
-def _equidistant(north: Sample, east: Sample) -> list[int]:
-    """Return samples at equal distances along the track, so that hulls do not overlap."""
+def _equidistant(north: Sample, east: Sample, length: float) -> list[int]:
+    """Return samples at equal distances along the track, so that hulls do not overlap.
+
+    `length` is that of the hulls [m]; the last sample is always one of them.
+    """
     sailed = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
-    marks = np.linspace(0.0, sailed[-1], MARKS + 1)[1:]
+    count = int(np.clip(sailed[-1] / (1.2 * length), 1, MARKS))
+    marks = np.linspace(0.0, sailed[-1], count + 1)[1:]
     return sorted({int(index) for index in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
-
-
-def _hull(north: float, east: float, psi: float, length: float, colour: str) -> Polygon:
-    """Return the hull at a pose, rotated from body to NED by psi [rad] about the down axis."""
-    forward, right = length * HULL[:, 0], length * HULL[:, 1]
-    norths = north + np.cos(psi) * forward - np.sin(psi) * right
-    easts = east + np.sin(psi) * forward + np.cos(psi) * right
-    corners = np.column_stack([easts, norths])
-    return Polygon(corners, closed=True, fill=False, edgecolor=colour, linewidth=1.0)

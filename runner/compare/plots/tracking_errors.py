@@ -7,7 +7,14 @@ from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.sailed_missions import Voyages, degrees, voyages
-from seatrial.runner.compare.plots.style import MODEL_COLOURS, Drawing, footnote, headed, panels
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    Drawing,
+    beside,
+    footnote,
+    headed,
+    panels,
+)
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
@@ -25,7 +32,7 @@ ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): position and, if any, heading."""
-    return [_drawing(run, missions) for run, missions in voyages(results, request, "errors")]
+    return [_drawing(run, missions) for run, missions in voyages(results, request, "plot errors")]
 
 
 def _drawing(run: Run, missions: Voyages) -> Drawing:
@@ -33,30 +40,27 @@ def _drawing(run: Run, missions: Voyages) -> Drawing:
     figure, axes = panels(len(errors), 1, 8.0, 2.5, share_x=True)
     for panel, (name, label, unit) in zip(axes, errors, strict=True):
         panel.axhline(0.0, color="black", linewidth=0.8)
-        for height, (model, series) in zip((0.92, 0.08), missions.items(), strict=False):
-            if name in series.columns:
-                _line(panel, series, name, model, unit, height)
-        panel.set_ylabel(f"{label} [{unit}]")
+        texts = [
+            _line(panel, series, name, model, unit)
+            for model, series in missions.items()
+            if name in series.columns
+        ]
         panel.margins(x=0)
+        beside(panel, texts)
+        panel.set_ylabel(f"{label} [{unit}]")
     axes[-1].set_xlabel("Time [s]")
     headed(figure, axes, f"Tracking error, {subtitle(run)}")
-    footnote(figure, ["mean absolute error at the right"])
+    footnote(figure, ["dashed, and at the right: mean absolute error (MAE)"])
     return Drawing(f"errors-run-{run.id}", figure)
 
 
-def _line(axes: Axes, series: Series, name: str, model: str, unit: str, height: float) -> None:
+def _line(axes: Axes, series: Series, name: str, model: str, unit: str) -> tuple[float, str, str]:
+    """Draw an error and its mean; return the text on it for the side of the panel."""
     values: Sample = series.columns[name]
     if series.units[name] == "rad":
         values = degrees(values)
     colour = MODEL_COLOURS[model]
     axes.plot(series.columns["t"], values, color=colour, label=f"{model} model", linewidth=1.1)
-    mae = number_text(float(np.mean(np.abs(values))), 3)
-    axes.text(
-        1.005,
-        height,
-        f"MAE {mae} {unit}",
-        transform=axes.transAxes,
-        color=colour,
-        fontsize=8.5,
-        va="center",
-    )
+    mean = float(np.mean(np.abs(values)))
+    axes.axhline(mean, color=colour, linewidth=0.8, linestyle="--")
+    return mean, f"MAE {number_text(mean, 3)} {unit}", colour

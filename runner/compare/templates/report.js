@@ -23,6 +23,14 @@ function sort(heading) {
   for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
   heading.setAttribute("aria-sort", down ? "descending" : "ascending");
 }
-for (const heading of document.querySelectorAll("thead th")) {
-  heading.firstElementChild.addEventListener("click", () => sort(heading));
+// A table that is wider than the window says so, until its last column is seen.
+function cue(box) {
+  box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+}
+for (const box of document.querySelectorAll("div.scroll:has(> table)")) {
+  box.addEventListener("scroll", () => cue(box), { passive: true });
+  new ResizeObserver(() => cue(box)).observe(box);
+}
+for (const button of document.querySelectorAll("thead th > button")) {
+  button.addEventListener("click", () => sort(button.parentElement));
 }

@@ -1,6 +1,7 @@
 """A real browser for the tests of pages, and what they do with it."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ FLAGS = (
 )
 
 
-def start_browser() -> Any:
-    """Chromium without a window; the test skips where there is none."""
+def start_browser(logs: Mapping[str, str] | None = None) -> Any:
+    """Chromium without a window, with further logs; the test skips where there is none."""
     webdriver = pytest.importorskip("selenium.webdriver", reason=f"no selenium: {INSTALL}")
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if program is None or driver is None:
@@ -24,7 +25,7 @@ def start_browser() -> Any:
     options.binary_location = program
     for flag in FLAGS:
         options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", **(logs or {})})
     service = webdriver.chrome.service.Service(driver)
     return webdriver.Chrome(options=options, service=service)
 

@@ -55,6 +55,15 @@ def sailed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def ranked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a logbook of the benchmark, for the figure of its ranks."""
+    folder = tmp_path_factory.mktemp("ranked")
+    with stored.logbook_at(folder) as logbook:
+        stored.fill_benchmark(logbook)
+    return folder
+
+
 Program = Callable[..., tuple[int, str, str]]
 
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.findings import Finding
+from seatrial.runner.compare.benchmark.cells import cells
+from seatrial.runner.compare.benchmark.task import task_of
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import (
     Coefficient,
@@ -21,6 +23,7 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.vocabulary import Stream
 
+PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
 
 
@@ -186,7 +189,17 @@ def fill_sailed(logbook: Logbook) -> None:
         sweep=sweep,
     )
     turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
-    finish(logbook, start("none", "calm", config=turn), series=[circle()], sweep=sweep)
+    value, *bounds = PREDICTED
+    finish(
+        logbook, start("none", "calm", config=turn), series=[circle()], sweep=sweep,
+        metrics=[
+            Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", value, "L")
+        ],
+        diagnostics=[
+            Finding(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
+            for name, bound in zip(("low", "high"), bounds, strict=True)
+        ],
+    )  # fmt: skip
 
 
 def _excitation() -> list[Finding]:
@@ -388,6 +401,24 @@ def _spectrum() -> list[Finding]:
         found.append(Finding("eigenvalue_real", "all", z.real, i=k))
         found.append(Finding("eigenvalue_imag", "all", z.imag, i=k))
     return found
+
+
+def fill_benchmark(logbook: Logbook) -> None:
+    """Free runs of three entrants in the first weather of the task ferry_simulated."""
+    task, rng = task_of("ferry_simulated"), np.random.default_rng(0)
+    sweep = logbook.begin_sweep("benchmark_ferry_simulated", "seatrial benchmark", [], 3)
+    for error, name in enumerate(("ls", "auto", "none")):
+        cell = next(cells("ferry_simulated", task, {name: (f"identifier={name}",)}))
+        motion = rng.standard_normal((200, 3))
+        columns = {"t": 0.1 * np.arange(200), "start": 1.0 * (np.arange(200) == 0)}
+        columns |= dict(zip(task.outputs, motion.T, strict=True))
+        predicted = motion + 0.1 * (error + 1)
+        names = [f"{dof}_identified" for dof in task.outputs]
+        columns |= dict(zip(names, predicted.T, strict=True))
+        series = Series("prediction", columns, dict.fromkeys(columns, ""))
+        begin = logbook.begin_run(start(name, overrides=cell.options), sweep)
+        logbook.finish_run(begin.run_id, Results(series=[series]))
+    logbook.end_sweep(sweep)
 
 
 def fill_many(database: Path, number: int) -> None:

@@ -84,6 +84,7 @@ def test_every_option_takes_any_value(
     option: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("http.server.ThreadingHTTPServer.serve_forever", lambda server: None)
     parameter = next(one for one in COMMANDS[command].params if one.name == option)
     for value in values_of(parameter):
         words = (

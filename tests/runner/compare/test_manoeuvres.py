@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,36 @@ import pytest
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
-MARIN = "t=1,x=2,y=3,psi_deg=5,u=6,v=7,helm_deg=10"
-
-
+MARIN = """
+time: {column: c1, uniform: true}
+position: {surge: c2, sway: c3}
+heading: {column: c5, unit: deg}
+velocity: {surge: c6, sway: c7}
+inputs: {delta: {column: c10, unit: deg}}
+"""
+CIRCLE = """
+time: c1
+position: {surge: c2, sway: c3}
+heading: c4
+inputs: {delta: c5}
+"""
 LATE_S = 0.05  # from half of the step of the helm, between two samples, to the turn
 
 
 def values(out: str) -> dict[str, dict[str, object]]:
     return {row["quantity"]: row for row in json.loads(out)}
+
+
+@pytest.fixture
+def mapped(tmp_path: Path) -> Callable[[str], Path]:
+    """Writes a map."""
+
+    def write(text: str) -> Path:
+        file = tmp_path / "map.yaml"
+        file.write_text(text, encoding="utf-8")
+        return file
+
+    return write
 
 
 @pytest.fixture
@@ -51,25 +74,27 @@ def test_the_sheet_of_a_circle_is_its_geometry(program: Program, sailed: Path) -
     )
 
 
-def test_a_file_has_the_sheet_of_the_run(program: Program, sailed: Path, circle: Path) -> None:
+def test_a_file_has_the_sheet_of_the_run(
+    program: Program, sailed: Path, circle: Path, mapped: Callable[[str], Path]
+) -> None:
     """The speed follows from the path, where there are no velocities."""
     _, of_run, _ = program(
         "manoeuvres", "9", "--database", f"sqlite:///{sailed}/results.db", "--format", "json"
     )
-    columns = ("--columns", "t=1,x=2,y=3,psi=4,helm=5")
+    columns = ("--map", mapped(CIRCLE))
     code, out, _ = program("manoeuvres", circle, "--length", "10", *columns, "--format", "json")
     assert code == 0
     for name, row in values(of_run).items():
         assert values(out)[name]["value"] == pytest.approx(row["value"], rel=1e-3, abs=0.1)
 
 
-def test_a_measured_zigzag_of_a_full_ship(program: Program) -> None:
+def test_a_measured_zigzag_of_a_full_ship(program: Program, mapped: Callable[[str], Path]) -> None:
     """MARIN's 10/10 of KVLCC2: 9.5 and 15.0 degrees are published, IMO allows 20 and 40."""
     folder = os.environ.get("SEATRIAL_DATA")
     if not folder:
         pytest.skip("SEATRIAL_DATA is not set: no outside data")
     file = Path(folder) / "kvlcc2" / "marin" / "MARIN_FREE_KVLCC2_zz_10_m.dat"
-    options = ("--length", "320", "--columns", MARIN)
+    options = ("--length", "320", "--map", mapped(MARIN))
     code, out, err = program("manoeuvres", file, *options, "--format", "json")
     assert (code, err) == (0, "")
     rows = values(out)
@@ -82,21 +107,34 @@ def test_a_measured_zigzag_of_a_full_ship(program: Program) -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "message"),
+    ("given", "wrong", "message"),
     [
-        ("t=1,x=2,y=3,psi=4", "no helm"),
-        ("t=1,x=2,y=3,psi=4,rudder=5", "got 'rudder=5'"),
-        ("t=1,x=2,y=3,psi=4,helm=6", "got 5 columns, no column 6"),
-        ("t=5,x=2,y=3,psi=4,helm=1", "the time does not rise"),
-        ("t=1,x=2,y=3,psi=4,helm=time", "no column '1'"),
+        ("inputs: {delta: c5}", "", "got inputs none, expected the helm delta"),
+        ("delta: c5", "rudder: c5", "got inputs rudder, expected the helm delta"),
+        ("delta: c5", "delta: c6", "no column 'c6'"),
+        ("c4", "{column: c4, unit: acre}", "acre"),
+        ("time: c1", "time: c5", "columns.time, line 3: the time does not rise"),
     ],
 )
-def test_wrong_columns_are_one_line(
-    program: Program, circle: Path, columns: str, message: str
-) -> None:
-    code, out, err = program("manoeuvres", circle, "--length", "10", "--columns", columns)
+def test_wrong_maps_are_one_line(
+    program: Program, circle: Path, mapped: Callable[[str], Path], given: str, wrong: str,
+    message: str,
+) -> None:  # fmt: skip
+    file = mapped(CIRCLE.replace(given, wrong))
+    code, out, err = program("manoeuvres", circle, "--length", "10", "--map", file)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+def test_the_sheet_has_what_the_identified_model_predicts(program: Program, sailed: Path) -> None:
+    """Beside what was recorded, with its interval, as stored; blank where there is none."""
+    where = ("--database", f"sqlite:///{sailed}/results.db")
+    rows = values(program("manoeuvres", "9", *where, "--format", "json")[1])
+    known = rows["tactical diameter"]
+    assert (known["identified"], known["90 % from"], known["90 % to"]) == stored.PREDICTED
+    assert rows["advance"]["identified"] is None
+    _, text, _ = program("manoeuvres", "9", *where, "--execution", "order")
+    assert "90 %" not in text  # stored are those from half of the step
 
 
 def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
@@ -106,9 +144,16 @@ def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
     for arguments, message in (
         (("1", *where, "--length", "10"), "has no u, expected a steered vessel"),
         (("1", *where), "the length of its vessel is not stored"),
-        ((circle, "--columns", MARIN), "expected --length"),
-        ((circle, "--length", "10"), "expected --columns"),
+        ((circle, "--map", "map.yaml"), "expected --length"),
+        ((circle, "--length", "10"), "expected --map"),
     ):
         code, out, err = program("manoeuvres", *arguments)
         assert (code, out, err.count("\n")) == (2, "", 1)
         assert message in err
+
+
+def test_full_scale_is_said_of_a_model_with_a_scale(program: Program, sailed: Path) -> None:
+    """L / V grows by the square root of the scale: 10 m at 2 m/s, 5 s, at 1:4 10 s."""
+    where = ("--database", f"sqlite:///{sailed}/results.db")
+    assert "L/V 5.00 s" in program("manoeuvres", "9", *where)[1]
+    assert "L/V at full scale 10.0 s" in program("manoeuvres", "9", *where, "--scale", "4")[1]

@@ -22,15 +22,17 @@ from tests.runner.compare import stored
 # what several panels share stands at one of them
 PARTLY_LABELLED = (
     *("coefficients", "residual", "errors", "surface", "wind", "excitation"),
-    *("response", "controllers", "topology"),
+    *("response", "controllers", "topology", "critical_difference"),
 )
 
 VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
 
 
 @pytest.fixture
-def voyages(sailed: Path) -> Iterator[Results]:
-    with open_results(f"sqlite:///{sailed}/results.db") as opened:
+def voyages(sailed: Path, ranked: Path, request: pytest.FixtureRequest) -> Iterator[Results]:
+    kind = getattr(request.node, "callspec", None)
+    ranks = kind is not None and kind.params.get("kind") == "critical_difference"
+    with open_results(f"sqlite:///{ranked if ranks else sailed}/results.db") as opened:
         yield opened
 
 
@@ -171,28 +173,43 @@ def test_wind_arrows_point_where_it_blows_to_with_their_tips_at_the_vessel(
     assert "wind, up to 8.00 m/s" in [line.get_label() for line in axes.lines]
 
 
-def test_an_excitation_without_a_deployment_has_a_track_too(tmp_path: Path) -> None:
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.finish(logbook, stored.start("none"), series=[stored._recording()])
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        (axes,) = axes_of("track", opened)
+def test_an_excitation_without_a_deployment_has_a_track_too(recorded: Results) -> None:
+    (axes,) = axes_of("track", recorded)
     track = next(line for line in axes.lines if line.get_label() == "sailed")
     assert track.get_ydata()[-1] == 199.5  # due north
     assert np.ptp(track.get_xdata()) == 0.0
 
 
-def test_wind_has_speed_direction_and_force(voyages: Results) -> None:
-    speed, direction, surge, _, yaw = axes_of("wind", voyages, run=1)
+@pytest.fixture
+def recorded(tmp_path: Path) -> Iterator[Results]:
+    """A run with a recording alone."""
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.finish(logbook, stored.start("none"), series=[stored._recording()])
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        yield opened
+
+
+def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Results) -> None:
+    speed, direction, surge, yaw = axes_of("wind", recorded)
     np.testing.assert_allclose(speed.lines[0].get_ydata(), 10.0)
     blown = direction.lines[0].get_ydata()
     assert np.mean(blown) == pytest.approx(350.0, abs=1.0)
     assert np.max(blown) > 360.0  # no jump to 0
     assert surge.get_ylabel() == "Surge [N]"
-    assert "force, recording" in [line.get_label() for line in surge.lines]
+    assert "force" in [line.get_label() for line in surge.lines]
     np.testing.assert_array_equal(yaw.lines[1].get_ydata(), -4.0)
     assert yaw.texts[0].get_text() == "-4.00 ± 0 Nm"
-    (_, _, only) = axes_of("wind", voyages, run=1, dofs=("yaw",))
+    (_, _, only) = axes_of("wind", recorded, dofs=("yaw",))
     assert only.get_ylabel() == "Yaw [Nm]"
+
+
+def test_wind_of_a_mission_is_not_that_of_the_recording(voyages: Results) -> None:
+    speed, direction, surge, sway = axes_of("wind", voyages, run=1)
+    np.testing.assert_allclose(np.unique(speed.lines[0].get_ydata()), [4.0, 8.0])
+    assert sorted(np.unique(direction.lines[0].get_ydata())) == [90.0, 180.0]
+    assert sway.get_xlim() == (0.0, 199.5)  # of the mission
+    labels = [line.get_label() for line in surge.lines[1:]]
+    assert labels == [f"force, sailed with {model} model" for model in ("nominal", "identified")]
 
 
 def test_a_run_without_wind_is_refused(results: Results) -> None:
@@ -366,7 +383,8 @@ def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Results, sheet:
     heights = [bar.get_height() for bar in own.axes[0].patches]
     assert heights == [pytest.approx(mean) for mean in (102.0, 52.0, 41.0)]  # of `plain`
     assert [bar.get_height() for bar in left.patches] == heights
-    assert left.get_title(loc="left") == "Identified model"
+    heading = "Force residual on the held-out part, identified model, milliampere"
+    assert left.get_title(loc="left") == heading
     legend = left.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["none", "ls", "plsr"]

@@ -20,8 +20,10 @@ MM = 72.0 / 25.4  # points
 
 
 @pytest.fixture
-def voyages(sailed: Path) -> Iterator[Results]:
-    with open_results(f"sqlite:///{sailed}/results.db") as opened:
+def voyages(sailed: Path, ranked: Path, request: pytest.FixtureRequest) -> Iterator[Results]:
+    kind = getattr(request.node, "callspec", None)
+    ranks = kind is not None and kind.params.get("kind") == "critical_difference"
+    with open_results(f"sqlite:///{ranked if ranks else sailed}/results.db") as opened:
         yield opened
 
 

@@ -5,14 +5,18 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
+from seatrial.runner.compare import page as page_module
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import TABLES, ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.database.records import Series
+from seatrial.runner.record.catalogue import all_declared, definition_of
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program
@@ -98,7 +102,7 @@ def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> Non
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
         text = render_report(results, ReportRequest(sweep="all"))
-    assert "Not drawn: Force residual of the newest run" in text
+    assert "Not drawn: Force residual of a typical run" in text
 
 
 def _column(browser: Any, table: int, column: int) -> list[str]:
@@ -202,3 +206,118 @@ def test_every_table_has_a_heading() -> None:
 
 def test_without_warnings_there_is_no_section_of_them(page: Path) -> None:
     assert 'id="warnings"' not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_tables_on_a_phone_show_values_beside_their_names(browser: Any, page: Path) -> None:
+    """The first column stays where it is; what is cut off at the right is announced."""
+    open_page(browser, page, 390, mobile=True)
+    browser.execute_script("document.querySelectorAll('details').forEach((d) => { d.open = true })")
+    boxes = browser.execute_script(
+        "return [...document.querySelectorAll('#tables .scroll')].map((box) => {"
+        " const row = box.querySelector('tbody tr'), value = row.querySelector('td');"
+        " const first = value.getBoundingClientRect(), cut = box.scrollWidth > box.clientWidth + 2;"
+        " const said = box.classList.contains('more');"
+        " box.scrollLeft = 60;"
+        " const name = row.cells[0].getBoundingClientRect();"
+        " const left = name.left - box.getBoundingClientRect().left;"
+        " return [first.left, first.right, cut, said, left] })"
+    )
+    assert len(boxes) == 3
+    for left, right, cut, said, moved in boxes:
+        assert left < 200
+        assert right <= 390
+        assert cut == said
+        assert abs(moved) < 1.0
+    assert any(cut for _, _, cut, _, _ in boxes)
+
+
+@pytest.mark.slow
+def test_the_cue_goes_when_the_last_column_is_seen(browser: Any, page: Path) -> None:
+    open_page(browser, page, 390, mobile=True)
+    cue = browser.execute_async_script(
+        "const done = arguments[0], box = document.querySelector('#tables .scroll');"
+        "const before = box.classList.contains('more'); box.scrollLeft = 1e4;"
+        "setTimeout(() => done([before, box.classList.contains('more')]), 200)"
+    )
+    assert cue == [True, False]
+
+
+@pytest.mark.slow
+def test_nothing_is_cut_on_a_desk(browser: Any, page: Path) -> None:
+    open_page(browser, page, 1280)
+    browser.execute_script("document.querySelectorAll('details').forEach((d) => { d.open = true })")
+    wide = browser.execute_script(
+        "return [...document.querySelectorAll('.scroll')].filter((box) =>"
+        " box.scrollWidth > box.clientWidth + 1).length"
+    )
+    assert wide == 0
+
+
+def test_names_on_the_page_are_words(page: Path) -> None:
+    """But for settings and commands, which are typed as they are."""
+    text = page.read_text(encoding="utf-8")
+    tables = text.split('id="tables"')[1].split('id="figures"')[0]
+    listed = text.split('id="runs"')[1]
+    shown = [re.sub(r"<[^>]+>", " ", part) for part in (tables, listed)]
+    keys = {definition.name for definition in all_declared() if "_" in definition.name}
+    for part in shown:
+        assert not keys & set(re.findall(r"\w+", part))
+        assert not {"dof", "run_id", "started_at", "duration_s"} & set(re.findall(r"\w+", part))
+
+
+@pytest.mark.slow
+def test_a_report_of_forty_five_runs_has_three_megabytes_at_most(tmp_path: Path) -> None:
+    """With ten thousand noisy samples in every series; lines keep their extremes."""
+    t = np.arange(10_000.0)
+    noise = np.random.default_rng(0).normal(size=len(t))
+    series = []
+    for kind, names in (
+        ("residual", ("residual_nominal_{}", "residual_identified_{}")),
+        ("recording", ("tau_{}",)),
+        ("deployment_nominal", ("tau_{}",)),
+        ("deployment_identified", ("tau_{}",)),
+    ):
+        columns = {"t": t, "train": 1.0 * (t < 5000.0)}
+        units = {"t": "s", "train": ""}
+        for dof, pose in (("surge", "x"), ("sway", "y"), ("yaw", "psi")):
+            columns |= {name.format(dof): noise * (1.0 + t / 1e4) for name in names}
+            columns |= {pose: np.sin(t / 1500.0), f"{pose}_d": np.sin(t / 1500.0) + 0.01 * noise}
+            units |= dict.fromkeys((name.format(dof) for name in names), "N")
+            units |= dict.fromkeys((pose, f"{pose}_d"), "m")
+        columns["e_pos"], units["e_pos"] = np.abs(noise), "m"
+        series.append(Series(kind, columns, units))
+    with stored.logbook_at(tmp_path) as logbook:
+        for seed in range(5):
+            for identifier in ("none", "ls", "plsr"):
+                for disturbance in ("calm", "noise", "wind"):
+                    metrics = [stored.force_mse(seed + 1.0, d) for d in ("surge", "sway", "yaw")]
+                    found = [stored.coefficient(f"u^{k}", k + seed, 1.0, 2.0) for k in range(9)]
+                    begin = stored.start(identifier, disturbance, seed)
+                    own = series if seed == 4 else []
+                    stored.finish(logbook, begin, metrics, found, series=own)
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        text = render_report(opened, ReportRequest(sweep="all"))
+    assert "45 runs" in text
+    assert "Force residual of a typical run" in text
+    assert len(text.encode()) <= 3_000_000
+
+
+def test_a_thinned_line_has_the_extremes_of_the_line() -> None:
+    t = np.arange(50_000.0)
+    y = np.random.default_rng(3).normal(size=len(t))
+    y[12_345], y[44_444] = 40.0, -40.0
+    figure = Figure()
+    (line,) = figure.subplots().plot(t, y)
+    page_module.thin(figure)
+    x, thinned = line.get_data()
+    assert len(x) <= 2 * page_module.COLUMNS + 2
+    assert (x[0], x[-1]) == (t[0], t[-1])
+    assert np.all(np.diff(x) > 0.0)
+    np.testing.assert_array_equal(thinned, y[np.asarray(x, dtype=int)])
+    assert (np.max(thinned), np.min(thinned)) == (40.0, -40.0)
+    width = t[-1] / page_module.COLUMNS
+    for k in range(0, page_module.COLUMNS, 97):  # the envelope of any column of pixels
+        inside = (t >= k * width) & (t < (k + 1) * width)
+        shown = (x >= k * width) & (x < (k + 1) * width)
+        assert np.max(thinned[shown]) == pytest.approx(np.max(y[inside]), abs=1e-12)

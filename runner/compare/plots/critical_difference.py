@@ -1,0 +1,114 @@
+"""Mean ranks of the benchmark's entrants, and which do not differ, as in Demsar (2006), Fig. 1."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Chart
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.benchmark.boards import Ranked, boards, overall
+from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.grid import number_text
+from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots.style import (
+    MUTED,
+    PALETTE,
+    REFERENCE,
+    Drawing,
+    footnote,
+    headed,
+    panels,
+)
+from seatrial.runner.compare.ranking import Ranking, critical_difference
+from seatrial.runner.compare.results import Results
+
+FIGURE = Figure(
+    "critical_difference",
+    "Mean ranks of the benchmark's entrants, over all tasks and in each; bars join those that do"
+    " not differ significantly.",
+    "runs of the command benchmark",
+)
+
+ROW = 0.24  # height of a line of the figure [inch]
+SIDE = 0.42  # width of the names on either side, of the range of ranks
+NOTE = (
+    "1 is the best rank; a bar joins neighbours of which no two differ significantly (signed-rank"
+    " tests of all pairs with Holm's correction); CD: the difference of two ranks that the more"
+    " cautious test of Nemenyi calls significant"
+)
+
+
+def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+    """Draw one figure of all tasks, and one of each."""
+    own = [board for board in boards(results) if board.ranked.ranks is not None]
+    if not own:
+        raise ConfigurationError("plot critical_difference: no task of the benchmark has been run")
+    drawn = [Drawing(f"critical_difference-{b.name}", chart(b.task.title, b.ranked)) for b in own]
+    every = overall(own)
+    if len(own) > 1 and every.ranks is not None:
+        drawn.insert(0, Drawing("critical_difference", chart("All tasks", every)))
+    return drawn
+
+
+def chart(title: str, ranked: Ranked) -> Chart:
+    """Return the figure of the ranks of one set of cases."""
+    ranks = ranked.ranks
+    assert ranks is not None
+    names = [name.replace("_", " ") for name in ranked.names]
+    difference = critical_difference(len(names), len(ranked.losses))
+    lines = -(-len(names) // 2) + len(ranks.groups())
+    figure, (axes,) = panels(1, 1, 7.0, ROW * lines + 2.2)
+    _axis(axes, len(names), difference)
+    below = _groups(axes, ranks)
+    _names(axes, names, ranks, below)
+    axes.set_axis_off()
+    cases = f"{len(ranked.losses)} case{'s' if len(ranked.losses) != 1 else ''}"
+    headed(figure, [axes], f"{title}: mean ranks over {cases}")
+    footnote(figure, [NOTE])
+    return figure
+
+
+def _axis(axes: Axes, count: int, difference: float) -> None:
+    """The scale of the ranks from 1 to `count`, and above it the critical difference."""
+    axes.plot([1.0, count], [0.0, 0.0], color=REFERENCE, linewidth=1.0)
+    for rank in range(1, count + 1):
+        axes.plot([rank, rank], [0.0, 0.3], color=REFERENCE, linewidth=1.0)
+        axes.text(rank, 0.45, str(rank), ha="center", va="bottom", fontsize=9)
+    end = min(1.0 + difference, float(count))
+    text = f"CD = {number_text(difference, 3)}"
+    if 1.0 + difference > count:
+        text += ", more than all ranks"
+    axes.plot([1.0, end], [2.0, 2.0], color=MUTED, linewidth=1.4, marker="|", markersize=8)
+    axes.text(1.0, 2.3, text, ha="left", va="bottom", fontsize=9, color=MUTED)
+    room = SIDE * (count - 1.0)
+    axes.set_xlim(1.0 - room, count + room)
+
+
+def _groups(axes: Axes, ranks: Ranking) -> float:
+    """The bars of entrants that do not differ; returns the height below the last one."""
+    height = -0.6
+    for group in ranks.groups():
+        ends = [float(ranks.mean_ranks[group[0]]), float(ranks.mean_ranks[group[-1]])]
+        axes.plot(
+            [ends[0] - 0.04, ends[1] + 0.04], [height, height], color=PALETTE[5], linewidth=4.0,
+            solid_capstyle="butt",
+        )  # fmt: skip
+        height -= 0.6
+    return height - 0.4
+
+
+def _names(axes: Axes, names: Sequence[str], ranks: Ranking, below: float) -> None:
+    """The entrants, the better half at the left, each joined to its rank."""
+    order = ranks.order()
+    half = -(-len(order) // 2)
+    low, high = axes.get_xlim()
+    inner = 0.1 * (high - low) * SIDE
+    for place, i in enumerate(order):
+        left = place < half
+        height = below - (place if left else len(order) - 1 - place)
+        rank, edge = float(ranks.mean_ranks[i]), 1.0 - inner if left else len(order) + inner
+        axes.plot([rank, rank, edge], [0.0, height, height], color=REFERENCE, linewidth=0.8)
+        text = f"{names[i]}  {rank:.2f}" if left else f"{rank:.2f}  {names[i]}"
+        side = -0.3 * inner if left else 0.3 * inner
+        axes.text(edge + side, height, text, ha="right" if left else "left", va="center")
+    axes.set_ylim(below - half + 0.4, 3.6)

@@ -1,0 +1,246 @@
+"""What the page is told of a logbook: its runs, metrics, sweeps, failures, and one run whole."""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import sqlalchemy as sa
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.results import (
+    BELOW_TRUE_MODEL,
+    DESIGN_FLAWS,
+    INTERVAL_OF_ESTIMATE,
+    RUN,
+    Results,
+    Run,
+)
+from seatrial.runner.compare.runs import run_details
+from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
+from seatrial.runner.compare.site.measures import StoredMeasures
+from seatrial.runner.compare.site.run_columns import Json, run_columns
+from seatrial.runner.compare.site.thinned_series import thinned
+from seatrial.runner.compare.statistics import quantile_of_t
+from seatrial.runner.database.tables import Reuse
+from seatrial.runner.invocation import results_program
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
+
+QUANTILES = 200  # of Student's t that the page is told; it computes those beyond by a series
+MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones
+PARETO = ("pareto_objective", "pareto_chosen")
+
+
+def summary(
+    results: Results, database: str, measures: StoredMeasures, opened: int | None = None
+) -> Json:
+    """Return what every view of the page needs: runs, factors, sweeps, metrics and flags.
+
+    `database` is the address as the user wrote it, for the commands that the page shows;
+    `measures` remembers what earlier calls found; `opened` is the number of runs that were written
+    whole, None if a server writes any of them.
+    """
+    runs = all_runs(results)
+    places = {run.id: place for place, run in enumerate(runs)}
+    return {
+        "database": database,
+        "program": results_program(),
+        "live": opened is None,
+        "opened": opened,
+        "runs": {**run_columns(results, runs), **_times(results, runs)} if runs else None,
+        "sweeps": _sweeps(results, runs, places),
+        "measures": measures.told(results),
+        "flags": _flags(results, runs, places),
+        "t": _quantiles(),
+        "orders": {"dof": DOF_ORDER, "model": MODELS},
+    }
+
+
+def all_runs(results: Results) -> list[Run]:
+    """Return one attempt at every trial, oldest first; none for an empty logbook."""
+    ((number,),) = results.reader.select(sa.select(sa.func.count()).select_from(RUN))
+    return results.runs() if number else []
+
+
+@cache
+def _quantiles() -> Sequence[float]:
+    return [quantile_of_t(freedom) for freedom in range(1, QUANTILES + 1)]
+
+
+def version(results: Results) -> str:
+    """Return a text that changes when a run begins or ends."""
+    latest = (sa.func.max(RUN.c.id), sa.func.max(RUN.c.finished_at))
+    query = sa.select(RUN.c.status, sa.func.count(), *latest).group_by(RUN.c.status)
+    reused = sa.select(sa.func.count()).select_from(Reuse.__table__)
+    rows = [*results.reader.select(query.order_by(RUN.c.status)), *results.reader.select(reused)]
+    return ";".join(",".join(map(str, row)) for row in rows)
+
+
+def progress(results: Results) -> Json:
+    """Return how far the newest sweep is, and the version of the logbook."""
+    sweeps = results.reader.sweeps()
+    state = None
+    if sweeps:
+        status = results.reader.sweep_status(sweeps[-1].id)
+        ended = {name: n for name, n in status.counts.items() if name != "running"}
+        state = {
+            "id": status.sweep_id,
+            "name": status.name,
+            "planned": status.planned,
+            "counts": status.counts,
+            "ended": sum(ended.values()),
+            "lost": sum(n for name, n in ended.items() if name in LOST),
+            "over": status.finished_at is not None,
+        }
+    return {"version": version(results), "sweep": state}
+
+
+def _times(results: Results, runs: Sequence[Run]) -> Json:
+    """Return begin and duration [s] of the runs."""
+    columns = sa.select(RUN.c.id, RUN.c.started_at, RUN.c.duration_s)
+    rows = {row.id: row for row in results.reader.select(columns)}
+    known = [rows.get(run.id) for run in runs]
+    return {
+        "started": [f"{row.started_at:%Y-%m-%d %H:%M}" if row else "" for row in known],
+        "duration": [number(row.duration_s) if row else None for row in known],
+    }
+
+
+def _sweeps(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> list[Json]:
+    """Return the sweeps with the places of their runs, those that they reuse included."""
+    members: dict[int | None, set[int]] = defaultdict(set)
+    for run in runs:
+        members[run.sweep].add(places[run.id])
+    reuse = Reuse.__table__.c
+    for sweep_id, run_id in results.reader.select(sa.select(reuse.sweep_id, reuse.run_id)):
+        if run_id in places:
+            members[sweep_id].add(places[run_id])
+    return [
+        {
+            "id": sweep.id,
+            "name": sweep.name,
+            "tags": sweep.tags or [],
+            "note": sweep.note,
+            "planned": sweep.planned,
+            "runs": sorted(members[sweep.id]),
+        }
+        for sweep in results.reader.sweeps()
+    ]
+
+
+def _flags(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> Json:
+    """Return which numbers a table marks or leaves out, as `selection` finds them."""
+    if not runs:
+        return {"below": [], "unsettled": [], "infeasible": [], "diverged": []}
+    flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE))
+    flaws = [
+        [[places[o.run.id], o.model] for o in flags if o.name == name and (o.value or 0.0) >= 1.0]
+        for name in DESIGN_FLAWS
+    ]
+    return {
+        "below": [
+            [places[o.run.id], o.dof] for o in flags if o.name == BELOW_TRUE_MODEL and o.value
+        ],
+        "unsettled": flaws[0],
+        "infeasible": flaws[1],
+        "diverged": [
+            [places[run], model, horizon, number(held)]
+            for (run, model, horizon), held in diverged_predictions(flags).items()
+        ],
+    }
+
+
+def metric(results: Results, name: str) -> list[Json]:
+    """Return the numbers of one metric: by stage, model and degree of freedom, runs and values.
+
+    `runs` are run numbers in the order of storage; a value is None where it is not finite.
+    """
+    runs = all_runs(results)
+    parts: dict[tuple[str, str, str], tuple[list[int], list[float | None]]] = {}
+    for o in results.metrics(runs, [name]) if runs else []:
+        ids, values = parts.setdefault((o.stage, o.model, o.dof), ([], []))
+        ids.append(o.run.id)
+        values.append(number(o.value))
+    return [
+        {"stage": stage, "model": model, "dof": dof, "runs": ids, "values": values}
+        for (stage, model, dof), (ids, values) in parts.items()
+    ]
+
+
+def failures(results: Results) -> list[Json]:
+    """Return the newest runs that failed, with their errors and tracebacks."""
+    lost = [run for run in all_runs(results) if run.status in LOST][-MOST_FAILURES:]
+    r = RUN.c
+    query = sa.select(r.id, r.error_type, r.error, r.traceback)
+    rows = {
+        row.id: row
+        for row in results.reader.select(query.where(r.id.in_([run.id for run in lost])))
+    }
+    return [
+        {
+            "run": run.id,
+            "status": run.status,
+            "type": rows[run.id].error_type,
+            "error": rows[run.id].error,
+            "traceback": rows[run.id].traceback,
+        }
+        for run in reversed(lost)
+    ]
+
+
+def one_run(results: Results, run_id: int) -> Json:
+    """Return all of one run: its properties, coefficients, Pareto set and, thinned, its series.
+
+    Raises LogbookError if there is no such run; a series that cannot be read is named as trouble.
+    """
+    parts, trouble = {}, []
+    for file in results.reader.series_files(run_id):
+        try:
+            if (part := thinned(results.reader.series(run_id, file.kind))) is not None:
+                parts[file.kind] = part
+        except LogbookError as error:
+            trouble.append(str(error))
+    findings = [f for f in results.reader.diagnostics(run_id) if f.name in PARETO]
+    return {
+        "run": run_id,
+        "tables": _tables(results, run_id),
+        "metrics": [
+            [definition_of(m.name).label, number(m.value), m.unit, m.dof, m.stage, m.model]
+            for m in results.reader.metrics(run_id)
+        ],
+        "coefficients": _coefficients(results, run_id),
+        "series": parts,
+        "trouble": trouble,
+        "pareto": [[f.name, f.dof, f.i, f.j, f.label, number(f.value), f.unit] for f in findings],
+    }
+
+
+def _tables(results: Results, run_id: int) -> list[Sequence[object]]:
+    """Return title, headers and rows of what `show` prints, but for what the page draws itself."""
+    return [
+        (grid.title, grid.headers, [[cell.text for cell in row] for row in grid.rows])
+        for grid in run_details(results, run_id)
+        if grid.title not in ("metrics", "series", "coefficients")
+    ]
+
+
+def _coefficients(results: Results, run_id: int) -> Json:
+    """Return the coefficients of a run, and whether their intervals are of the coefficient."""
+    of_estimate = [
+        finding.value
+        for finding in results.reader.diagnostics(run_id)
+        if finding.name == INTERVAL_OF_ESTIMATE
+    ]
+    return {
+        "covers": 0.0 in of_estimate,
+        "rows": [
+            [c.model, c.dof, c.term, *map(number, (c.value, c.std_error, c.true_value)), c.unit]
+            for c in results.reader.coefficients(run_id)
+        ],
+    }
+
+
+def number(value: float | None) -> float | None:
+    """Return a number that JSON can hold; None if it is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -1,0 +1,115 @@
+"""What the models of a trial predict of its manoeuvre: the measures, and their 90 % intervals.
+
+Every model carries out the manoeuvre of the excitation in calm water. The intervals are quantiles
+over models that are drawn from the joint distribution of what was identified; they hold as far as
+its standard errors do (finding `interval_of_estimate`).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
+from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.findings import Finding
+from seatrial.models.identification.problem import Identified
+from seatrial.models.notation import PLANAR
+from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_sheet import (
+    Manoeuvre,
+    Sheet,
+    intervals,
+    sheet,
+    track_of,
+)
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner.closed_loop import Streams, prepare
+from seatrial.runner.config import Trial
+from seatrial.runner.database.records import Metric, Results
+from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
+from seatrial.runner.record.metric_rows import metric
+
+DRAWS = 100  # models of an interval
+FEWEST = 20  # of them that carry the manoeuvre out
+UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
+
+
+def manoeuvre_results(
+    trial: Trial, models: Mapping[str, Vessel], identified: Identified
+) -> Results:
+    """Return the measures of each model, and the intervals of the identified one.
+
+    Empty unless the excitation is a standard manoeuvre of a steered vessel in the plane. A model
+    that cannot carry it out has no measures.
+    """
+    mission, length = trial.excitation, length_of(trial)
+    kind = next((k for k in KINDS if k == getattr(mission, "manoeuvre", None)), None)
+    if not isinstance(mission, SteeredMission) or length is None or kind is None:
+        return Results()
+    if not {*PLANAR} <= {*trial.vessel.dofs}:
+        return Results()
+    calm = replace(trial, disturbance=Disturbance())
+    metrics: list[Metric] = []
+    for name, model in models.items():
+        try:
+            result = sheet(sailed(calm, mission, model, length), kind)
+        except UNABLE:
+            continue
+        metrics += _rows(result, name)
+    found = _intervals(calm, mission, identified, kind, length)
+    return Results(metrics, diagnostics=found)
+
+
+KINDS: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
+
+
+def length_of(trial: Trial) -> float | None:
+    """Return the length of the vessel [m] if it is configured."""
+    vessel = trial.vessel
+    return vessel.length_m or (None if vessel.prime is None else vessel.prime.length_m)
+
+
+def sailed(calm: Trial, mission: SteeredMission, model: Vessel, length_m: float) -> Track:
+    """Return the track of a model that carries out the mission."""
+    prepared = prepare(calm, Streams(calm.seed), calm.vessel.nominal(), mission, true=model)
+    voyage = prepared.sail().voyage
+    return track_of(recording_of(voyage, voyage.weather), mission.helm, length_m)
+
+
+def _rows(result: Sheet, model: str) -> list[Metric]:
+    return [
+        metric(metric_of_measure(entry.quantity), "validation", model, "all", entry.value)
+        for entry in result.entries
+        if np.isfinite(entry.value)
+    ]
+
+
+def _intervals(
+    calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
+) -> list[Finding]:
+    """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
+    tracks = list(_drawn(calm, mission, identified, length_m))
+    if len(tracks) < FEWEST:
+        return []
+    bounds = intervals(tracks, lambda track: track, kind)
+    return [
+        Finding(name, "all", value, MEASURES[quantity], label=quantity)
+        for quantity, both in bounds.items()
+        for name, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
+        if np.isfinite(value)
+    ]
+
+
+def _drawn(
+    calm: Trial, mission: SteeredMission, identified: Identified, length_m: float
+) -> Iterator[Track]:
+    """Yield the tracks of the drawn models that can be simulated."""
+    for model in identified.draws(DRAWS):
+        try:
+            yield sailed(calm, mission, model, length_m)
+        except UNABLE:
+            continue
