@@ -2,7 +2,7 @@
 # each sets up .venv by itself, `make slow` another one, .venv-ray, as well.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo robustness coverage benchmark readme published bench test slow ray abuse check clean help
+.PHONY: demo robustness coverage manoeuvring benchmark readme published bench docs gallery test slow ray abuse check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -34,14 +34,16 @@ endif
 help:
 	@echo 'make demo    a sweep of 183 runs on the milliAmpere ferry, its tables and its figures'
 	@echo 'make robustness   every identifier on four vessels and the recordings, SEEDS=20 each; docs/identification.md'
+	@echo 'make manoeuvring turning circles after simulated trials, TRIAL_SEEDS=20'
 	@echo 'make coverage   how many true coefficients the 95 % intervals cover, COVERAGE_SEEDS=100; docs/identification.md'
-	@echo 'make benchmark   every entrant on the tasks of conf/benchmark, and their ranks'
+	@echo 'make benchmark   every entrant on the tasks of conf/benchmark: results/benchmark/index.html, docs/benchmark.md'
+	@echo 'make docs    the guide as pages in site, built strictly and without a network; make gallery: its figures alone'
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
 	@echo 'make check   ruff and mypy --strict'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
-	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, the README, docs/growth.svg'
+	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md, docs/growth.svg'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 # No identification, the thesis's and ours. Without noise one seed is enough.
@@ -64,6 +66,7 @@ demo: $(VENV)/demo.stamp
 # is enough. A run that fails or diverges (exit code 1) is kept, and counted in the tables.
 SEEDS := 20
 COVERAGE_SEEDS := 100
+TRIAL_SEEDS := 20
 IDENTIFIERS := none,auto,robust,ls,ridge,iv,sparse,gaussian_process,least_squares
 ORDERS := plsr,surface_plsr
 BELUGA := random-1 surge-1 sway-1 heave-1
@@ -94,16 +97,22 @@ robustness: $(VENV)/robustness.stamp
 	fi
 	$(BIN)/python docs/refresh.py docs.robustness
 
+manoeuvring: $(VENV)/demo.stamp
+	nice -n 19 $(BIN)/python -m docs.manoeuvring_trials --seeds $(TRIAL_SEEDS) --write
+	$(BIN)/python docs/refresh.py docs.manoeuvring_trials
+
 coverage: $(VENV)/demo.stamp
 	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write
 	$(BIN)/python docs/refresh.py docs.coverage
 
-# Tasks on outside data are left out where SEATRIAL_DATA does not hold them; what was run is kept.
-benchmark: $(VENV)/demo.stamp
-	$(BIN)/python -m runner benchmark || [ $$? -eq 1 ]
-	$(BIN)/python -m runner.compare leaderboard
+# Tasks on outside data are left out where SEATRIAL_DATA does not hold them. What was run is kept:
+# the same command runs what is missing. BENCHMARK='--task ... --entrant ...' runs a part.
+benchmark: $(VENV)/robustness.stamp
+	$(BIN)/python -m runner benchmark $(BENCHMARK) || [ $$? -eq 1 ]
+	$(BIN)/python -m runner.compare leaderboard --page results/benchmark/index.html
+	$(BIN)/python docs/refresh.py leaderboard
 
-# The tables and the figure of README.md, made again from the demo's runs.
+# The tables and the figure of README.md and the guide, made again from the demo's runs.
 readme: demo
 	$(BIN)/python docs/refresh.py
 	cp results/figures/bars-e_pos_mae.svg docs/tracking_error.svg
@@ -130,6 +139,14 @@ bench: $(VENV)/bench.stamp
 	    --timeout 3600 --benchmark-json results/bench.json
 	$(BIN)/python docs/refresh.py docs.benchmarks
 	$(BIN)/python -m docs.growth
+
+# Pages open from disk; their search needs a server: python -m http.server -d site
+docs: gallery
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# Trials that are stored in results/docs are not run again.
+gallery: $(VENV)/docs.stamp
+	$(BIN)/python -m docs.gallery
 
 test: $(VENV)/test.stamp
 	$(PYTEST)
@@ -162,6 +179,7 @@ $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
 $(VENV)/robustness.stamp: EXTRAS := [rivals]
 $(VENV)/bench.stamp: EXTRAS := [test,bench]
+$(VENV)/docs.stamp: EXTRAS := [docs]
 $(VENV)/check.stamp: EXTRAS := [test,check]
 
 $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python

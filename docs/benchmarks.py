@@ -1,4 +1,4 @@
-"""The benchmark tables of README.md: `python -m docs.benchmarks`, after `make bench`.
+"""The benchmark tables of docs/speed.md: `python -m docs.benchmarks`, after `make bench`.
 
 The data are read from `results/bench.json`, written by pytest-benchmark; the measurements are
 described in `tests/benchmarks/conftest.py`. Ratios are those of the medians, the time of the other
@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+from docs.pages.markdown import table
 
 BENCH = Path(__file__).parents[1] / "results" / "bench.json"
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
@@ -81,14 +83,6 @@ def figure_rows(row: Row) -> list[list[str]]:
         ]
         for i, (name, one) in enumerate(row["found"].items())
     ]
-
-
-def table(headers: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; the empty string if there are no rows."""
-    if not rows:
-        return ""
-    lines = [headers, ["---"] * len(headers), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def main() -> None:

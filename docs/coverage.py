@@ -21,7 +21,7 @@ from joblib import Parallel, delayed
 from omegaconf import OmegaConf
 from scipy.stats import binomtest
 
-from docs.benchmarks import table
+from docs.pages.markdown import table
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.problem import (

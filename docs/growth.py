@@ -1,4 +1,4 @@
-"""The scaling figures of README.md: `python -m docs.growth`, after `make bench`.
+"""The scaling figures of docs/speed.md: `python -m docs.growth`, after `make bench`.
 
 They show every curve that `growth` of `tests/benchmarks/conftest.py` wrote to `results/bench.json`:
 time over problem size on logarithmic axes, with the slope of a straight line through the points,

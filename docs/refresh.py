@@ -1,11 +1,11 @@
-"""Update the generated blocks of README.md, CONTRIBUTING.md and identification.md: `make readme`.
+"""Update the generated blocks of README.md, CONTRIBUTING.md and the guide: `make readme`.
 
 `python docs/refresh.py WORD` updates only some of them.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
 command; with a WORD, only blocks whose command contains it. The commands read the results of
-`make demo`, `make published`, `make bench`, `make robustness` and
-`make coverage`.
+`make demo`, `make published`, `make bench`, `make robustness`, `make coverage`,
+`make manoeuvring` and `make benchmark`.
 """
 
 import re
@@ -14,18 +14,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = Path(__file__).parents[1] / "README.md"
-CONTRIBUTING = README.with_name("CONTRIBUTING.md")
-IDENTIFICATION = Path(__file__).with_name("identification.md")
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = (*sorted(ROOT.glob("*.md")), *sorted(ROOT.glob("docs/**/*.md")))
 BLOCK = re.compile(r"(<!-- made by: (?P<command>.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def output(command: str, *more: str) -> str:
     """The output of a `python -m ...` command."""
     words = [sys.executable if word == "python" else word for word in shlex.split(command)]
-    done = subprocess.run(
-        [*words, *more], capture_output=True, text=True, check=True, cwd=README.parent
-    )
+    done = subprocess.run([*words, *more], capture_output=True, text=True, check=True, cwd=ROOT)
     return done.stdout
 
 
@@ -41,7 +38,7 @@ def refreshed(text: str, word: str = "") -> str:
 
 
 if __name__ == "__main__":
-    for page in (README, CONTRIBUTING, IDENTIFICATION):
+    for page in DOCUMENTS:
         text = page.read_text()
         if (updated := refreshed(text, *sys.argv[1:2])) != text:
             page.write_text(updated)

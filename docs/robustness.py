@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from docs.benchmarks import table
+from docs.pages.markdown import table
 from seatrial.runner.compare.results import Observation, Results, Run, open_results
 from seatrial.runner.vocabulary import LOST
 

@@ -1,4 +1,4 @@
-"""The table of vessels in README.md: `python -m docs.vessels`.
+"""The table of vessels in docs/reference/vessels.md: `python -m docs.vessels`.
 
 It is generated from `conf/vessel`, whose files give the source of every number.
 """

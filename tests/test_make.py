@@ -170,6 +170,20 @@ def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -
     assert sorted(ran) == ["measured", "simulated", "simulated"]
 
 
+def test_the_guide_is_built_strictly_after_its_figures(checkout: Path) -> None:
+    binaries = checkout / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    pretend_python(checkout, "stub", "3.11", venv=True)
+    shutil.copy(checkout / "tools" / "stub", binaries / "python")
+    (checkout / "docs").mkdir()  # the folder is not the target
+    answer = make(checkout, "docs")
+    assert answer.returncode == 0, answer.stderr
+    said = asked(checkout).splitlines()
+    assert [line.removeprefix("stub -m ") for line in said if "-m" in line] == [
+        "pip install --quiet --editable .[docs]", "docs.gallery", "mkdocs build --strict",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("file", CONSTRAINTS)
 def test_constraints_are_names_and_versions_only(file: str) -> None:
     lines = (ROOT / file).read_text().splitlines()

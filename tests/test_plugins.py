@@ -1,4 +1,4 @@
-"""docs/plugins.md, done as a new user would: its files in an empty folder, and its commands."""
+"""docs/howto/plugins.md, done as a new user would: its files and commands in an empty folder."""
 
 import os
 import re
@@ -23,7 +23,7 @@ NOTE = "over ground, of the true motion"
 SHORT = ("excitation.interval_s=5", "identifier=none")
 
 
-def written(folder: Path, page: str = "docs/plugins.md", count: int = 8) -> Path:
+def written(folder: Path, page: str = "docs/howto/plugins.md", count: int = 8) -> Path:
     """The files of a page, in a folder."""
     files = FILE.findall((ROOT / page).read_text())
     assert len(files) == count

@@ -1,11 +1,11 @@
-"""The code of docs/python.md runs in an empty folder, and does what the page says."""
+"""The code of docs/howto/python.md runs in an empty folder, and does what the page says."""
 
 import re
 from pathlib import Path
 
 from tests.runner.programs import ROOT, ended, program
 
-PAGE = ROOT / "docs" / "python.md"
+PAGE = ROOT / "docs" / "howto" / "python.md"
 CHECKS = """
 assert run.status == "finished"
 assert (len(sweep.runs()), len(pairs.runs())) == (4, 2)
@@ -32,5 +32,5 @@ def test_the_code_of_the_guide_runs(tmp_path: Path) -> None:
     assert out.startswith("identifier: no option 'lss', did you mean ls? expected one of")
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"guide.py", "results", "track.pdf", "ferry.c", "ferry.h"}
-    for link in re.findall(r"\((notebooks/\w+\.ipynb)\)", PAGE.read_text()):
-        assert (ROOT / "docs" / link).is_file()
+    for link in re.findall(r"\((\.\./notebooks/\w+\.ipynb)\)", PAGE.read_text()):
+        assert (PAGE.parent / link).is_file()

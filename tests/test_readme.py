@@ -1,4 +1,4 @@
-"""What README.md shows is what its commands print."""
+"""The tables that README.md and the guide show are what their commands print."""
 
 import re
 import shlex
@@ -9,23 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from docs.refresh import BLOCK, README, output
+from docs.refresh import BLOCK, DOCUMENTS, ROOT, output
 from docs.vessels import parameters_of, vessels
 from seatrial.models.vessel.tuning import Tuning
 
-ROOT = README.parent
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-def test_linked_files_exist() -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", README.read_text())
-    assert links
-    for link in links:
-        assert (ROOT / link).exists(), link
+def blocks(word: str) -> list[re.Match[str]]:
+    """The generated tables whose command contains a word."""
+    found = [block for page in DOCUMENTS for block in BLOCK.finditer(page.read_text())]
+    return [block for block in found if word in block["command"]]
 
 
 def test_the_table_of_vessels_is_what_its_command_prints() -> None:
-    (block,) = [b for b in BLOCK.finditer(README.read_text()) if "docs.vessels" in b["command"]]
+    (block,) = blocks("docs.vessels")
     shown = block[0].split("-->\n", 1)[1].rsplit("<!--", 1)[0]
     assert shown.split() == output(block["command"]).split()
     names = re.findall(r"^\| `(\w+)`", shown, re.MULTILINE)
@@ -56,11 +54,9 @@ def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
         [sys.executable, "-m", "runner", *words, f"results_dir={tmp_path}"],
         cwd=ROOT, check=True, capture_output=True,
     )  # fmt: skip
-    found = BLOCK.finditer(README.read_text())
-    blocks = [block for block in found if "sqlite:///" not in block["command"]]
-    blocks = [block for block in blocks if "runner.compare" in block["command"]]
-    assert blocks
-    for block in blocks:
+    tables = [b for b in blocks("runner.compare") if "sqlite:///" not in b["command"]]
+    assert len(tables) == 2
+    for block in tables:
         now = output(block["command"], "--database", f"sqlite:///{tmp_path}/results.db")
         shown = block[0].split("-->\n", 1)[1].rsplit("<!--", 1)[0]
         assert NUMBER.sub("#", now).split() == NUMBER.sub("#", shown).split()

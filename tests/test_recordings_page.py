@@ -1,20 +1,26 @@
-"""The guide to recordings: its maps are those of the files, and its commands run."""
+"""The guide to recordings: its maps are those of the files."""
 
 import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording import mapping
+from seatrial.models.recording.column import Column
+from seatrial.models.recording.proposal import propose
+from seatrial.models.recording.sources import ReadOptions, read_sources
 from tests.runner.programs import ended, program
 
-PAGE = (Path(__file__).parents[1] / "docs" / "recordings.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[1] / "docs" / "howto" / "recordings.md").read_text(encoding="utf-8")
 MAPS = dict(re.findall(r"```yaml\n# (\w+)\.yaml\n(.*?)```", PAGE, re.S))
-COMMANDS = re.search(r"```console\n(.*?)```", PAGE, re.S)
 FILES = {
     "esso": "esso/zigzag/zigzag_31-Jul-2020_13_42_53.csv",
     "blueboat": "blueboat/fixed_00000220.csv",
     "hsva": "kvlcc2/hsva/HSVA_CPMC_KVLCC2_Z_20_05.dat",
+    "marin": "kvlcc2/marin/MARIN_FREE_KVLCC2_zz_10_m.dat",
     "milliampere": "milliampere/qp1",
 }
 DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
@@ -40,14 +46,22 @@ def test_map_of_the_page_has_no_problem(name: str, tmp_path: Path) -> None:
     assert "no problem: pose and velocity belong together" in out
 
 
-@needs_data
-@pytest.mark.slow
-def test_commands_of_the_page_run(tmp_path: Path) -> None:
-    """On a zig-zag of the Esso Osaka, in the order of the page."""
-    assert COMMANDS
-    lines = [line[2:].split() for line in COMMANDS[1].splitlines() if line.startswith("$ ")]
-    assert len(lines) == 3
-    for words in lines:
-        own = [word.replace("FILE", str(DATA / FILES["esso"])) for word in words[1:]]
-        code, _, error = ended(program("-m", "runner", *own, folder=tmp_path))
-        assert code == 0, (words, error)
+def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
+    """A pulse of 1511 us is no thrust, 1900 us all of it, 1122 us all of it astern."""
+    rows = "\n".join(f"{0.1 * i:.1f},0,0,0,{w}" for i, w in enumerate((1511, 1900, 1122)))
+    (tmp_path / "log.csv").write_text("t,x,y,psi,pwm\n" + rows)
+    spec = Column("pwm", neutral=1511.0, full=1900.0)
+    source = read_sources(tmp_path / "log.csv", ReadOptions())["log"]
+    values = mapping._in_si(source, "pwm", "inputs.pwm_1", spec)
+    np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
+    with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
+        Column("pwm", neutral=1900.0, full=1900.0)
+
+
+@pytest.mark.parametrize(("name", "unit"), [("yaw_rate_deg_s", "deg/s"), ("r_rad_s", None)])
+def test_names_with_units_are_proposed(name: str, unit: str | None, tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.1 * i:.1f},{i},{i},{i % 7},{i % 5}" for i in range(50))
+    (tmp_path / "log.csv").write_text(f"time,north,east,{name},force_x_N\n{rows}")
+    node = propose(read_sources(tmp_path / "log.csv", ReadOptions()))
+    assert node["velocity"] == {"yaw": name if unit is None else {"column": name, "unit": unit}}
+    assert node["force"] == {"surge": "force_x_N"}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.refresh import BLOCK, IDENTIFICATION
+from docs.refresh import BLOCK
 from docs.robustness import Case, Cells, Outcome, cell, outcomes, page, ratios
 from seatrial.runner.compare.results import open_results
 
@@ -94,5 +94,10 @@ def test_ratios_of_errors() -> None:
 
 
 def test_the_page_has_a_block_for_each_command() -> None:
-    commands = [found["command"] for found in BLOCK.finditer(IDENTIFICATION.read_text())]
-    assert commands == ["python -m docs.coverage", "python -m docs.robustness"]
+    text = (ROOT / "docs" / "identification.md").read_text()
+    commands = [found["command"] for found in BLOCK.finditer(text)]
+    assert commands == [
+        "python -m docs.coverage",
+        "python -m docs.manoeuvring_trials",
+        "python -m docs.robustness",
+    ]

@@ -153,7 +153,7 @@ def test_nothing_of_the_checkout_is_imported(binaries: Path, tmp_path: Path) -> 
 def test_plug_ins_need_no_fork(
     binaries: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The guide of docs/plugins.md, in an empty folder, with what the wheel requires alone."""
+    """docs/howto/plugins.md in an empty folder, with what the wheel requires alone."""
 
     def said(program: str, *arguments: str | Path, folder: Path = tmp_path) -> str:
         answer = run(binaries / program, *arguments, folder=folder)
@@ -195,7 +195,7 @@ def package(folder: Path) -> Path:
     (source / "fleet" / "conf" / "identifier" / "fleet_fit.yaml").write_text(
         options.replace("_target_: my_fit.", "_target_: fleet.my_fit.")
     )
-    guide = (ROOT / "docs" / "plugins.md").read_text()
+    guide = (ROOT / "docs" / "howto" / "plugins.md").read_text()
     entry_point = guide.partition("```toml\n")[2].partition("```")[0]
     (source / "pyproject.toml").write_text(
         '[build-system]\nrequires = ["setuptools"]\nbuild-backend = "setuptools.build_meta"\n'
@@ -244,6 +244,8 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     said("seatrial-results", "plot", "residual")
     assert list((tmp_path / "results" / "figures").iterdir())
     said("seatrial-results", "report")
+    assert said("seatrial-results", "site").strip() == "results/site/index.html"
+    assert (tmp_path / "results" / "site" / "assets" / "uPlot.LICENSE").is_file()
     assert list((tmp_path / "results").rglob("*.html"))
     page = tmp_path / "published.html"
     assert "jervan_table_4_10" in said(

@@ -1,0 +1,126 @@
+"""The pages of the guide: links that hold, and commands that cannot be wrong unnoticed."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from docs.guide import ROOT, Folder, MismatchError, Step, agree, check, pages, steps
+
+LINK = re.compile(r"\]\((?!https?://)([^)\s]+)\)|(?:src|srcset)=\"([^\"]+)\"")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+DOCUMENTS = (*pages(), *(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md"))
+
+
+def anchor(heading: str) -> str:
+    """The anchor that GitHub and MkDocs give a heading."""
+    plain = re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+    return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", plain).strip())
+
+
+def prose(text: str) -> str:
+    """A page without its blocks of code."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("page", DOCUMENTS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_of_a_page_hold(page: Path) -> None:
+    for found in LINK.finditer(prose(page.read_text(encoding="utf-8"))):
+        path, _, at = (found[1] or found[2]).partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), found[0]
+        assert ROOT in target.parents, found[0]
+        if at:
+            headings = HEADING.findall(prose(target.read_text(encoding="utf-8")))
+            assert at in map(anchor, headings), found[0]
+
+
+def test_the_readme_can_be_read_at_once() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+
+
+def test_every_page_has_commands_that_are_run() -> None:
+    for page in pages():
+        run = [step for step in steps(page.read_text()) if step.command]
+        skipped = [s for s in run if any(note.startswith("skip:") for note in s.notes)]
+        assert len(run) > len(skipped) or page.stem in ("python", "benchmark"), page
+
+
+def test_code_without_a_file_is_only_in_the_guide_to_python() -> None:
+    """Its blocks are run by tests/test_python_guide.py; others would be run by none."""
+    for page in pages():
+        blocks = re.findall(r"^```python\n(.*)$", page.read_text(), re.MULTILINE)
+        named = [line for line in blocks if re.match(r"# [\w./]+\.py$", line)]
+        assert named == blocks or page.stem == "python", page
+
+
+PAGE = """
+```yaml
+# own/name.yaml
+a: 1
+```
+
+<!-- run: echo 3 > three -->
+```console
+$ cat own/name.yaml
+a: 1
+$ printf '%s\\n' first 0.50004 "$(cat three)" \\
+    last
+first
+0.5
+...
+last
+```
+
+<!-- test: exit 3; 9 -> 3 -->
+```console
+$ sh -c 'echo no >&2; exit 9'
+no
+```
+"""
+
+
+def test_files_commands_and_outputs_of_a_page(tmp_path: Path) -> None:
+    assert [step.line for step in steps(PAGE) if step.command] == [7, 9, 11, 21]
+    assert check(PAGE, Folder(tmp_path)) == ""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("cat own/name.yaml", "cat own/nam.yaml", "line 9: .*\nexit code 1"),
+        ("a: 1\n$", "a: 2\n$", "line 9: .*\nshown:\na: 2\nis:\na: 1"),
+        ("0.5\n", "0.51\n", "line 11: "),
+        ("...\n", "", "line 11: "),
+        ("exit 3", "exit 2", "line 21: .*\nexit code 3"),
+        ("9 -> 3", "8 -> 3", "'8' is to be replaced and is not there"),
+        ("$ sh", "$ seatrial --unknown; sh", "no"),
+    ],
+)
+def test_what_is_wrong_on_a_page_fails(right: str, wrong: str, said: str, tmp_path: Path) -> None:
+    assert PAGE.count(right) == 1
+    with pytest.raises(MismatchError, match=said):
+        check(PAGE.replace(right, wrong), Folder(tmp_path))
+
+
+def test_a_page_stops_where_something_is_missing(tmp_path: Path) -> None:
+    text = PAGE.replace("exit 3;", "needs no_such_program;")
+    assert check(text, Folder(tmp_path)) == "no_such_program is not here"
+
+
+def test_loose_outputs_have_other_numbers_and_the_same_words() -> None:
+    shown = ["| none | **0.38 ± 0.02 (n=20)** |"]
+    assert agree(shown, ["| none | 0.41 ± 0.1 (n=2) |"], loose=True)
+    assert not agree(shown, ["| none | 0.41 ± 0.1 (n=2) |"])
+    assert not agree(shown, ["| ls | 0.41 ± 0.1 (n=2) |"], loose=True)
+
+
+def test_programs_are_called_by_the_names_that_are_installed(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    code, lines, _ = folder.run(Step(1, "seatrial-results runs", notes=("exit 2",)))
+    assert code == 2
+    assert lines[0].startswith("seatrial-results: ")
+    code, lines, _ = folder.run(Step(1, "seatrial identifier=lss", notes=("exit 2",)))
+    assert (code, lines[0][:44]) == (2, "seatrial: identifier: no option 'lss', did y")
+    assert folder.run(Step(1, "python -c 'import seatrial, numpy'"))[0] == 0
+    assert (folder.path / "results").exists() is False
