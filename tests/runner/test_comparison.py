@@ -1,14 +1,17 @@
 """Every identifier in calm water, noise and a constant force, from the command line to a table."""
 
+import io
 import json
 import math
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from seatrial.runner.compare.__main__ import run as run_compare
 from seatrial.runner.compare.plots import orders, pareto, spectrum, surface
-from tests.runner.programs import ended, program, rows
+from tests.runner.programs import program, rows
 
 IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "least_squares", "nsga2", "dsr")
 DISTURBANCES = ("calm", "noise", "constant")
@@ -36,9 +39,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def compare(folder: Path, *arguments: str) -> str:
-    code, out, err = ended(program("-m", "runner.compare", *arguments, folder=folder))
-    assert code == 0, err
-    return out
+    said = io.StringIO()
+    with chdir(folder), redirect_stdout(said):
+        assert run_compare(list(arguments)) == 0
+    return said.getvalue()
 
 
 def cells(folder: Path, metric: str, dof: str) -> dict[tuple[str, str], dict[str, Any]]:
