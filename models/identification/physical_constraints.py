@@ -47,6 +47,7 @@ AROUND = 2.0  # times the largest velocities, as far as a ray is searched
 CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
 SMALLEST = 1e-3  # of a ray
 MARGIN = 0.02  # of the believed power that remains at a velocity that was cut
+PRIMAL = 1e-12  # tolerance of the solver: an axis of small weight hardly shows in a row of size one
 REPEATS = 5  # of a quadratic program about its solution
 TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
 
@@ -386,8 +387,8 @@ def solve(
 def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
     """minimise d'Hd/2 - g'd so that A d >= b; the solution, and the rows that bind.
 
-    The solver's tolerance is absolute, so rows of an axis whose weight is small beside that of
-    another are solved for again about the solution, until all of them hold.
+    The solver's tolerance is absolute; rows that it misses, of an axis whose weight is small beside
+    that of another, are solved for again about the solution, until all of them hold.
     """
     if not len(A):
         return np.asarray(np.linalg.solve(H, g)), []
@@ -411,6 +412,7 @@ def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
         np.full(len(A), 1e30),
         b / (norm * size),
         np.zeros(len(A), dtype=np.int32),
+        primal_tol=PRIMAL,
     )
     if flag <= 0:
         raise IdentificationError(f"the physical constraints leave no solution (daqp: {flag})")
