@@ -32,7 +32,7 @@ SMALL = {
     "plsr": ["bootstrap=null"],
     "surface_plsr": ["bootstrap=null", "folds=2"],
     "gaussian_process": ["subsample=50", "folds=2"],
-    "auto": ["candidates.plsr.bootstrap=null"],
+    "auto": ["candidates.plsr.bootstrap=null", "folds=2"],
 }
 # What a recording of a minute may not determine, and the words of the reason.
 REASONS = {
