@@ -140,7 +140,7 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python docs/refresh.py docs.benchmarks
 	$(BIN)/python -m docs.growth
 
-# Pages open from disk; their search needs a server: python -m http.server -d site
+# Pages open from disk, their search as well.
 docs: gallery
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 

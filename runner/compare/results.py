@@ -239,15 +239,20 @@ class Results:
         ]
 
     def coefficients(
-        self, runs: Sequence[Run], condition: Condition | None = None
+        self,
+        runs: Sequence[Run],
+        condition: Condition | None = None,
+        terms: Sequence[str] = (),
     ) -> list[Observation]:
-        """Return all coefficients of the runs, named by their terms.
+        """Return the coefficients of the runs, named by their terms; without `terms`, all of them.
 
         `condition` is the one that selected the runs.
         """
         c = Coefficient.__table__.c
         columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
         query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
+        if terms:
+            query = query.where(c.term.in_(terms))
         by_id = {run.id: run for run in runs}
         return [
             Observation(by_id[id_], COEFFICIENT_STAGE, *facts)
@@ -310,6 +315,11 @@ class Results:
         """Return the names of all stored metrics."""
         name = Metric.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
+
+    def terms(self) -> list[str]:
+        """Return the terms of all stored coefficients."""
+        term = Coefficient.__table__.c.term
+        return [row.term for row in self.reader.select(sa.select(term).distinct().order_by(term))]
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""

@@ -18,6 +18,7 @@ from sqlalchemy import (
     Engine,
     Row,
     Select,
+    exists,
     literal,
     select,
     union_all,
@@ -31,7 +32,7 @@ from seatrial.runner.database import engine as engines
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import is_gone
+from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
@@ -153,6 +154,13 @@ class Reader:
         """Return the sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
         return [SweepSummary(**_masked_cells(row)) for row in rows]
+
+    def running_sweeps(self) -> list[int]:
+        """Return the sweeps that have not ended and had a heartbeat of a run in the last minute."""
+        sweep, run = tables.Sweep, tables.Run
+        alive = exists().where(run.sweep_id == sweep.id, ~is_stale(run.heartbeat_at))
+        query = select(sweep.id).where(sweep.finished_at.is_(None), alive).order_by(sweep.id)
+        return [row.id for row in self.select(query)]
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""

@@ -155,13 +155,19 @@ def test_no_page_is_wider_than_its_window_or_lacks_a_file(
         assert all(one.startswith((address, "data:", "blob:")) for one in asked), page
 
 
-def test_the_search_finds_a_metric(address: str, browser: Any) -> None:
+@pytest.mark.parametrize("opened", ["from a server", "from disk"])
+def test_the_search_finds_a_metric(site: Path, address: str, browser: Any, opened: str) -> None:
     from selenium.webdriver.support.ui import WebDriverWait
 
-    browser.get(f"{address}/index.html?q=steady_state_error")
+    root = site.as_uri() if opened == "from disk" else address
+    requests(browser)
+    browser.get(f"{root}/howto/sweeps.html?q=steady_state_error")
     found = "return Array.from(document.querySelectorAll('.md-search-result__link'), a => a.href)"
     links = WebDriverWait(browser, 60).until(lambda one: one.execute_script(found))
-    assert any("/reference/metrics.html" in link for link in links)
+    assert any(link.startswith(f"{root}/reference/metrics.html") for link in links)
+    asked, failed = requests(browser)
+    assert failed == []
+    assert all(one.startswith((root, "data:", "blob:", "about:")) for one in asked)
 
 
 @pytest.mark.parametrize(

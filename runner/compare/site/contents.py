@@ -13,6 +13,7 @@ from seatrial.runner.compare.results import (
     DESIGN_FLAWS,
     INTERVAL_OF_ESTIMATE,
     RUN,
+    Observation,
     Results,
     Run,
 )
@@ -78,22 +79,24 @@ def version(results: Results) -> str:
 
 
 def progress(results: Results) -> Json:
-    """Return how far the newest sweep is, and the version of the logbook."""
-    sweeps = results.reader.sweeps()
-    state = None
-    if sweeps:
-        status = results.reader.sweep_status(sweeps[-1].id)
-        ended = {name: n for name, n in status.counts.items() if name != "running"}
-        state = {
-            "id": status.sweep_id,
-            "name": status.name,
-            "planned": status.planned,
-            "counts": status.counts,
-            "ended": sum(ended.values()),
-            "lost": sum(n for name, n in ended.items() if name in LOST),
-            "over": status.finished_at is not None,
-        }
-    return {"version": version(results), "sweep": state}
+    """Return how far the newest sweep and every running one are, and the version of the logbook."""
+    newest = [sweep.id for sweep in results.reader.sweeps()[-1:]]
+    shown = sorted({*newest, *results.reader.running_sweeps()})
+    return {"version": version(results), "sweeps": [_sweep_state(results, id_) for id_ in shown]}
+
+
+def _sweep_state(results: Results, sweep: int) -> Json:
+    """Return the numbers of trials of a sweep that are planned, running, ended and lost."""
+    status = results.reader.sweep_status(sweep)
+    ended = {name: n for name, n in status.counts.items() if name != "running"}
+    return {
+        "id": status.sweep_id,
+        "name": status.name,
+        "planned": status.planned,
+        "running": 0 if status.finished_at else status.counts.get("running", 0),
+        "ended": sum(ended.values()),
+        "lost": sum(n for name, n in ended.items() if name in LOST),
+    }
 
 
 def _times(results: Results, runs: Sequence[Run]) -> Json:
@@ -132,7 +135,7 @@ def _sweeps(results: Results, runs: Sequence[Run], places: Mapping[int, int]) ->
 def _flags(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> Json:
     """Return which numbers a table marks or leaves out, as `selection` finds them."""
     if not runs:
-        return {"below": [], "unsettled": [], "infeasible": [], "diverged": []}
+        return {"below": [], "unsettled": [], "infeasible": [], "diverged": [], "covering": []}
     flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE))
     flaws = [
         [[places[o.run.id], o.model] for o in flags if o.name == name and (o.value or 0.0) >= 1.0]
@@ -148,6 +151,7 @@ def _flags(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> 
             [places[run], model, horizon, number(held)]
             for (run, model, horizon), held in diverged_predictions(flags).items()
         ],
+        "covering": sorted(places[run] for run in results.covering(runs)),
     }
 
 
@@ -156,15 +160,37 @@ def metric(results: Results, name: str) -> list[Json]:
 
     `runs` are run numbers in the order of storage; a value is None where it is not finite.
     """
-    runs = all_runs(results)
-    parts: dict[tuple[str, str, str], tuple[list[int], list[float | None]]] = {}
-    for o in results.metrics(runs, [name]) if runs else []:
-        ids, values = parts.setdefault((o.stage, o.model, o.dof), ([], []))
-        ids.append(o.run.id)
-        values.append(number(o.value))
     return [
-        {"stage": stage, "model": model, "dof": dof, "runs": ids, "values": values}
-        for (stage, model, dof), (ids, values) in parts.items()
+        {**part, "runs": [o.run.id for o in of_part], "values": [number(o.value) for o in of_part]}
+        for part, of_part in _parts(results.metrics(all_runs(results), [name]))
+    ]
+
+
+def coefficient(results: Results, term: str) -> list[Json]:
+    """Return the coefficients of one term as `metric` does, with standard errors and true values.
+
+    Both are None where they are not known.
+    """
+    return [
+        {
+            **part,
+            "runs": [o.run.id for o in of_part],
+            "values": [number(o.value) for o in of_part],
+            "errors": [number(o.std_error) for o in of_part],
+            "truths": [number(o.true_value) for o in of_part],
+        }
+        for part, of_part in _parts(results.coefficients(all_runs(results), terms=[term]))
+    ]
+
+
+def _parts(numbers: Sequence[Observation]) -> list[tuple[Json, list[Observation]]]:
+    """Return numbers by stage, model and degree of freedom."""
+    parts: dict[tuple[str, str, str], list[Observation]] = defaultdict(list)
+    for o in numbers:
+        parts[o.stage, o.model, o.dof].append(o)
+    return [
+        ({"stage": stage, "model": model, "dof": dof}, of_part)
+        for (stage, model, dof), of_part in parts.items()
     ]
 
 

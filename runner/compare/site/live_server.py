@@ -20,6 +20,7 @@ from seatrial.runner.compare.site.scripts import (
     PROGRESS,
     RUN,
     SUMMARY,
+    coefficient_script,
     metric_script,
     script_of,
 )
@@ -82,8 +83,13 @@ class Site:
             return lambda: contents.failures(results)
         if match := RUN.fullmatch(name):
             return lambda: contents.one_run(results, int(match[1]))
-        names = [metric for metric in results.metric_names() if metric_script(metric) == name]
-        return (lambda: contents.metric(results, names[0])) if names else None
+        for metric in results.metric_names():
+            if metric_script(metric) == name:
+                return lambda: contents.metric(results, metric)
+        for term in results.terms():
+            if coefficient_script(term) == name:
+                return lambda: contents.coefficient(results, term)
+        return None
 
 
 class Handler(BaseHTTPRequestHandler):

@@ -15,7 +15,16 @@ RUN = re.compile(r"data/run-(\d{1,18})\.js")
 
 def metric_script(name: str) -> str:
     """Return the name of the script of a metric; metrics have any name, files do not."""
-    return f"data/metric-{sha256(name.encode('utf-8', 'backslashreplace')).hexdigest()[:16]}.js"
+    return _script("metric", name)
+
+
+def coefficient_script(term: str) -> str:
+    """Return the name of the script of the coefficients of a term."""
+    return _script("coefficient", term)
+
+
+def _script(kind: str, name: str) -> str:
+    return f"data/{kind}-{sha256(name.encode('utf-8', 'backslashreplace')).hexdigest()[:16]}.js"
 
 
 def run_script(run_id: int) -> str:

@@ -13,6 +13,7 @@ from seatrial.runner.compare.site.scripts import (
     FAILURES,
     PROGRESS,
     SUMMARY,
+    coefficient_script,
     metric_script,
     run_script,
     script_of,
@@ -71,5 +72,7 @@ def _scripts(results: Results, database: str, opened: int) -> Iterator[tuple[str
     yield FAILURES, contents.failures(results)
     for name in results.metric_names():
         yield metric_script(name), contents.metric(results, name)
+    for term in results.terms():
+        yield coefficient_script(term), contents.coefficient(results, term)
     for run in contents.all_runs(results)[::-1][:opened]:
         yield run_script(run.id), contents.one_run(results, run.id)

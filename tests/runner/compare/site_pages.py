@@ -18,6 +18,7 @@ comparisonOf(page, page.state()).then(({ table }) => done(table.refused ? null :
       n: cell.observed.length, failed: counts.failed ?? 0, diverged: counts.diverged ?? 0,
       without_value: cell.without, diverged_predictions: cell.diverged, held_s: cell.held,
       deterministic: cell.deterministic, unsettled: cell.unsettled, infeasible: cell.infeasible,
+      std_error: cell.error, true_value: cell.truth, interval_of_estimate: cell.ofEstimate,
       best: cell.best, ratio: cell.test?.ratio, p_value: cell.test?.p, wins: cell.test?.wins,
       difference: cell.test?.difference, pairs: cell.test?.pairs,
     };

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import animation
 from seatrial.runner.compare.drawn_devices import BLADE, parts_of, turning_side
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.scene import scene_of
@@ -125,17 +127,40 @@ def test_a_page_holds_everything_and_a_film_is_as_long(
     assert [part["kind"] for part in parsed["sails"][0]["parts"]] == ["rudder", "thrust"]
 
 
-@pytest.mark.slow
-def test_a_gif_moves(program: Program, ship: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def few_frames(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Films of so few frames that they are drawn quickly."""
+    for form in (".gif", ".mp4"):
+        monkeypatch.setitem(animation.FRAMES, form, 12)
+    return 12
+
+
+def test_a_gif_moves(program: Program, ship: Path, tmp_path: Path, few_frames: int) -> None:
     code, out, err = program("animate", "1", *database(ship), "--to", tmp_path / "a.gif")
     assert (code, err) == (0, "")
     with Image.open(out.strip()) as film:
-        assert film.n_frames == 120  # type: ignore[attr-defined]
+        assert film.n_frames == few_frames  # type: ignore[attr-defined]
         pictures = []
-        for frame in (0, 60, 119):
+        for frame in (0, few_frames // 2, few_frames - 1):
             film.seek(frame)
             pictures.append(film.convert("RGB").tobytes())
     assert len(set(pictures)) == 3
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="the program ffmpeg is not installed")
+def test_an_mp4_moves(program: Program, ship: Path, tmp_path: Path, few_frames: int) -> None:
+    """Decoded again: every frame, of an even size, and the ship elsewhere on each."""
+    film = tmp_path / "a.mp4"
+    code, _, err = program("animate", "1", *database(ship), "--to", film)
+    assert (code, err) == (0, "")
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    words = ["ffmpeg", "-loglevel", "error", "-i", film, frames / "%03d.png"]
+    subprocess.run(words, check=True)
+    pictures = [Image.open(frame).convert("RGB") for frame in sorted(frames.iterdir())]
+    assert len(pictures) == few_frames
+    assert all(size % 2 == 0 for picture in pictures for size in picture.size)
+    assert len({picture.tobytes() for picture in pictures}) == few_frames
 
 
 def test_a_film_without_ffmpeg_is_refused_in_one_line(

@@ -148,7 +148,7 @@ def _says(page: Any, text: str) -> bool:
 
 
 @pytest.mark.slow
-def test_progress_counts_what_runs_and_what_failed(
+def test_progress_of_every_running_sweep_counts_what_failed(
     browser: Any, logbook: Logbook, tmp_path: Path
 ) -> None:
     sweep = logbook.begin_sweep("both", "python -m runner", ["identifier=ls,none"], planned=3)
@@ -159,6 +159,12 @@ def test_progress_counts_what_runs_and_what_failed(
         assert _says(browser, "Sweep 1 (both): 1 of 3 done, 1 running, 0 failed")
         logbook.fail_run(running, "failed", "ValueError", "broken", "Traceback: here\nValueError")
         assert _says(browser, "Sweep 1 (both): 2 of 3 done, 0 running, 1 failed")
+        newer = logbook.begin_sweep("other", "python -m runner", ["identifier=plsr"], planned=2)
+        logbook.begin_run(stored.start("plsr"), newer)
+        last = "Sweep 2 (other): 0 of 2 done, 1 running, 0 failed"
+        assert _says(browser, f"Sweep 1 (both): 2 of 3 done, 0 running, 1 failed\n{last}")
+        logbook.end_sweep(sweep)
+        assert _says(browser, last)
 
 
 @pytest.mark.slow

@@ -165,6 +165,21 @@ def test_filter_sort_and_the_same_figures_by_the_command(
             assert close(row[name], shown[key][name])
 
 
+def test_coefficients_by_two_factors_are_those_of_the_command(
+    offline: Any, site: Path, program: Program
+) -> None:
+    show(offline, site.as_uri(), "sweep=all&columns=none&where.vessel=milliampere")
+    choose(offline, "metric", "coefficient:u_dot")
+    texts = cell_texts(offline)
+    assert texts[0][0].startswith("Identifier")
+    (cell,) = [row[-1] for row in texts[1:] if row[0].startswith("plsr")][:1]
+    assert cell == "1041\n± 1.0\n[1039, 1043]\nse 3.0 of the estimate, true 1050\nn=3"
+    assert until(lambda: offline.execute_script(COLOURED) == [True])
+    for line in commands_of(offline):
+        code, _, err = program(*shlex.split(line)[3:])
+        assert (code, err) == (0, "")
+
+
 @pytest.mark.slow
 def test_a_link_restores_the_view_in_another_window(offline: Any, site: Path) -> None:
     show(offline, site.as_uri(), "sweep=all")

@@ -18,7 +18,7 @@ from seatrial.runner.compare.site import write_site
 from seatrial.runner.compare.site.thinned_series import STRETCHES, extremes
 from seatrial.runner.compare.statistics import paired_test
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Metric
+from seatrial.runner.database.records import Coefficient, Metric
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.site_pages import cells_of, close, commands_of, show
@@ -29,12 +29,15 @@ MEASURES = (
     ("velocity_rmse_free_run", "validation", "surge", "identified"),
     ("e_pos_mae", "deployment", "position", "identified"),
     ("velocity_fit_free_run", "validation", "surge", "identified"),
+    ("coefficient:u_dot", "coefficient", "surge", "identified"),
+    ("coefficient:|u|u", "coefficient", "surge", "identified"),
 )
 FACTORS = (
     *("identifier", "disturbance", "evaluation", "plant.scale", "lap", "lowpass_hz", "seed"),
     *("remark", "identifier.force", "plant.change", "status"),
 )
 SAME = ("mean", "std", "ci_low", "ci_high", "held_s", "ratio", "p_value", "difference")
+OF_COEFFICIENTS = ("std_error", "true_value")
 EQUAL = (
     *("n", "failed", "diverged", "without_value", "diverged_predictions", "deterministic"),
     *("unsettled", "infeasible", "best", "wins", "pairs"),
@@ -68,8 +71,10 @@ def fill_random(logbook: Logbook, number: int, draw: random.Random) -> None:
             logbook.fail_run(begun.run_id, status, "ValueError", "broken", "Traceback")
             continue
         streams: Any = draw.choice([None, ("noise",), ("noise",), (), ("identifier",)])
+        findings = [stored.interval(of_estimate=draw.random() < 0.5)] * (draw.random() < 0.7)
         logbook.finish_run(
-            begun.run_id, stored.Results(list(_metrics(draw)), [], [], [], drawn=streams)
+            begun.run_id,
+            stored.Results(_metrics(draw), _coefficients(draw), findings, [], drawn=streams),
         )
 
 
@@ -91,6 +96,14 @@ def _metrics(draw: random.Random) -> list[Metric]:
         metrics += [stored.deployed("spectral_radius", draw.choice([0.9, 0.9, 1.1]))]
         metrics += [stored.deployed("infeasible_limits", draw.choice([0.0, 0.0, 1.0]))]
     return metrics
+
+
+def _coefficients(draw: random.Random) -> list[Coefficient]:
+    error, truth = draw.choice([None, 3.0, 8.0]), draw.choice([1050.0] * 9 + [None, 525.0])
+    terms = [stored.coefficient("u_dot", draw.choice([1000.0, draw.gauss(1000, 90)]), error, truth)]
+    if draw.random() < 0.8:
+        terms.append(stored.coefficient("|u|u", draw.gauss(50, 9), error, 55.0, unit="kg/m"))
+    return terms
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +149,8 @@ def hashes(number: int, draw: random.Random) -> list[str]:
 def test_any_table_of_the_page_is_that_of_its_command(
     browser: Any, written: tuple[Path, Path], program: Program
 ) -> None:
-    compared, refused, tested = 0, 0, 0
-    for address in hashes(60, random.Random(2)):
+    compared, refused, tested, terms = 0, 0, 0, 0
+    for address in hashes(80, random.Random(2)):
         show(browser, written[1].as_uri(), address)
         command = commands_of(browser)
         if not command:
@@ -160,15 +173,19 @@ def test_any_table_of_the_page_is_that_of_its_command(
         shown = {tuple(cell["levels"].values()): cell for cell in cells}
         assert set(told) == set(shown), (address, command[0])
         for key, row in told.items():
-            for name in SAME:
+            for name in (*SAME, *OF_COEFFICIENTS):
                 assert close(row.get(name), shown[key].get(name)), (name, key, row, shown[key])
             for name in EQUAL:
                 assert row.get(name) == shown[key].get(name), (name, key, row, shown[key])
+            if "interval_of_estimate" in row:
+                assert row["interval_of_estimate"] == shown[key]["interval_of_estimate"]
+                terms += row["n"]
         compared += len(rows)
         tested += sum(1 for row in rows if row.get("pairs"))
     assert compared > 200
     assert refused > 3
     assert tested > 20
+    assert terms > 100
 
 
 def test_the_signed_rank_test_is_that_of_scipy(browser: Any, written: tuple[Path, Path]) -> None:

@@ -1,6 +1,6 @@
 "use strict";
 // The comparison table: runner/compare/selection.py, pivot.py and comparison_table.py for one
-// metric of one stage, model and degree of freedom.
+// metric, or coefficient, of one stage, model and degree of freedom.
 const COMPARED = ["identifier", "controller", "update"];
 const HORIZONS = ["one_step", "ten_step", "restarts", "free_run"];
 
@@ -55,6 +55,7 @@ function flagsOf(summary, request) {
     unsettled: places(flags.unsettled, (flag) => deployed && flag[1] === request.model),
     infeasible: places(flags.infeasible, (flag) => deployed && flag[1] === request.model),
     diverged: new Map(lost.map((flag) => [flag[0], flag[3]])),
+    covering: new Set(flags.covering),
   };
 }
 
@@ -79,12 +80,25 @@ function cellOf(observed, members, likeness, flags, table) {
     diverged: diverged.length,
     held: median(diverged.map((n) => flags.diverged.get(n.run.place)).filter((v) => v !== null)),
     without: members.filter((run) => run.status === "finished" && !withNumber.has(run)).length,
+    ...uncertaintyOf(distinct, flags),
     deterministic: finite.length > 0 && finite.every((n) => likeness.seed(n) === null),
     below: has(flags.below),
     unsettled: has(flags.unsettled),
     infeasible: has(flags.infeasible),
     best: false,
     test: null,
+  };
+}
+
+// Of coefficients: the root mean square of the standard errors, whether one is of the estimate and
+// not of the coefficient, and the true value that all numbers share.
+function uncertaintyOf(numbers, flags) {
+  const known = numbers.filter((number) => (number.error ?? null) !== null);
+  const truths = new Set(numbers.map((number) => number.truth ?? null));
+  return {
+    error: Math.sqrt(statistics.mean(known.map((number) => number.error ** 2))),
+    ofEstimate: known.some((number) => !flags.covering.has(number.run.place)),
+    truth: truths.size === 1 ? [...truths][0] ?? NaN : NaN,
   };
 }
 
@@ -103,9 +117,11 @@ function againstBaseline(table, numbers, request, likeness) {
   }
 }
 
-// Mark the best of the cells that differ only in what is compared.
+// Mark the best of the cells that differ only in what is compared; a coefficient is compared by its
+// distance from the true value.
 function markBest(table, request, likeness) {
-  const lossOf = (cell) => statistics.loss(cell.mean, request.better);
+  const lossOf = (cell) => (request.term ? Math.abs(cell.mean - cell.truth)
+    : request.better === null ? NaN : statistics.loss(cell.mean, request.better));
   const groups = Map.groupBy(table.cells.values(), (cell) => {
     const codes = [...cell.row, ...cell.column];
     const own = table.factors.map((name, i) => (within(name, COMPARED) ? "" : codes[i]));
@@ -116,7 +132,7 @@ function markBest(table, request, likeness) {
   for (const members of groups.values()) {
     const failed = (cell) => cell.diverged || cell.unfinished.some(([name]) => name !== "running");
     const candidates = members.filter((cell) =>
-      request.better !== null && Number.isFinite(cell.mean) && !cell.below && !failed(cell));
+      Number.isFinite(lossOf(cell)) && !cell.below && !failed(cell));
     if (members.length < 2 || !candidates.length) continue;
     const lowest = Math.min(...candidates.map(lossOf));
     for (const cell of candidates) {

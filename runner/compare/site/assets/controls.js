@@ -1,9 +1,12 @@
 "use strict";
 // The controls above every view: sweep, tag and filters. A change goes into the address.
 
+// `values` are pairs of a value and its text, and may name a group.
 function choice(id, label, values, current, change) {
-  const options = values.map(([value, text]) =>
-    element("option", { value, selected: value === current }, text));
+  const option = ([value, text]) => element("option", { value, selected: value === current }, text);
+  const groups = Map.groupBy(values, (one) => one[2] ?? "");
+  const options = [...groups].map(([group, members]) =>
+    (group ? element("optgroup", { label: group }, members.map(option)) : members.map(option)));
   return element("label", { class: "choice", for: id }, element("span", {}, label),
     element("select", { id, change: (event) => change(event.target.value) }, options));
 }

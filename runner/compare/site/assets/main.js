@@ -83,17 +83,17 @@ function viewLinks(state) {
       view === "overlay" && chosen ? `${label} (${chosen})` : label));
 }
 
-function showProgress({ sweep }) {
-  const box = document.getElementById("progress");
-  if (!sweep) return box.replaceChildren();
-  const running = sweep.over ? 0 : sweep.counts.running ?? 0;
-  const text = `Sweep ${sweep.id} (${sweep.name}): ${sweep.ended} of ${sweep.planned} done, ` +
-    `${running} running, ${sweep.lost} failed`;
-  return update(box, [element("label", {}, element("span", {}, text),
-    element("progress", { max: String(sweep.planned || 1), value: String(sweep.ended) }))]);
+// The newest sweep and every running one, a line each.
+function showProgress({ sweeps }) {
+  update(document.getElementById("progress"), sweeps.map((sweep) => {
+    const text = `Sweep ${sweep.id} (${sweep.name}): ${sweep.ended} of ${sweep.planned} done, ` +
+      `${sweep.running} running, ${sweep.lost} failed`;
+    return element("label", {}, element("span", {}, text),
+      element("progress", { max: String(sweep.planned || 1), value: String(sweep.ended) }));
+  }));
 }
 
-// Ask how far the sweep is; read the results again if a run has begun or ended.
+// Ask how far the sweeps are; read the results again if a run has begun or ended.
 async function follow() {
   try {
     const progress = await seatrial.load("data/progress.js", true);

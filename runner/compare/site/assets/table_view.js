@@ -1,5 +1,5 @@
 "use strict";
-// Any metric by any two factors: means over seeds with 95 % intervals, and a figure with every seed.
+// Any metric or coefficient by any two factors: means over seeds with 95 % intervals, and a figure with every seed.
 const PREFERRED = [["e_pos_mae", "deployment"], ["velocity_rmse_free_run", "validation"], ["force_mse", "validation"]];
 const MARKS = {
   below: ["†", "the force error is below that of the true plant: the model fits lag or feedback, not the vessel"],
@@ -7,6 +7,7 @@ const MARKS = {
   infeasible: ["§", "the weather needs more force than the limits allow"],
 };
 const LOGARITHMIC_FROM = 100; // largest over smallest value
+const TRUTH = 6; // the colour of a reference
 
 // The metric, stage, degree of freedom and model of a state; what it leaves open is chosen here.
 function measureOf(summary, state) {
@@ -38,7 +39,8 @@ async function numbersOf(page, chosen) {
   const { stage, model, dof } = chosen, { name } = chosen.measure;
   return (part?.runs ?? []).flatMap((id, i) => {
     const run = page.runs.byId.get(id);
-    return run ? [{ run, value: part.values[i] ?? NaN, stage, model, dof, name }] : [];
+    const number = { run, value: part?.values[i] ?? NaN, stage, model, dof, name };
+    return run ? [{ ...number, error: part.errors?.[i], truth: part.truths?.[i] }] : [];
   });
 }
 
@@ -52,7 +54,7 @@ async function comparisonOf(page, state) {
   const [factor, level] = splitOnce(state.baseline);
   const isKnown = page.runs.factors.get(factor)?.levels.includes(level);
   const request = {
-    rows, columns, metric: chosen.measure.name, stage: chosen.stage, model: chosen.model,
+    rows, columns, metric: chosen.measure.name, term: chosen.measure.term, stage: chosen.stage, model: chosen.model,
     dof: chosen.dof, better: chosen.measure.better, baseline: isKnown ? [factor, level] : null,
   };
   const selected = page.runs.selected(state);
@@ -84,13 +86,14 @@ function pickers(page, state, chosen, request) {
     if (one !== "none" && !factors.includes(one)) factors.unshift(one);
   }
   const named = factors.map((name) => [name, inWords(name)]);
-  const metrics = runs.summary.measures.map((one) => [one.name, one.label]);
+  const metrics = runs.summary.measures.map((one) =>
+    [one.name, one.label, one.term ? "Coefficients" : "Metrics"]);
   const part = (name) => (chosen.levels[name].length > 1 ? choice(name, PARTS[name],
     chosen.levels[name].map((level) => [level, level]), chosen[name], (value) => page.go({ [name]: value })) : null);
   const baselines = [request.rows, request.columns].filter((name) => name !== "none").flatMap((name) =>
     runs.factors.get(name).levels.slice(0, 50).map((level) => [`${name}=${level}`, `${inWords(name)}: ${level}`]));
   return element("div", { class: "row" },
-    choice("metric", "Metric", metrics, chosen.measure.name, (metric) => page.go({ metric })),
+    choice("metric", "Metric or coefficient", metrics, chosen.measure.name, (metric) => page.go({ metric })),
     part("stage"), part("dof"), part("model"),
     choice("rows", "Rows", named, request.rows, (rows) => page.go({ rows, sort: "" })),
     choice("columns", "Columns", [["none", "None"], ...named.filter(([name]) => name !== request.rows)],
@@ -158,7 +161,10 @@ function cellTexts(cell, measure) {
     cell.without ? `${cell.without} without value` : null,
   ].filter(Boolean).join(", ");
   const test = cell.test ? testText(cell.test, measure) : cell.isBaseline ? "baseline" : "";
-  return { value, spread, interval, counts, test };
+  const error = Number.isNaN(cell.error) ? ""
+    : `se ${numberText(cell.error, 2)}${cell.ofEstimate ? " of the estimate" : ""}`;
+  const truth = Number.isNaN(cell.truth) ? "" : `true ${numberText(cell.truth)}`;
+  return { value, spread, interval, uncertainty: [error, truth].filter(Boolean).join(", "), counts, test };
 }
 
 function testText(test, measure) {
@@ -173,11 +179,11 @@ function testText(test, measure) {
 // A cell; its counts link to the list of its runs.
 function cellElement(cell, measure, runs) {
   if (!cell) return element("td");
-  const { value, spread, interval, counts, test } = cellTexts(cell, measure);
+  const { value, spread, interval, uncertainty, counts, test } = cellTexts(cell, measure);
   const under = (content) => (content ? element("span", { class: "under" }, content) : null);
   return element("td", { "data-mean": Number.isFinite(cell.mean) ? String(cell.mean) : null },
     element(cell.best ? "strong" : "span", {}, value), under(spread), under(interval),
-    under(element("a", { href: runs }, counts)), under(test));
+    under(uncertainty), under(element("a", { href: runs }, counts)), under(test));
 }
 
 function notesOf(table, chosen, request) {
@@ -191,7 +197,12 @@ function notesOf(table, chosen, request) {
       "same seed (of scores the difference); p is that of the two-sided Wilcoxon signed-rank test over at least " +
       "five pairs, not corrected for multiple comparisons; won is the number of pairs in which it is better.");
   }
-  if (cells.some((cell) => cell.best)) notes.push("Bold: the best among equal circumstances.");
+  if (cells.some((cell) => cell.ofEstimate)) {
+    notes.push("se of the estimate: an interval of this identifier is one of its estimate, not of the " +
+      "coefficient, because it does not include the bias.");
+  }
+  const best = request.term ? "nearest to the true value" : "best";
+  if (cells.some((cell) => cell.best)) notes.push(`Bold: the ${best} among equal circumstances.`);
   return element("ul", { class: "notes small" }, notes.map((note) => element("li", {}, note)));
 }
 
@@ -203,6 +214,7 @@ function figureOf(page, table, chosen, request) {
     key.map((code, i) => page.runs.factors.get(table.columnFactors[i]).levels[code]).join(", "));
   const seeds = columns.map((_, place) => ({ kind: "points", place, alpha: 0.45, size: 3, xs: [], ys: [] }));
   const means = columns.map((label, place) => ({ kind: "interval", place, label, xs: [], ys: [], lows: [], highs: [] }));
+  const truths = { kind: "points", place: TRUTH, label: "true value", hollow: true, size: 5, xs: [], ys: [] };
   table.rowKeys.forEach((row, i) => table.columnKeys.forEach((column, j) => {
     const cell = table.cells.get([...row, ...column].join(","));
     if (!cell?.observed.length) return;
@@ -215,8 +227,11 @@ function figureOf(page, table, chosen, request) {
     means[j].ys.push(y);
     means[j].lows.push(cell.interval[0]);
     means[j].highs.push(cell.interval[1]);
+    if (Number.isNaN(cell.truth)) return;
+    truths.xs.push(cell.truth);
+    truths.ys.push(y);
   }));
-  const values = seeds.flatMap((one) => one.xs);
+  const values = [...seeds, truths].flatMap((one) => one.xs);
   if (!values.length) return null;
   const low = values.reduce((a, b) => Math.min(a, b)), high = values.reduce((a, b) => Math.max(a, b));
   const log = low > 0 && high > LOGARITHMIC_FROM * low;
@@ -227,8 +242,8 @@ function figureOf(page, table, chosen, request) {
   return drawFigure({
     title: `${chosen.measure.label} of every seed, with the mean and its 95 % interval`,
     words: `${labels.length} rows, ${columns.length} columns; the table above holds the numbers.`,
-    series: [...seeds, ...means].filter((one) => one.xs.length),
-    legend: table.columnFactors.length > 0,
+    series: [...seeds, ...means, truths].filter((one) => one.xs.length),
+    legend: table.columnFactors.length > 0 || truths.xs.length > 0,
     x: { label: withUnit(`${chosen.measure.label}, ${chosen.dof}`, chosen.unit), log },
     y: { label: "", size: 16 + 6.6 * longest, range: [-labels.length + 0.5, 0.5],
       splits: labels.map((_, i) => -i).reverse(), values: (at) => visible(short[-at] ?? "") },
@@ -238,11 +253,13 @@ function figureOf(page, table, chosen, request) {
 
 function commandsOf(page, state, request, chosen) {
   const factors = ["--rows", request.rows, "--columns", request.columns];
-  const metric = ["--metric", request.metric], axis = ["--dof", chosen.dof, "--model", chosen.model];
+  const metric = request.term ? ["--coefficient", request.term] : ["--metric", request.metric];
+  const axis = ["--dof", chosen.dof, "--model", chosen.model];
   const baseline = request.baseline ? ["--baseline", request.baseline.join("=")] : [];
-  const table = ["table", ...metric, "--stage", chosen.stage, ...axis, ...factors,
-    "--statistic", "mean,std,ci,n", ...baseline];
+  const stage = request.term ? [] : ["--stage", chosen.stage];
+  const table = ["table", ...metric, ...stage, ...axis, ...factors, "--statistic", "mean,std,ci,n", ...baseline];
   const lines = [commandOf(page.runs, state, table)];
-  if (request.columns !== "none") lines.push(commandOf(page.runs, state, ["plot", "bars", ...metric, ...axis, ...factors]));
+  if (request.term) lines.push(commandOf(page.runs, state, ["plot", "coefficients"]));
+  else if (request.columns !== "none") lines.push(commandOf(page.runs, state, ["plot", "bars", ...metric, ...axis, ...factors]));
   return lines;
 }
