@@ -35,6 +35,7 @@ from omegaconf import DictConfig
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
+from seatrial.runner.console import NewWarnings
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
@@ -82,6 +83,7 @@ def main() -> int:
 
 def _main(stop: StopSignals) -> int:
     import_from_working_folder()
+    NewWarnings.forget()
     traceback_wanted = os.environ.get(FULL_ERROR) == "1"
     session = Session()
     overrides: Sequence[str] = ()

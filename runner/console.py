@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
@@ -135,6 +135,27 @@ def _shown(url: str) -> str:
 
 def _number(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+class NewWarnings(logging.Filter):
+    """Passes a warning the first time in a process: the runs of a sweep repeat each other's.
+
+    Every run stores its own, and `show` lists them.
+    """
+
+    _known: ClassVar[set[str]] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether to show a record."""
+        text = record.getMessage()
+        is_new = record.levelno != logging.WARNING or text not in self._known
+        self._known.add(text)
+        return is_new
+
+    @classmethod
+    def forget(cls) -> None:
+        """Show all warnings again, at the start of a program."""
+        cls._known.clear()
 
 
 log = logging.getLogger(__name__)

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import logging.config
 import os
 import pty
 import subprocess
@@ -11,14 +12,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.runner import console as progress
-from seatrial.runner.console import LiveLine, Pace, PlainLines, Standing, duration
+from seatrial.runner.console import LiveLine, NewWarnings, Pace, PlainLines, Standing, duration
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Results, RunStart, SweepStatus
+from seatrial.runner.hydra_errors import CONF
 
 ROOT = Path(__file__).parents[2]
 
@@ -213,3 +216,23 @@ def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> Non
         assert not set(text) & {"\x1b", "\x9b", "\x07", "\u202e"}
         assert text.count("y") < 210
     assert "\n" not in line
+
+
+def test_runs_of_a_sweep_show_a_warning_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """With the settings of the program, which Hydra applies again before every job."""
+    settings = yaml.safe_load((CONF / "hydra" / "job_logging" / "seatrial.yaml").read_text())
+    settings["handlers"]["console"]["stream"] = "ext://sys.stderr"
+    root = logging.getLogger()
+    before = root.handlers[:], root.level
+    NewWarnings.forget()
+    try:
+        for _ in range(2):
+            logging.config.dictConfig(settings)
+            root.warning("excitation: %s", "v not excited")
+            root.warning("excitation: %s", "r not excited")
+            root.info("1 of 2 done")
+    finally:
+        root.handlers[:], root.level = before
+        NewWarnings.forget()
+    lines = [line.partition(" ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert lines == ["excitation: v not excited", "excitation: r not excited", *["1 of 2 done"] * 2]
