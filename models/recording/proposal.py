@@ -29,29 +29,39 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "position.pitch": (r"(pitch|theta)(_(angle|deg|rad|hat))?",),
     "position.yaw": (r"(yaw|psi|heading|hdg)(_(angle|deg|rad|hat))?",),
     "velocity.surge": (r"(u|surge|vel(ocity)?_?x|u_?(vel.*|kn|knots?|mps))",
-                       r"surge_?(vel.*|speed)", r".*(linear|vel).*_x"),
+                       r"surge_?(vel.*|speed)", r"(spd|speed|vel.*)_?(fwd|forward|ahead|surge|long.*)",
+                       r".*(linear|vel).*_x"),
     "velocity.sway": (r"(v|sway|vel(ocity)?_?y|vm?_?(vel.*|kn|knots?|mps))",
-                      r"sway_?(vel.*|speed)", r".*(linear|vel).*_y"),
+                      r"sway_?(vel.*|speed)", r"(spd|speed|vel.*)_?(stbd|starboard|abeam|sway|lat.*)",
+                      r".*(linear|vel).*_y"),
     "velocity.heave": (r"(w|heave|vel(ocity)?_?z|w_?(vel.*|mps))", r"heave_?(vel.*|speed)",
                        r".*(linear|vel).*_z"),
     "velocity.roll": (r"p|roll_?(rate|vel.*)|p_?ang.*", r".*angular.*_x"),
     "velocity.pitch": (r"q|pitch_?(rate|vel.*)|q_?ang.*", r".*angular.*_y"),
-    "velocity.yaw": (r"r|yaw_?(rate|vel.*)|r_?ang.*|rot", r".*angular.*_z"),
+    "velocity.yaw": (r"r|yaw_?(rate|vel.*)|r_?ang.*|rot|rate_?of_?turn", r".*angular.*_z"),
     "acceleration.surge": (r"(u|surge)_?(dot|acc.*)",),
     "acceleration.sway": (r"(v|sway)_?(dot|acc.*)",),
     "acceleration.yaw": (r"(r|yaw)_?(dot|acc.*)",),
     "force.surge": (r"(.*force|tau|f)_?x|tau_?(u|surge)",),
     "force.sway": (r"(.*force|tau|f)_?y|tau_?(v|sway)",),
     "force.heave": (r"(.*force|tau|f)_?z|tau_?(w|heave)",),
-    "force.roll": (r".*(torque|moment)_?x|tau_?(p|roll|k)",),
-    "force.pitch": (r".*(torque|moment)_?y|tau_?(q|pitch|m)",),
-    "force.yaw": (r".*(torque|moment)_?z|tau_?(r|yaw|n)",),
+    "force.roll": (r"(.*(torque|moment)|m)_?x|tau_?(p|roll|k)",),
+    "force.pitch": (r"(.*(torque|moment)|m)_?y|tau_?(q|pitch|m)",),
+    "force.yaw": (r"(.*(torque|moment)|m)_?z|tau_?(r|yaw|n)",),
     "inputs.delta": (r"(delta|rudder).*",),
     "inputs.n": (r"n|n_prop.*|rpm|rps|shaft.*|propeller.*",),
 }  # fmt: skip
-SUFFIX = r"_(deg|rad)(_?p?_?s)?$|_(m|m_?p?_?s|n|nm|rpm)$"  # of a name: its unit
+# The unit at the end of a name, and what it is where it is not that of SI.
+SUFFIX = r"_(deg|rad)(_?(p|per)?_?(s|min))?$|_(m|m_?p?_?s|kn|kts?|knots?|k?nm?|rpm)$"
+ENDINGS: Mapping[str, Mapping[str, str]] = {
+    "velocity": {
+        r"kn|kts?|knots?": "knot", r"deg(_?(p|per)?_?s)?": "deg/s", r"deg_?(p|per)?_?min": "deg/min"
+    },
+    "force": {"kn": "kN", "knm": "kNm"},
+}  # fmt: skip
 INPUT = r".*(thr|pwm|rudder|rpm|rps|motor_speed|throttle|force).*"  # where nothing else acts
-TIMES = (r"(original_)?time(_?stamp)?", r"t|sec(ond)?s?|.*stamp.*secs")
+TIMES = (r"(original_|elapsed_)?time(_?stamp)?|stamp", r"t|sec(ond)?s?|.*stamp.*secs")
+TIME_SUFFIX = re.compile(r"_(?P<unit>s|sec|ms|us|ns)$", re.IGNORECASE)
 QUATERNION = ("w", "x", "y", "z")
 STEPS = {"ns": 1e6, "us": 1e3, "ms": 1.5}  # median step above which numbers are of this unit
 PREFERRED = ("nav", "odom", "estimate", "")  # sources of the state, before raw instruments
@@ -117,7 +127,7 @@ def _time(source: Source) -> Column | None:
     """The column of time of a source, which must increase; its unit by the size of the steps."""
     for pattern in TIMES:
         for name in source.columns:
-            if re.fullmatch(pattern, name, re.IGNORECASE):
+            if re.fullmatch(pattern, TIME_SUFFIX.sub("", name), re.IGNORECASE):
                 column = Column(name)
                 try:
                     steps = np.diff(seconds(source, column))
@@ -129,6 +139,9 @@ def _time(source: Source) -> Column | None:
                 dated = source.columns[name].dtype == np.object_
                 if dated or name in source.units:
                     return column
+                ending = TIME_SUFFIX.search(name)
+                if ending and ending["unit"].lower() in STEPS:
+                    return Column(name, unit=ending["unit"].lower())
                 unit = next((unit for unit, least in STEPS.items() if median > least), None)
                 return Column(name, unit=unit)
     return None
@@ -158,13 +171,12 @@ def _unit(source: Source, name: str, option: str) -> str | None:
         return None
     lower = name.lower()
     kind, _, dof = option.partition(".")
-    if re.search(r"_(kn|kts?|knots?)$", lower):
-        return "knot"
     if kind == "position" and dof in DOFS[3:]:
         values = _numbers(source, name)
         degrees = lower.endswith("_deg") or (values is not None and in_degrees(values))
         return "deg" if degrees else None
-    return "deg/s" if kind == "velocity" and re.search(r"_deg(_?p?_?s)?$", lower) else None
+    endings = ENDINGS.get(kind, {})
+    return next((unit for end, unit in endings.items() if re.search(f"_({end})$", lower)), None)
 
 
 def _quaternion(source: Source, many: bool) -> dict[str, str] | None:

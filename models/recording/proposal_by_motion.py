@@ -87,7 +87,7 @@ def propose_by_motion(source: Source) -> dict[str, object]:
     if path is None:
         raise RecordingError(
             f"{source.path}: no columns of a position and a heading that belong together, expected "
-            "names of columns by excitation.text.names"
+            "a column of time named as one, such as t or time_s, or names by excitation.text.names"
         )
     x, y, psi, turn = path
     heading = moving.columns[psi] * TURNS[turn]
