@@ -23,7 +23,8 @@ def proposed(folder: Path, names: str) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    ("time", "unit"), [("stamp_s", None), ("t_s", None), ("elapsed_time_s", None), ("time_ms", "ms")]
+    ("time", "unit"),
+    [("stamp_s", None), ("t_s", None), ("elapsed_time_s", None), ("time_ms", "ms")],
 )
 def test_the_time_of_a_logger(tmp_path: Path, time: str, unit: str | None) -> None:
     result = proposed(tmp_path, f"{time} north_m east_m hdg_deg Fx_N Fy_N Mz_Nm")
