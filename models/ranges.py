@@ -56,13 +56,13 @@ def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
     ]
 
 
-def _declared(hint: Any) -> list[Gt | Ge]:
+def _declared(hint: object) -> list[Gt | Ge]:
     """The bounds declared for a type, for its alternatives and for its elements."""
     own = [bound for bound in getattr(hint, "__metadata__", ()) if isinstance(bound, Gt | Ge)]
     inner = get_args(_without_marks(hint))
     return own + [bound for part in inner for bound in _declared(part)]
 
 
-def _without_marks(hint: Any) -> Any:
+def _without_marks(hint: Any) -> object:
     """The type without what is annotated to it."""
     return hint.__origin__ if get_origin(hint) is Annotated else hint

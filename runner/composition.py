@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 from uuid import uuid4
 
 from hydra.conf import HydraConf
@@ -25,7 +25,7 @@ from seatrial.runner.job import Order
 from seatrial.runner.overrides import Parser, Refused, apply
 from seatrial.runner.resolution import Resolution, check_size, interpolations, pure, shape, text_of
 from seatrial.runner.vessel_options import VesselOptions
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.vocabulary import GROUPS, Config
 
 
 def order_of(
@@ -52,7 +52,7 @@ def with_numbers(config: DictConfig) -> DictConfig:
     return shown
 
 
-def _set_changes(target: DictConfig, before: Any, after: Any) -> None:
+def _set_changes(target: DictConfig, before: Config, after: Config) -> None:
     """Set in `target` what differs between two nodes of its resolved configuration."""
     for key, value in after.items():
         if key in before and value is before[key]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def read_answer(folder: Path, nominal: Vessel) -> list[Row]:
         raise PartError(f"{path.name}: {reason}") from error
 
 
-def _json_rows(text: str) -> Any:
+def _json_rows(text: str) -> list[object]:
     content = json.loads(text)
     rows = content.get("coefficients") if isinstance(content, dict) else content
     if not isinstance(rows, list):
@@ -102,7 +102,7 @@ def _json_rows(text: str) -> Any:
     return rows
 
 
-def _checked(rows: Iterable[Any], nominal: Vessel) -> list[Row]:
+def _checked(rows: Iterable[object], nominal: Vessel) -> list[Row]:
     result: dict[tuple[basis.Term, str], Row] = {}
     for number, row in enumerate(rows, 1):
         where = f"coefficient {number}"

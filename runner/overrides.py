@@ -90,7 +90,7 @@ def left_to_jobs(
     return kept, [[*left, *variant] for variant in variants or [()]]
 
 
-def nested_sweeps(value: Any, name: str) -> Iterator[tuple[str, Sweep]]:
+def nested_sweeps(value: object, name: str) -> Iterator[tuple[str, Sweep]]:
     """Yield the sweeps of an override's value, also in its lists, by `name`, `name[0]`, ..."""
     if isinstance(value, Sweep):
         yield name, value

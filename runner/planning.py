@@ -6,7 +6,7 @@ that does not differ is computed once: the objects, the checks of the trial, the
 
 from pathlib import Path
 from sys import intern
-from typing import Any, cast
+from typing import cast
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.config import Trial, build_trial
@@ -14,6 +14,8 @@ from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.job import Order, Plan
 from seatrial.runner.plugins import attributed
 from seatrial.runner.shared import SharedNodes
+
+Outcome = tuple[dict[str, object], SeatrialError | None]  # what a check has read, its error
 
 
 class Planner:
@@ -50,7 +52,7 @@ class Checks:
     KEPT = 1024  # largest number of outcomes; the oldest is dropped
 
     def __init__(self) -> None:
-        self._outcomes: dict[Any, tuple[dict[str, Any], SeatrialError | None]] = {}
+        self._outcomes: dict[tuple[object, ...], Outcome] = {}
         self._read: dict[tuple[str, ...], None] = {}  # the sets of attributes that checks have read
 
     def __call__(self, trial: Trial) -> None:
@@ -59,11 +61,11 @@ class Checks:
         if error is not None:
             raise error.with_traceback(None)
 
-    def _known(self, trial: Trial) -> tuple[dict[str, Any], SeatrialError | None] | None:
+    def _known(self, trial: Trial) -> Outcome | None:
         keys = (_key({name: getattr(trial, name) for name in names}) for names in self._read)
         return next((self._outcomes[key] for key in keys if key in self._outcomes), None)
 
-    def _checked(self, trial: Trial) -> tuple[dict[str, Any], SeatrialError | None]:
+    def _checked(self, trial: Trial) -> Outcome:
         from seatrial.runner import trial as trials
 
         reads, error = _Reads(trial), None
@@ -84,14 +86,14 @@ class _Reads:
 
     def __init__(self, trial: Trial) -> None:
         self._trial = trial
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, object] = {}
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         value = self.values[name] = getattr(self._trial, name)
         return value
 
 
-def _key(values: dict[str, Any]) -> tuple[Any, ...]:
+def _key(values: dict[str, object]) -> tuple[object, ...]:
     """Return equal keys for equal numbers and texts, and for the same objects."""
     plain = (bool, int, float, str, type(None))
     return tuple(

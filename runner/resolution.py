@@ -7,7 +7,7 @@ them are resolved again.
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 from hydra.core.override_parser.types import Override
 from omegaconf import Container, DictConfig, ListConfig, OmegaConf
@@ -17,6 +17,7 @@ from seatrial.runner.overrides import Refused, apply, set_value
 
 MOST_NODES = 100_000  # of a resolved configuration
 Path = tuple[str | int, ...]
+Node: TypeAlias = Any  # of OmegaConf, whose nodes have no public interface
 _REFERENCE = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
 _ANY_REFERENCE = re.compile(r"\$\{(\.*)(\w[\w.\[\]]*)\}")  # ${a.b[0]}, ${..a}
 _ENVIRONMENT = re.compile(r"\$\{oc\.env:\w+(?:,[\w./-]*)?\}")
@@ -37,20 +38,20 @@ def interpolations(config: DictConfig) -> list[tuple[Container, str | int, Path]
 
 def _interpolations(node: Container, path: Path) -> Iterator[tuple[Container, str | int, Path]]:
     for key in _keys(node):
-        child: Any = node._get_node(key)
+        child: Node = node._get_node(key)
         if child._is_interpolation():
             yield node, key, (*path, key)
         elif isinstance(child, Container) and not child._is_none() and not child._is_missing():
             yield from _interpolations(child, (*path, key))
 
 
-def _keys(node: Container) -> Iterable[Any]:
+def _keys(node: Container) -> Iterable[str | int]:
     return range(len(node)) if isinstance(node, ListConfig) else iter(node)
 
 
 def text_of(container: Container, key: str | int) -> str:
     """Return the text of an interpolation."""
-    node: Any = container._get_node(key)
+    node: Node = container._get_node(key)
     return str(node._value())
 
 
@@ -77,7 +78,7 @@ class _Sizes:
         self._root = root
         self._known: dict[int, int] = {}
 
-    def of(self, node: Any) -> int:
+    def of(self, node: Node) -> int:
         """The size of a node; 1 within itself, which OmegaConf refuses later."""
         if node is None:
             return 1
@@ -86,7 +87,7 @@ class _Sizes:
             self._known[id(node)] = self._counted(node)
         return self._known[id(node)]
 
-    def _counted(self, node: Any) -> int:
+    def _counted(self, node: Node) -> int:
         plain = not (node._is_none() or node._is_missing() or node._is_interpolation())
         if plain and isinstance(node, Container):
             return 1 + sum(self.of(node._get_node(key)) for key in _keys(node))
@@ -94,9 +95,9 @@ class _Sizes:
         targets = (self._target(node, *found) for found in _ANY_REFERENCE.findall(text))
         return 1 + len(text) // 100 + sum(map(self.of, targets))
 
-    def _target(self, node: Any, dots: str, path: str) -> Any:
+    def _target(self, node: Node, dots: str, path: str) -> Node:
         """The node that a reference names; None if there is no such node."""
-        at: Any = self._root
+        at: Node = self._root
         if dots:
             at = node._get_parent()
             for _ in dots[1:]:
@@ -109,7 +110,7 @@ class _Sizes:
                 at = at._get_node(key) if isinstance(at, DictConfig) and key in _keys(at) else None
         return at
 
-    def _followed(self, node: Any) -> Any:
+    def _followed(self, node: Node) -> Node:
         """A node that is no interpolation, from one that may be."""
         while node is not None and node._is_interpolation():
             found = _ANY_REFERENCE.fullmatch(str(node._value()))
@@ -166,14 +167,14 @@ class Resolution:
         found = interpolations(task)
         self._affected = {override.key_or_group: _affected(override, found) for override in values}
 
-    def resolved(self, values: Sequence[Override]) -> dict[str, Any]:
+    def resolved(self, values: Sequence[Override]) -> dict[str, object]:
         """Return the configuration of a job; after an error the resolution must not be used."""
         changed = [item for item in values if self._texts[item.key_or_group] != item.input_line]
         for override in changed:
             set_value(self._task, override)
         for override in changed:
             path = _path(override)
-            node: Any = self._task
+            node: Node = self._task
             for key in path[:-1]:
                 node = node._get_node(key)
             self._plain = _with(self._plain, path, _plain(node, path[-1]))
@@ -186,7 +187,7 @@ class Resolution:
 
 def _require_plain_path(task: DictConfig, override: Override) -> None:
     """Raise Refused if what an override does may depend on interpolations."""
-    node: Any = task
+    node: Node = task
     path = _path(override)
     for key in path:
         if not isinstance(node, DictConfig) or node._is_interpolation():
@@ -200,7 +201,7 @@ def _require_plain_path(task: DictConfig, override: Override) -> None:
         raise Refused(override.input_line)
 
 
-def _require_present(plain: Any, override: Override) -> None:
+def _require_present(plain: object, override: Override) -> None:
     """Raise Refused if the value of an override is not at its path, e.g. below a number as key."""
     for key in _path(override):
         if not isinstance(plain, dict) or key not in plain:
@@ -233,16 +234,16 @@ def _depends(text: str, changed: Sequence[tuple[str, ...]]) -> bool:
     return any(path[: len(one)] == one[: len(path)] for path in paths for one in changed)
 
 
-def _plain(container: Container, key: str | int) -> Any:
+def _plain(container: Container, key: str | int) -> object:
     """Return the resolved value of a node."""
-    node: Any = container._get_node(key, throw_on_missing_value=True)
+    node: Node = container._get_node(key, throw_on_missing_value=True)
     node = node._dereference_node()
     if isinstance(node, Container):
         return OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     return node._value()
 
 
-def _with(node: Any, path: Path, value: Any) -> Any:
+def _with(node: Node, path: Path, value: object) -> Node:
     """Return a node with the value at a path; parts that do not differ are not copied."""
     if not path:
         return node if repr(node) == repr(value) else value

@@ -58,7 +58,7 @@ class Attempt:
     """A candidate on its way: its plans, one for each seed, and the values of those that ended."""
 
     asked: "optuna.Trial"
-    values: dict[str, Any]
+    values: "search_space.Values"
     plans: list[Plan]
     results: list[list[float]] = field(default_factory=list)  # by objective, one for each seed
     state: Literal["open", "pruned", "infeasible"] = "open"

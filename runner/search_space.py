@@ -27,7 +27,7 @@ from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.sweep import values_of
 
 DIGITS = 6  # of a candidate's numbers, so that its command line can be read
-Values = Mapping[str, Any]  # of parameters, by name
+Values = dict[str, Any]  # of parameters, by name: numbers and texts, as Optuna gives them
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Dimension:
     """
 
     key: str
-    value: Any
+    value: object
     places: Mapping[str, Sweep]
     choices: tuple[str, ...]  # texts, if the option itself is a choice
 
@@ -108,7 +108,7 @@ def described(distribution: BaseDistribution) -> str:
     return f"{text}, logarithmic" if distribution.log else text
 
 
-def rounded(values: Values, space: Mapping[str, BaseDistribution]) -> dict[str, Any]:
+def rounded(values: Values, space: Mapping[str, BaseDistribution]) -> Values:
     """Return the parameters of a candidate with DIGITS digits, inside their intervals."""
     return {name: _rounded(values[name], space[name]) for name in space}
 
@@ -124,12 +124,12 @@ def present(
     known: Mapping[str, BaseDistribution],
     config: Mapping[str, object],
     names: Mapping[str, str],
-) -> dict[str, Any] | None:
+) -> Values | None:
     """Return the parameters of a configuration; None if it is not within the space.
 
     `names` are the options chosen for groups.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for one in space:
         node = names[one.key] if one.key in names else _at(config, one.key)
         if one.choices:
@@ -158,7 +158,7 @@ def _at(config: object, key: str) -> object:
     return config
 
 
-def _entries(value: Any, node: Any, name: str) -> Iterator[tuple[str, Any]]:
+def _entries(value: object, node: object, name: str) -> Iterator[tuple[str, object]]:
     """Pair the sweeps of a value with the entries of a configuration."""
     if isinstance(value, Sweep):
         yield name, node
@@ -170,7 +170,7 @@ def _entries(value: Any, node: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield from _entries(inner, node.get(str(key)), f"{name}.{key}")
 
 
-def _text(value: Any, name: str, values: Values) -> str:
+def _text(value: object, name: str, values: Values) -> str:
     """Return a value in the grammar of the command line, with the parameters in their places."""
     if isinstance(value, Sweep):
         return _plain(values[name])

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
 from types import FrameType
-from typing import Any
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_S = 0.05
@@ -44,9 +43,7 @@ class StopSignals:
     def listening(self, names: Sequence[str] = ALL) -> Iterator[None]:
         """Handle the signals in the block; an ignored signal (nohup) stays ignored."""
         names = [name for name in names if hasattr(signal, name)]
-        before: dict[int, Any] = {
-            number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)
-        }
+        before = {number: signal.getsignal(number) for number in (signal.Signals[n] for n in names)}
         hook, sys.unraisablehook = sys.unraisablehook, self._dropped(sys.unraisablehook)
         for number, handler in before.items():
             if handler is not signal.SIG_IGN:
@@ -84,7 +81,7 @@ class StopSignals:
                 os.kill(os.getpid(), number)
 
     def _dropped(
-        self, hook: Callable[["sys.UnraisableHookArgs"], Any]
+        self, hook: Callable[["sys.UnraisableHookArgs"], object]
     ) -> Callable[["sys.UnraisableHookArgs"], None]:
         def unraisable(dropped: "sys.UnraisableHookArgs") -> None:
             if isinstance(dropped.exc_value, StopSignal):

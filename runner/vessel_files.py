@@ -7,13 +7,13 @@ the trial, as `seatrial-results model 17 --to yaml` writes it.
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
 from seatrial.runner import database, export
+from seatrial.runner.vocabulary import Config
 
 GROUP = "vessel/"
 RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
@@ -29,7 +29,7 @@ def file_of(config_path: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def node_of(run_id: int, overrides: Sequence[str]) -> dict[str, Any]:
+def node_of(run_id: int, overrides: Sequence[str]) -> Config:
     """Return the vessel of a run's identified model; `overrides` are those of the command line.
 
     Raises LogbookError if there is no such run or model.

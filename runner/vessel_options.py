@@ -6,11 +6,13 @@ configuration of a trial holds the numbers that were used.
 """
 
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, asdict, is_dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import MISSING, asdict, fields, is_dataclass
+from operator import is_
+from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.config import Settings, build_as
+from seatrial.runner.vocabulary import Config
 
 if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.vessel import derivation, parameters, tuning
@@ -23,7 +25,6 @@ else:
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
 
-Config = Mapping[str, Any]
 NULLABLE = ("tuning.windage", "thruster")  # of a vessel, where null is a value
 
 
@@ -33,9 +34,9 @@ class VesselOptions:
     def __init__(self) -> None:
         self._source: tuple[object, object] = None, None  # vessel and sample time of the last trial
         self._numbers = _Numbers({}, 0.0)
-        self._filled: dict[str, tuple[object, Any]] = {}  # by name: the last node, and filled
+        self._filled: dict[str, tuple[object, object]] = {}  # by name: the last node, and filled
 
-    def filled(self, config: Config) -> dict[str, Any]:
+    def filled(self, config: Config) -> dict[str, object]:
         """Return a resolved configuration with the numbers of its vessel.
 
         Raises ConfigurationError if a number cannot be derived.
@@ -47,7 +48,7 @@ class VesselOptions:
             self._filled.clear()
         return {name: self._of(name, node) for name, node in config.items()}
 
-    def _of(self, name: str, node: object) -> Any:
+    def _of(self, name: str, node: object) -> object:
         if not isinstance(node, dict | list):
             return node
         last, result = self._filled.get(name, (None, None))
@@ -66,14 +67,14 @@ class _Numbers:
         self._vessel: parameters.VesselParameters | None = None
         self._completed: parameters.VesselParameters | None = None  # with every derived number
 
-    def of(self, path: str, key: str) -> Any:
+    def of(self, path: str, key: str) -> object:
         """The number at a path of the vessel, for the option `key`."""
-        given: Any = self._node
+        given = self._node
         for name in path.split("."):
             given = given.get(name, tuning.AUTO) if isinstance(given, Mapping) else tuning.AUTO
         return _plain(self._derived(path, key)) if _open(given, path) else given
 
-    def _derived(self, path: str, key: str) -> Any:
+    def _derived(self, path: str, key: str) -> object:
         if not isinstance(self._node, Mapping):
             raise ConfigurationError("vessel: got none, expected an option of the group")
         if self._vessel is None:
@@ -100,7 +101,7 @@ class _Numbers:
             raise ConfigurationError(f"{key}: cannot be derived from vessel {error}") from error
 
 
-def _at(vessel: object, path: str) -> Any:
+def _at(vessel: object, path: str) -> object:
     """Return the value at a path of a vessel; None if there is no such path."""
     for name in path.split("."):
         vessel = getattr(vessel, name, None)
@@ -112,14 +113,14 @@ def _open(value: object, path: str) -> bool:
     return value == tuning.AUTO if path in NULLABLE else value in (None, tuning.AUTO)
 
 
-def _fill(node: Any, key: str, numbers: _Numbers, cls: type | None = None) -> Any:
+def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> object:
     """Return a node with its numbers filled in; parts without any are not copied.
 
     `cls` is the class that the node describes if it does not name one itself.
     """
     if isinstance(node, list):
-        items = {i: _fill(item, f"{key}[{i}]", numbers) for i, item in enumerate(node)}
-        return _changed(node, items)
+        items = [_fill(item, f"{key}[{i}]", numbers) for i, item in enumerate(node)]
+        return node if all(map(is_, items, node)) else items
     if not isinstance(node, dict):
         return node
     cls = _class_of(node, cls)
@@ -130,25 +131,18 @@ def _fill(node: Any, key: str, numbers: _Numbers, cls: type | None = None) -> An
     }
     for name, mark in marks.marks.items():
         option = f"{key}.{name}"
-        value = filled.get(name, tuning.AUTO if _wanted(cls, name) else None)
+        value = filled.get(name, tuning.AUTO if cls and _wanted(cls, name) else None)
         if mark.entry is not None and isinstance(value, dict):
             if value.get(mark.entry) == tuning.AUTO:
                 number = numbers.of(mark.path(filled), f"{option}.{mark.entry}")
                 filled[name] = {**value, mark.entry: number}
         elif mark.entry is None and value == tuning.AUTO:
             filled[name] = numbers.of(mark.path(filled), option)
-    return _changed(node, filled)
+    same = len(filled) == len(node) and all(map(is_, filled.values(), node.values()))
+    return node if same else filled
 
 
-def _changed(node: Any, items: dict[Any, Any]) -> Any:
-    """Return the node itself if none of its items has changed."""
-    keys = range(len(node)) if isinstance(node, list) else node
-    if len(items) == len(node) and all(items[key] is node[key] for key in keys):
-        return node
-    return list(items.values()) if isinstance(node, list) else items
-
-
-def _class_of(node: Mapping[str, Any], cls: type | None) -> type | None:
+def _class_of(node: Config, cls: type | None) -> type | None:
     """Return the class that a node names by `_target_`, else the one that is expected."""
     if "_target_" not in node:
         return cls
@@ -158,13 +152,13 @@ def _class_of(node: Mapping[str, Any], cls: type | None) -> type | None:
         return None  # the error is reported when the part is built
 
 
-def _wanted(cls: Any, name: str) -> bool:
+def _wanted(cls: type, name: str) -> bool:
     """Whether an option that is left out is taken from the vessel: its class has no number."""
-    field: Field[object] = cls.__dataclass_fields__[name]
+    field = next(field for field in fields(cls) if field.name == name)
     return field.default in (MISSING, None) and field.default_factory is MISSING
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a number, list or mapping as it stands in a configuration."""
     if isinstance(value, tuple):
         return [_plain(item) for item in value]

@@ -1,9 +1,13 @@
 """Names that the configuration, the database and the comparison share."""
 
-from typing import Literal, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, TypeAlias, get_args
 
 from seatrial.models.findings import TRAINING_TIME as TRAINING_TIME
 from seatrial.models.notation import DOFS as DOFS
+
+# A configuration, or a part of it, as read from YAML or from the logbook: plain values by name.
+Config: TypeAlias = Mapping[str, Any]
 
 # Groups of options; a run stores the option chosen from each group.
 GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from hydra._internal.core_plugins import file_config_source
 from hydra.plugins.config_source import ConfigResult
@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 
 from seatrial.runner import vessel_files
 from seatrial.runner.checked_yaml import check_file
+from seatrial.runner.vocabulary import Config
 
 
 class FileConfigSource(file_config_source.FileConfigSource):
@@ -23,7 +24,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
 
     def __init__(self, provider: str, path: str) -> None:
         super().__init__(provider, path)
-        self._runs: dict[str, dict[str, Any]] = {}  # workers take them from here
+        self._runs: dict[str, Config] = {}  # workers take them from here
 
     def is_config(self, config_path: str) -> bool:
         """Whether there is such a file, or the path names a run."""
@@ -44,7 +45,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
             return ConfigResult(
                 provider=self.provider,
                 path=f"{self.scheme()}://{self.path}",
-                config=OmegaConf.create(self._runs[run_id]),
+                config=OmegaConf.create(dict(self._runs[run_id])),
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)

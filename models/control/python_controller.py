@@ -27,7 +27,7 @@ class PythonController(Controller):
     `design` is called once for a model, `start` once for a voyage, `command` at every instant.
     """
 
-    def design(self, model: Model, period_s: float) -> Any:
+    def design(self, model: Model, period_s: float) -> object:
         """What the commands need of the model, such as gains; by default the model."""
         return model
 

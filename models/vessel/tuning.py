@@ -41,7 +41,7 @@ class Marks:
 
 
 @cache
-def marks_of(cls: Any) -> Marks:
+def marks_of(cls: type) -> Marks:
     """The marks of a dataclass, by option."""
     marks: dict[str, FromVessel] = {}
     parts: dict[str, type] = {}

@@ -7,13 +7,14 @@ which the ship turns.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from seatrial.runner.compare.plots.force_units import largest_of
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import Config
 
 Kind = Literal["thrust", "moment", "rudder"]
 STERN = -0.5  # [L]
@@ -38,9 +39,7 @@ class Part:
         return np.column_stack([easts, north + np.cos(psi) * ahead - np.sin(psi) * side])
 
 
-def parts_of(
-    series_of: Sequence[Series], vessel: Mapping[str, Any], length: float
-) -> list[list[Part]]:
+def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list[list[Part]]:
     """Return the devices of each series; those of all have one scale.
 
     `vessel` is the stored configuration, `length` that of the drawn hull [m].
@@ -66,7 +65,7 @@ def _forces(series: Series, series_of: Sequence[Series], length: float) -> Itera
         yield Part("moment", "moment", _points(bow, zero), _points(bow, side))
 
 
-def _inputs(series: Series, vessel: Mapping[str, Any], length: float) -> Iterator[Part]:
+def _inputs(series: Series, vessel: Config, length: float) -> Iterator[Part]:
     """Rudders, and the thrust of propellers and thrusters where they are."""
     inputs, devices = vessel.get("inputs") or {}, vessel.get("devices") or {}
     scale = length / float(vessel.get("length_m") or length)  # of hulls that are drawn larger
@@ -82,14 +81,14 @@ def _inputs(series: Series, vessel: Mapping[str, Any], length: float) -> Iterato
         yield _thrust(name, series, device, scale, length, high)
 
 
-def _device_of(name: str, devices: Mapping[str, Any]) -> Mapping[str, Any]:
+def _device_of(name: str, devices: Config) -> Config:
     """Return the options of the device that an input drives; empty if none names it."""
     options = [device for device in devices.values() if isinstance(device, Mapping)]
     return next((d for d in options if name in (d.get(k) for k in (*DRIVES, "delta"))), {})
 
 
 def _thrust(
-    name: str, series: Series, device: Mapping[str, Any], scale: float, length: float, high: float
+    name: str, series: Series, device: Config, scale: float, length: float, high: float
 ) -> Part:
     share = np.asarray(series.columns[name], dtype=np.float64) / high
     fixed = np.full_like(share, float(device.get("angle_rad") or 0.0))

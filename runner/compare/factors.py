@@ -170,7 +170,7 @@ def _for_column(name: str, column: Expression, value: Value) -> Value | datetime
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _number(kind: sa.types.TypeEngine[Any], value: float) -> float | Expression:
+def _number(kind: sa.types.TypeEngine[object], value: float) -> float | Expression:
     """Return an integer that the column can hold, and any other number as a double.
 
     A database refuses an integer beyond the range of its column instead of comparing it.

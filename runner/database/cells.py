@@ -54,7 +54,7 @@ def read(
     return rows
 
 
-def _check(column: ColumnElement[Any], values: Sequence[Any]) -> None:
+def _check(column: ColumnElement[object], values: Sequence[object]) -> None:
     declared = _declared(column)
     if declared is None:
         return
@@ -66,7 +66,7 @@ def _check(column: ColumnElement[Any], values: Sequence[Any]) -> None:
         raise DamagedCellError(f"{declared.name}: got {got}")
 
 
-def _declared(column: Any) -> Any:
+def _declared(column: ColumnElement[object]) -> Any:
     """Return the column of a table that a column of a query shows; None for an expression.
 
     The columns of the view `run_overview` have the names of those of `run`.
@@ -79,7 +79,7 @@ def _declared(column: Any) -> Any:
     )
 
 
-def _python_types(column: Column[Any]) -> set[type]:
+def _python_types(column: Column[object]) -> set[type]:
     if isinstance(column.type, JSON):
         return {list} if column.name in _LISTS else {dict}
     if isinstance(column.type, Utc):
@@ -106,7 +106,7 @@ def damaged_cells(connection: Connection) -> Iterator[Problem]:
 
 
 def _damaged(
-    connection: Connection, table: Table, column: Column[Any], unsound: str
+    connection: Connection, table: Table, column: Column[object], unsound: str
 ) -> Iterator[Problem]:
     keys = [key.name for key in table.primary_key]
     value = f"CAST({column.name} AS {'BLOB' if connection.dialect.name == 'sqlite' else 'TEXT'})"
@@ -120,13 +120,13 @@ def _damaged(
         yield Problem(f"{table.name}, {column.name}", "and more cells like these")
 
 
-def _shown(content: Any) -> str:
+def _shown(content: object) -> str:
     if isinstance(content, bytes):
         content = content[:10_000].decode("utf-8", "backslashreplace")
     return "nothing" if content is None else shortened(repr(content))
 
 
-def _expected(column: Column[Any]) -> str:
+def _expected(column: Column[object]) -> str:
     if isinstance(column.type, JSON):
         return "a JSON list" if column.name in _LISTS else "a JSON object"
     if isinstance(column.type, Utc):
@@ -138,7 +138,7 @@ def _expected(column: Column[Any]) -> str:
     return "a number" if isinstance(column.type, Float) else "text in UTF-8"
 
 
-def _unsound(column: Column[Any]) -> str:
+def _unsound(column: Column[object]) -> str:
     """Return SQL for SQLite that finds the damaged cells of a column."""
     name, kind = column.name, column.type
     if isinstance(kind, Boolean):
@@ -158,7 +158,7 @@ def _unsound(column: Column[Any]) -> str:
     return present if column.nullable else f"{name} IS NULL OR {present}"
 
 
-def _misshapen(column: Column[Any]) -> str:
+def _misshapen(column: Column[object]) -> str:
     """Return SQL for PostgreSQL that finds JSON of another shape, and infinite times."""
     if isinstance(column.type, Utc):
         return f"NOT isfinite({column.name})"

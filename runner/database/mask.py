@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any
+from typing import Any, TextIO
 from urllib.parse import quote, unquote
 
 from seatrial.runner.database.terminal import visible
@@ -101,7 +101,7 @@ class _Masked:
 
     encoding = "utf-8"  # else click writes to the stream inside, past the mask
 
-    def __init__(self, stream: Any, *, styled: bool = False) -> None:
+    def __init__(self, stream: TextIO, *, styled: bool = False) -> None:
         self._stream = stream
         self._styled = styled
 
@@ -127,7 +127,7 @@ class _Masked:
         return getattr(self._stream, name)
 
 
-def styled(stream: Any) -> Any:
+def styled(stream: TextIO) -> TextIO:
     """Return the stream for a renderer of colours, which writes control characters."""
     return getattr(stream, "styled", stream)
 
@@ -138,7 +138,7 @@ def masked_output(*, styled: bool = False) -> Iterator[None]:
 
     Control characters are written as escapes, unless `styled`.
     """
-    before: Any = sys.stdout, sys.stderr
+    before = sys.stdout, sys.stderr
     masked: Any = _Masked(sys.stdout, styled=styled), _Masked(sys.stderr, styled=styled)
     sys.excepthook = _show_masked
     sys.stdout, sys.stderr = masked

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.findings import Finding as Finding
-from seatrial.runner.vocabulary import Stage, Stream
+from seatrial.runner.vocabulary import Config, Stage, Stream
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class RunDetail:
     summary: RunSummary
     traceback: str | None
     note: str | None
-    config: dict[str, object]
+    config: Config
     overrides: list[str]
     git_commit: str | None
     git_dirty: bool | None

@@ -69,9 +69,9 @@ def ask(
         raise LogbookError(f"sql: the query is not text: {error}") from None
 
 
-def _first(rows: Iterable[tuple[Any, ...]], limit: int) -> tuple[list[tuple[Any, ...]], bool]:
+def _first(rows: Iterable[tuple[object, ...]], limit: int) -> tuple[list[tuple[object, ...]], bool]:
     """Return the first rows, and whether there are more."""
-    first: list[tuple[Any, ...]] = []
+    first: list[tuple[object, ...]] = []
     size = 0
     for row in rows:
         if len(first) == limit:

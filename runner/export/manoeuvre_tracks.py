@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from seatrial.runner.record.catalogue import (
     metric_of_measure,
 )
 from seatrial.runner.recording_map import read_map, reader_of
+from seatrial.runner.vocabulary import Config
 
 HELM = "delta"
 NEEDED = ("t", "x", "y", "psi", "u", "v")
@@ -114,13 +115,13 @@ def predicted_by(reader: Reader, run: int) -> dict[str, Predicted]:
     }
 
 
-def mission_of(config: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+def mission_of(config: Config, kind: str) -> Config:
     """The mission that a series of a run shows."""
     mission = config.get("evaluation" if kind.startswith("deployment") else "excitation")
     return mission if isinstance(mission, Mapping) else {}
 
 
-def manoeuvre_in(mission: Mapping[str, Any]) -> Manoeuvre | None:
+def manoeuvre_in(mission: Config) -> Manoeuvre | None:
     """The manoeuvre that the options of a mission name; None if it is none."""
     return next((kind for kind in MANOEUVRES if kind == mission.get("manoeuvre")), None)
 
@@ -137,7 +138,7 @@ def track_of_series(series: Series, helm: str, length_m: float, name: str) -> Tr
     return Track(t, north, east, np.unwrap(psi), series.columns[helm], np.hypot(u, v), length_m)
 
 
-def length_of(config: Mapping[str, Any]) -> float | None:
+def length_of(config: Config) -> float | None:
     """Length of the vessel of a stored configuration [m]; None if it states none."""
     vessel = config.get("vessel")
     if not isinstance(vessel, Mapping):

@@ -9,7 +9,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, cast
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from seatrial.runner import options
 from seatrial.runner.database import Reader
 from seatrial.runner.database.records import Coefficient, RunDetail
 from seatrial.runner.record.coefficient_rows import device_values, vessel_of
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.vocabulary import GROUPS, Config
 
 DERIVATIVE_LETTERS = "XYZKMN"  # of the forces, in the order of DOFS
 ADAPTIVE = "adaptive"  # stored as adaptive_1, adaptive_2, ...; the last one is meant
@@ -55,7 +54,7 @@ class StoredModel:
         return f"{self.model} model of run {summary.run_id} ({options}, seed={summary.seed})"
 
     @cached_property
-    def node(self) -> dict[str, Any]:
+    def node(self) -> Config:
         """The vessel as a node of the configuration."""
         node = dict(self._stored_vessel)
         body_of = dict.fromkeys(("body", "parameters"), None)
@@ -92,20 +91,21 @@ class StoredModel:
     @property
     def step_s(self) -> float:
         """The integration step of the run [s]."""
-        return float(cast(float, self.run.config["integration_step_s"]))
+        return float(self.run.config["integration_step_s"])
 
     @property
-    def _devices(self) -> dict[str, Any]:
+    def _devices(self) -> Config:
         """The devices of the run's vessel, with the parameters that were identified."""
-        stored = cast(Mapping[str, Any], self._stored_vessel.get("devices") or {})
+        stored = self._stored_vessel.get("devices") or {}
         return {
             name: {**options, **self.device_values.get(name, {})}
             for name, options in stored.items()
         }
 
     @property
-    def _stored_vessel(self) -> Mapping[str, Any]:
-        return cast(Mapping[str, Any], self.run.config["vessel"])
+    def _stored_vessel(self) -> Config:
+        vessel: Config = self.run.config["vessel"]
+        return vessel
 
 
 def read_model(
@@ -135,13 +135,13 @@ def read_model(
     if not isinstance(run.config.get("vessel"), dict):
         raise LogbookError(f"run {run_id} has no configuration of a vessel, expected vessel: ...")
     table = vessel_of(rows[key], f"{model} model of run {run_id}")
-    attitude = cast(dict[str, Any], run.config["vessel"]).get("attitude", "quaternion")
+    attitude = run.config["vessel"].get("attitude", "quaternion")
     stored = None
     if linear and model == "identified" and STATE_SPACE in rows:
         stored = _state_space(logbook, run, rows[STATE_SPACE], table.dofs)
     devices = device_values(rows[key])
     found = StoredModel(run, model, replace(table, attitude=attitude), stored, devices)
-    if not cast(dict[str, Any], run.config["vessel"]).get("inputs"):
+    if not run.config["vessel"].get("inputs"):
         return found
     steered = found.parameters
     full = replace(found.table, inputs=steered.input_names, devices=steered.devices)
@@ -168,13 +168,13 @@ def _state_space(
     for row in rows:
         name, _, place = row.term.rstrip("]").partition("[")
         entries.setdefault(name, {})[tuple(int(i) - 1 for i in place.split(","))] = row.value
-    matrices: dict[str, Any] = {name: _matrix(values) for name, values in entries.items()}
+    matrices = {name: _matrix(values) for name, values in entries.items()}
     inputs = [f"tau_{dof}" for dof in dofs]
     inputs += [f"input_{i + 1}" for i in range(len(dofs), matrices["B"].shape[1])]
     for finding in logbook.diagnostics(run.summary.run_id):
         if finding.name == "markov" and finding.j is not None and finding.label:
             inputs[finding.j - 1] = finding.label
-    identifier = cast(Mapping[str, Any], run.config["identifier"])
+    identifier = run.config["identifier"]
     body = identifier.get("output", "body_pose") == "body_pose" and dofs in (PLANAR, DOFS)
     return StateSpace(
         **matrices,
@@ -184,7 +184,7 @@ def _state_space(
     )
 
 
-def _period(logbook: Reader, run: RunDetail, identifier: Mapping[str, Any]) -> float:
+def _period(logbook: Reader, run: RunDetail, identifier: Config) -> float:
     """The sample time of the identified state-space model [s]: whole samples of the recording."""
     t = logbook.series(run.summary.run_id, "recording").columns["t"]
     span = t[-1] - t[0]

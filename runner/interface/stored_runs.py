@@ -4,7 +4,7 @@ Every query opens the logbook and closes it again, so that nothing is locked bet
 notebook. Tables and figures are those of `seatrial-results`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from html import escape
@@ -29,7 +29,7 @@ from seatrial.runner.interface.query_options import (
 )
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.vocabulary import GROUPS, Config
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -232,7 +232,7 @@ class Logbook:
         sweep = selected.get("sweep", self._default_sweep or (every if tag is None else None))
         return selected.get("where"), None if sweep is None else str(sweep), tag
 
-    def _options(self, options: Mapping[str, Any], lists: Sequence[str]) -> dict[str, Any]:
+    def _options(self, options: Config, lists: Sequence[str]) -> dict[str, Any]:
         """Return options as the command line gives them: factors as text, names as lists."""
         chosen: dict[str, Any] = {"sweep": self._default_sweep, **options}
         for name, value in chosen.items():
@@ -284,7 +284,7 @@ class Run:
     @property
     def config(self) -> dict[str, object]:
         """The resolved configuration, with every option."""
-        return self._detail().config
+        return dict(self._detail().config)
 
     @property
     def metrics(self) -> "pd.DataFrame":

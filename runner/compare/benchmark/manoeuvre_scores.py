@@ -1,10 +1,9 @@
 """Measures of the manoeuvres of test files: as measured, and of a model's free run."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     sheet,
     track_of_series,
 )
+from seatrial.runner.vocabulary import Config
 
 MODEL = "identified"
 NO_RESULT = ("helm", "change of heading")  # of a sheet: what was ordered
@@ -41,7 +41,7 @@ class Measure:
 
 
 def measures(
-    prediction: Series, recording: Series, config: Mapping[str, Any], manoeuvre: Manoeuvre
+    prediction: Series, recording: Series, config: Config, manoeuvre: Manoeuvre
 ) -> list[Measure]:
     """Return the measures of each piece of a run's series `prediction`.
 

@@ -4,15 +4,15 @@ Vessels by force have columns `tau_surge`, ..., steered vessels the inputs of th
 such as `delta` and `n`, with `delta_command` where the command is recorded too.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from seatrial.runner.compare.plots.force_units import largest_of, limits_of, prefixed
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import Config
 
 # Units of inputs by the beginning of their names, and the size of the unit.
 INPUT_UNITS = {
@@ -37,9 +37,7 @@ class Signal:
     dof: str = ""
 
 
-def commanded_signals(
-    series: Series, config: Mapping[str, Any], dofs: Sequence[str]
-) -> list[Signal]:
+def commanded_signals(series: Series, config: Config, dofs: Sequence[str]) -> list[Signal]:
     """Return the forces of a series in these degrees of freedom, or else its inputs."""
     forces = [dof for dof in dofs if f"tau_{dof}" in series.columns]
     if forces:
@@ -60,7 +58,7 @@ def _force(series: Series, dof: str, limit: float | None) -> Signal:
     )  # fmt: skip
 
 
-def _input(series: Series, name: str, options: Mapping[str, Any]) -> Signal:
+def _input(series: Series, name: str, options: Config) -> Signal:
     command, measured = series.columns.get(f"{name}_command"), series.columns[name]
     unit, size = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
     low, high = options.get("low"), options.get("high")

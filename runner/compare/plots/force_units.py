@@ -1,7 +1,6 @@
 """Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thrusters' limits."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,6 +8,7 @@ from matplotlib.axes import Axes
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.style import REFERENCE
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.vocabulary import Config
 
 PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
 PREFIXED = ("N", "Nm", "W", "J")
@@ -30,7 +30,7 @@ def largest_of(signals: Sequence[Sample]) -> float:
     return max((float(np.max(values)) for values in finite if values.size), default=0.0)
 
 
-def limits_of(config: Mapping[str, Any]) -> dict[str, float]:
+def limits_of(config: Config) -> dict[str, float]:
     """Return the thrusters' limits [N, Nm] by degree of freedom, if the vessel has them."""
     vessel = config.get("vessel", {})
     return dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))

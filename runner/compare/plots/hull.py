@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from itertools import count
-from typing import Any
 
 import numpy as np
 
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
+from seatrial.runner.vocabulary import Config
 
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
@@ -16,7 +16,7 @@ SHARE = 0.045  # of the extent of the track, the length of a hull whose vessel's
 LEAST_SHARE = 0.02  # of the extent, the shortest hull that shows its heading
 
 
-def drawn_length(config: Mapping[str, Any], extent_m: float) -> tuple[float, str]:
+def drawn_length(config: Config, extent_m: float) -> tuple[float, str]:
     """Return the length of the hulls [m] on a track of this extent [m], and a note on it.
 
     It is that of the vessel; of a vessel too short to be seen it is the smallest of 2, 5, 10, 20,

@@ -1,7 +1,6 @@
 """Response of a steered vessel over time: its heading, and every input with its limits."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import matplotlib.figure
 import numpy as np
@@ -13,6 +12,7 @@ from seatrial.runner.compare.plots.force_units import NEAR, largest_of
 from seatrial.runner.compare.plots.sailed_missions import degrees
 from seatrial.runner.compare.plots.style import REFERENCE, panels
 from seatrial.runner.database.records import Series
+from seatrial.runner.vocabulary import Config
 
 NOTE = "inputs as commanded; dashed: reference"
 
@@ -24,7 +24,7 @@ def is_steered(series: Series) -> bool:
 
 def steered(
     lines: Mapping[str, Series],
-    config: Mapping[str, Any],
+    config: Config,
     colours: Sequence[str],
     dofs: Sequence[str],
     what: str,
