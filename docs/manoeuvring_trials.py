@@ -28,9 +28,9 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track, turn
 from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import manoeuvring_basis
 from seatrial.models.vessel.devices.device import with_parameters
-from seatrial.models.vessel.manoeuvring import manoeuvring_basis
-from seatrial.models.vessel.steady_speed import steady_speed
+from seatrial.models.vessel.steering import steady_speed
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite

@@ -37,7 +37,7 @@ from seatrial.runner.sweep import (
 if TYPE_CHECKING:
     import optuna
 
-    from seatrial.runner import budget, search_options, search_space
+    from seatrial.runner import budget, search_space
     from seatrial.runner.compare import search_candidates
 else:
     import lazy_loader
@@ -46,8 +46,7 @@ else:
     search_candidates = lazy_loader.load(
         "seatrial.runner.compare.search_candidates", suppress_warning=True
     )
-    # These two import Optuna, which may be lacking.
-    search_options = lazy_loader.load("seatrial.runner.search_options", suppress_warning=True)
+    # It imports Optuna, which may be lacking.
     search_space = lazy_loader.load("seatrial.runner.search_space", suppress_warning=True)
 
 log = logging.getLogger(__name__)
@@ -110,7 +109,7 @@ class SearchSweeper(SeatrialSweeper):
             last[override.get_key_element()] = override
         return list(last.values())
 
-    def _options(self, overrides: Sequence[Override]) -> "search_options.SearchOptions":
+    def _options(self, overrides: Sequence[Override]) -> "search_space.SearchOptions":
         node: Any = OmegaConf.to_container(self._config.search, resolve=True)
         for override in overrides:  # a sweep is not in the configuration: search.metric=a,b
             value: Any = override.value()
@@ -119,7 +118,7 @@ class SearchSweeper(SeatrialSweeper):
                 node[key] = [str(getattr(item, "text", item)) for item in value.list]
         if isinstance(node["metric"], str):
             node["metric"] = [node["metric"]]
-        return build_as(search_options.SearchOptions, node, "search")
+        return build_as(search_space.SearchOptions, node, "search")
 
     def _enqueue_present(self, study: "optuna.Study") -> None:
         """Let the first candidate be the configuration as it is, if the space contains it."""
@@ -255,7 +254,7 @@ class SearchSweeper(SeatrialSweeper):
             return
         if attempt.state == "infeasible" and len(self._objectives) == 1:
             attempt.asked.report(math.inf, len(attempt.results[0]))
-        study.tell(attempt.asked, state=search_options.PRUNED)
+        study.tell(attempt.asked, state=search_space.PRUNED)
 
     def _values(self, attempt: Attempt) -> list[float]:
         pairs = zip(self._objectives, attempt.results, strict=True)

@@ -1,4 +1,4 @@
-"""The space of a search, from sweeps in Hydra's grammar, also inside lists.
+"""The space and the options of a search; the space is made from sweeps, also inside lists.
 
 controller.lowpass_hz=tag(log,interval(0.1,5))                a number, on a logarithmic scale
 'controller.kp=[interval(20,400),interval(50,900),940]'       numbers of a list
@@ -8,7 +8,7 @@ controller=pid_ff,lqi   'identifier.order=range(2,9)'         choices and intege
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor
-from typing import Any
+from typing import Any, Literal
 
 import optuna
 from hydra.core.override_parser.types import (
@@ -23,6 +23,8 @@ from hydra.core.override_parser.types import (
 from optuna.distributions import BaseDistribution
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
+from seatrial.runner.compare.search_candidates import Objective, objective_of
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.sweep import values_of
 
@@ -229,3 +231,66 @@ def space_of(overrides: Sequence[Override]) -> Space:
             "'controller.kp=[interval(50,200),550,940]' or identifier=ls,plsr"
         )
     return Space(tuple(dimensions), tuple(seeds), tuple(fixed))
+
+
+PRUNED = optuna.trial.TrialState.PRUNED
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """The options of a search, as conf/hydra/sweeper/optuna.yaml explains them."""
+
+    metric: tuple[str, ...]
+    dof: str | None
+    stage: str | None
+    model: str
+    statistic: str
+    direction: Literal["auto", "minimize", "maximize"]
+    trials: PositiveInt
+    batch: PositiveInt
+    sampler: Literal["tpe", "random"]
+    startup: PositiveInt
+    sampler_seed: NotNegativeInt
+    prune: bool
+    default_first: bool
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.metric:
+            raise ConfigurationError("search.metric: got none, expected at least one metric")
+        if self.statistic not in ("mean", "median", "min", "max"):
+            raise ConfigurationError(
+                f"search.statistic: got {self.statistic!r}, expected mean, median, min or max"
+            )
+
+    def objectives(self) -> list[Objective]:
+        """Return the objectives; raises ConfigurationError for what no trial stores."""
+        return [
+            objective_of(name, self.dof, self.stage, self.model, self.statistic, self.direction)
+            for name in self.metric
+        ]
+
+    @property
+    def prunes(self) -> bool:
+        """Whether candidates may be stopped early: Optuna's pruners know one objective."""
+        return self.prune and len(self.metric) == 1
+
+    def study(self) -> optuna.Study:
+        """Return a new study; every loss is minimised."""
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        sampler = (
+            optuna.samplers.RandomSampler(seed=self.sampler_seed)
+            if self.sampler == "random"
+            else optuna.samplers.TPESampler(
+                seed=self.sampler_seed,
+                n_startup_trials=self.startup,
+                constant_liar=self.batch > 1,
+            )
+        )
+        pruner = (
+            optuna.pruners.MedianPruner(self.startup, n_warmup_steps=1)
+            if self.prunes
+            else optuna.pruners.NopPruner()
+        )
+        directions: list[Literal["minimize"]] = ["minimize" for _ in self.metric]
+        return optuna.create_study(sampler=sampler, pruner=pruner, directions=directions)

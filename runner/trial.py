@@ -48,7 +48,6 @@ from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
     excitation_results,
-    manoeuvre_findings,
     manoeuvre_results,
     own_metrics,
     time_series,
@@ -328,7 +327,7 @@ def measured_manoeuvres(trial: Trial, problem: Problem, identified: Identified) 
     if not isinstance(trial.excitation, Reader):
         return []
     length_m = manoeuvre_results.length_of(trial)
-    return manoeuvre_findings.manoeuvres(problem, identified, length_m)
+    return manoeuvre_results.manoeuvres(problem, identified, length_m)
 
 
 def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:

@@ -1,22 +1,63 @@
-"""The source of the YAML files of a configuration, which are checked before they are expanded."""
+"""The source of the YAML files of a configuration, which are checked before they are expanded.
 
+Beside the options of the configuration, `vessel=path.yaml` is a file from the working folder, and
+`vessel=run:17` the identified model of run 17 in the logbook of the trial, as
+`seatrial-results model 17 --to yaml` writes it.
+"""
+
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
 from hydra._internal.core_plugins import file_config_source
+from hydra.core.global_hydra import GlobalHydra
 from hydra.plugins.config_source import ConfigResult
+from hydra.types import RunMode
 from omegaconf import OmegaConf
 
-from seatrial.runner import vessel_files
+from seatrial.runner import database, export
 from seatrial.runner.checked_yaml import check_file
 from seatrial.runner.vocabulary import Config
+
+GROUP = "vessel/"
+RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
+# Options that say where the logbook is; an experiment may say it as well.
+_PLACES = re.compile(r"\+?(results_dir|database(\.url)?|experiment)=")
+
+
+def file_of(config_path: str) -> Path | None:
+    """Return the file that a path of the configuration, `vessel/tug.yaml`, names; else None."""
+    if not config_path.startswith(GROUP) or not config_path.endswith(".yaml"):
+        return None
+    path = Path(config_path.removeprefix(GROUP)).absolute()
+    return path if path.is_file() else None
+
+
+def node_of(run_id: int, overrides: Sequence[str]) -> Config:
+    """Return the vessel of a run's identified model; `overrides` are those of the command line.
+
+    Raises LogbookError if there is no such run or model.
+    """
+    url = _logbook(overrides)
+    with database.Reader.read(url) as logbook:
+        return export.stored_model.read_model(logbook, run_id).node
+
+
+def _logbook(overrides: Sequence[str]) -> str:
+    """Return the address of the trial's logbook, from the rest of its configuration."""
+    places = [text for text in overrides if _PLACES.match(text)]
+    config = GlobalHydra.instance().config_loader().load_configuration(
+        "trial", overrides=[*places, "vessel=milliampere"], run_mode=RunMode.RUN
+    )  # fmt: skip
+    url = OmegaConf.select(config, "database.url")
+    return str(url or database.engine.file_url(Path(str(config.results_dir)) / "results.db"))
 
 
 class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, which checks a file before it is loaded.
 
-    Vessels may also be files of the working folder, and models of runs (`vessel_files`). Its name
+    Vessels may also be files of the working folder, and models of runs. Its name
     is that of Hydra's own: in workers Hydra would refuse another one for files.
     """
 
@@ -28,9 +69,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
 
     def is_config(self, config_path: str) -> bool:
         """Whether there is such a file, or the path names a run."""
-        return bool(vessel_files.RUN.fullmatch(config_path)) or super().is_config(
-            self._place(config_path)
-        )
+        return bool(RUN.fullmatch(config_path)) or super().is_config(self._place(config_path))
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Load a file or the model of a run.
@@ -38,10 +77,10 @@ class FileConfigSource(file_config_source.FileConfigSource):
         Raises ConfigurationError if a file is too large, too deep, or no YAML, and LogbookError if
         there is no such run.
         """
-        if match := vessel_files.RUN.fullmatch(config_path):
+        if match := RUN.fullmatch(config_path):
             run_id = match["id"]
             if run_id not in self._runs:
-                self._runs[run_id] = vessel_files.node_of(int(run_id), self.overrides)
+                self._runs[run_id] = node_of(int(run_id), self.overrides)
             return ConfigResult(
                 provider=self.provider,
                 path=f"{self.scheme()}://{self.path}",
@@ -54,5 +93,5 @@ class FileConfigSource(file_config_source.FileConfigSource):
 
     @staticmethod
     def _place(config_path: str) -> str:
-        file = vessel_files.file_of(config_path)
+        file = file_of(config_path)
         return config_path if file is None else str(file)

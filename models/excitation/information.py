@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.manoeuvring import each_product_once
+from seatrial.models.vessel.basis import Array, each_product_once
 from seatrial.models.vessel.table import Vessel
 
 Integers = NDArray[np.int64]

@@ -40,6 +40,8 @@ from seatrial.models.identification.kernel_posterior import (
     Base,
     Prior,
     ProcessData,
+    Projection,
+    of_velocities,
 )
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.refinement import finished
@@ -49,7 +51,6 @@ from seatrial.models.identification.residual import (
     smoothed,
     thruster_of,
 )
-from seatrial.models.identification.velocity_projection import Projection, of_velocities
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT
 from seatrial.models.recording.recording import blocks as blocks_of
 from seatrial.models.vessel import basis

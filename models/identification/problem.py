@@ -15,9 +15,8 @@ from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once, manoeuvring_basis
 from seatrial.models.vessel.derivatives import DOWN
-from seatrial.models.vessel.manoeuvring import NEEDED, each_product_once, manoeuvring_basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 

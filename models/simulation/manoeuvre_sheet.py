@@ -13,11 +13,15 @@ import numpy as np
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
     Execution,
+    Stop,
     Track,
     Turn,
+    Williamson,
     ZigZag,
     levels,
+    stop,
     turn,
+    williamson,
     zigzag,
 )
 from seatrial.models.simulation.spiral_measures import (
@@ -27,7 +31,6 @@ from seatrial.models.simulation.spiral_measures import (
     reverse_spiral,
     spiral,
 )
-from seatrial.models.simulation.stop_measures import Stop, Williamson, stop, williamson
 from seatrial.models.vessel.basis import Array
 
 Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]

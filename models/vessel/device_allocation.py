@@ -20,8 +20,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel import allocation
 from seatrial.models.vessel.allocation import ALLOCATIONS, Allocation
 from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.device import Device
-from seatrial.models.vessel.devices.thruster import Thruster
 from seatrial.models.vessel.pseudo_inverse import PseudoInverse, by_pseudo_inverse
 from seatrial.models.vessel.thruster import Input
 

@@ -11,13 +11,11 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import CoriolisForces, RigidBody, from_derivatives
+from seatrial.models.vessel.derivatives import CoriolisForces, Prime, RigidBody, from_derivatives
 from seatrial.models.vessel.device_allocation import DeviceAllocation, device_allocation
 from seatrial.models.vessel.devices.device import Device
-from seatrial.models.vessel.prime import Prime
 from seatrial.models.vessel.scales import Scales, scales
-from seatrial.models.vessel.steady_speed import steady_speed
-from seatrial.models.vessel.steering import SteeringModel, steering_model
+from seatrial.models.vessel.steering import SteeringModel, steady_speed, steering_model
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import Input, SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel, Tuning

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import leaderboard as leaderboard
-    from seatrial.runner.compare import manoeuvres as manoeuvres
+    from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
     from seatrial.runner.compare import plots as plots
     from seatrial.runner.compare import printed_figures as printed_figures
     from seatrial.runner.compare import published as published
@@ -39,7 +39,7 @@ else:
                 "comparison_table",
                 "housekeeping",
                 "leaderboard",
-                "manoeuvres",
+                "manoeuvre_comparison",
                 "plots",
                 "printed_figures",
             ),

@@ -202,10 +202,10 @@ def manoeuvres(
 
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
-    request = compare.manoeuvres.SheetRequest(
+    request = compare.manoeuvre_comparison.SheetRequest(
         subject, execution, manoeuvre, helm, length, scale, map_file, series
     )
-    show_grid(compare.manoeuvres.sheet_grid(request, database, results_dir), form)
+    show_grid(compare.manoeuvre_comparison.sheet_grid(request, database, results_dir), form)
 
 
 @app.command()

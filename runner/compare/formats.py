@@ -15,8 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from seatrial.runner.compare.grid import Cell, Grid, Scalar
-from seatrial.runner.database.spreadsheet import guarded
-from seatrial.runner.database.terminal import visible
+from seatrial.runner.database.terminal import guarded, visible
 
 
 class Format(StrEnum):

@@ -14,7 +14,7 @@ from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
 from seatrial.runner.compare.likeness import TooDifferentError
-from seatrial.runner.compare.manoeuvres import grid_of_sheet, newest_manoeuvres
+from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn

@@ -27,7 +27,7 @@ from sqlalchemy.exc import DatabaseError
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.cells import damaged_cells
+from seatrial.runner.database.damaged_cells import damaged_cells
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import Problem, SeriesFile, Verification

@@ -27,7 +27,7 @@ from sqlalchemy.exc import DataError, OperationalError
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
-from seatrial.runner.database import cells, maintenance, schema, scrub, sql_query, tables
+from seatrial.runner.database import damaged_cells, maintenance, schema, scrub, sql_query, tables
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import clean
@@ -128,17 +128,17 @@ class Reader:
 
     def _rows(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         with self._engine.connect() as connection, self._damage_located(connection):
-            return cells.read(statement.selected_columns, connection.execute(statement))
+            return damaged_cells.read(statement.selected_columns, connection.execute(statement))
 
     @contextmanager
     def _damage_located(self, connection: Connection) -> Iterator[None]:
         """Name the first damaged cell of the logbook if one cannot be read."""
         try:
             yield
-        except (cells.DamagedCellError, OperationalError) as error:
+        except (damaged_cells.DamagedCellError, OperationalError) as error:
             if isinstance(error, OperationalError) and "Could not decode" not in str(error.orig):
                 raise
-            damaged = next(cells.damaged_cells(connection), None)
+            damaged = next(damaged_cells.damaged_cells(connection), None)
             where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
             raise LogbookError(
                 f"{self.address}: damaged: {where}; verify lists every such cell"

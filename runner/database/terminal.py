@@ -6,6 +6,7 @@ that move the cursor of a terminal, hide text or change its order. They are prin
 
 import re
 from collections.abc import Iterable, Iterator
+from typing import TypeVar
 
 ECHOED = 200  # characters that a message repeats of one text
 _LINE = 4000  # characters of a message
@@ -59,3 +60,19 @@ def _forms(given: Iterable[str]) -> Iterator[str]:
 
 def _flat(text: str) -> str:
     return visible(" ".join(text.split()))
+
+
+T = TypeVar("T")
+_FORMULA = re.compile(r"[=+\-@\t\r\uff1d\uff0b\uff0d\uff20]")  # also the wide forms
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-](?:inf|nan)", re.ASCII)
+
+
+def guarded(value: T) -> T | str:
+    """Return a text that a spreadsheet would compute with a quote mark; others as they are.
+
+    Spreadsheets take a cell that begins with =, +, -, @, a tab or a carriage return as a formula,
+    which may start programs or send the sheet to an address.
+    """
+    if isinstance(value, str) and _FORMULA.match(value) and not _NUMBER.fullmatch(value):
+        return f"'{value}"
+    return value

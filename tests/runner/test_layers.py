@@ -66,7 +66,7 @@ ONLY = {
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
     *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
-    *("hydra_errors", "in_process", "yaml_files", "vessel_files"),
+    *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}

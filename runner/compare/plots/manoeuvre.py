@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.manoeuvres import newest_manoeuvres, notes_of
+from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle, with_run
 from seatrial.runner.compare.plots.style import (
     MUTED,

@@ -15,9 +15,8 @@ from seatrial.models.identification.problem import Identified, NoIdentifier, Pro
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import Array, each_product_once
 from seatrial.models.vessel.derivatives import coriolis
-from seatrial.models.vessel.manoeuvring import each_product_once
 from seatrial.models.vessel.table import Vessel
 from tests.trials import composed
 

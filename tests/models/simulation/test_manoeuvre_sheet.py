@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_measures import Track, stop, williamson
 from seatrial.models.simulation.manoeuvre_sheet import (
     Entry,
     intervals,
@@ -13,7 +13,6 @@ from seatrial.models.simulation.manoeuvre_sheet import (
     sheet,
 )
 from seatrial.models.simulation.spiral_measures import Spiral, reverse_spiral, spiral
-from seatrial.models.simulation.stop_measures import stop, williamson
 from seatrial.models.vessel.basis import Array
 
 

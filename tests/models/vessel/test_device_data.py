@@ -8,7 +8,7 @@ import pytest
 from docs.vessels import parameters_of, vessels
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.devices.thruster import Thruster
+from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.validity import doubts, excesses
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials

@@ -13,14 +13,14 @@ from docs.vessels import parameters_of
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import coriolis
+from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.cross_flow import CrossFlow
 from seatrial.models.vessel.devices.device import Device, device_forces
 from seatrial.models.vessel.devices.fin import Fin
 from seatrial.models.vessel.devices.surge_drag import SurgeDrag
-from seatrial.models.vessel.devices.thruster import Thruster
 from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.steady_speed import steady_speed
+from seatrial.models.vessel.steering import steady_speed
 from seatrial.models.vessel.table import Vessel
 from tests.models.vessel.oracles import close, columns, constants, oracle, oracle_file
 

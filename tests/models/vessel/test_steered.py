@@ -10,10 +10,10 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.dynamics import rates, scratch
 from seatrial.models.simulation.manoeuvre_measures import Track, turn, zigzag
 from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.derivatives import Prime
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import kinematics_of
-from seatrial.models.vessel.prime import Prime
 from seatrial.models.weather.weather import Weather
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials

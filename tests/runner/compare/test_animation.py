@@ -13,9 +13,8 @@ from PIL import Image
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare import animation
-from seatrial.runner.compare.drawn_devices import BLADE, parts_of, turning_side
 from seatrial.runner.compare.results import Results, open_results
-from seatrial.runner.compare.scene import scene_of
+from seatrial.runner.compare.scene import BLADE, parts_of, scene_of, turning_side
 from seatrial.runner.database.records import Series
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page

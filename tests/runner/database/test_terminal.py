@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.runner.database.mask import MaskedFormatter, masked_output, styled
-from seatrial.runner.database.spreadsheet import guarded
-from seatrial.runner.database.terminal import ECHOED, error_line, shortened, visible
+from seatrial.runner.database.terminal import ECHOED, error_line, guarded, shortened, visible
 
 
 def commands_terminal(letter: str) -> bool:
