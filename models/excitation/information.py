@@ -84,11 +84,11 @@ def sensitivities(gammas: Array, share: Array) -> Array:
     return np.asarray(np.einsum("ij,qji->q", inverse, gammas))
 
 
-def optimal(gammas: Array, names: Sequence[str], gap: float = GAP) -> Weights:
+def optimal(gammas: Array, names: Sequence[str]) -> Weights:
     """The D-optimal shares by the multiplicative algorithm w_q <- w_q d_q / n.
 
-    Titterington (1976). log det does not decrease. A manoeuvre that no optimum
-    contains is removed as soon as the gap proves it: Harman and Pronzato (2007), theorem 1.
+    Titterington (1976). log det does not decrease. A manoeuvre that no optimum contains is removed
+    as soon as the distance from the optimum proves it: Harman and Pronzato (2007), theorem 1.
     Raises ConfigurationError if all manoeuvres together do not separate the terms.
     """
     gammas = scaled(gammas)
@@ -103,7 +103,7 @@ def optimal(gammas: Array, names: Sequence[str], gap: float = GAP) -> Weights:
     for _ in range(MOST_STEPS):
         d = sensitivities(gammas, share)
         gap_left = float(np.max(d) - n)
-        if gap_left <= gap:
+        if gap_left <= GAP:
             break
         share *= d / n
         share[d < _threshold(gap_left, n)] = 0.0

@@ -25,7 +25,6 @@ from seatrial.models.recording.agreement import (
 )
 from seatrial.models.recording.motion import AS_GOOD, DEGREE, READINGS, Motion, Reading
 from seatrial.models.recording.recording import Recording
-from seatrial.models.vessel.basis import Array
 
 LONGEST_LAG_S = 5.0  # [s]
 SURE = 0.5  # correlation of an axis whose scale is known
@@ -199,11 +198,3 @@ def _accelerations(
         )
         for i, dof in enumerate(dofs)
     )  # fmt: skip
-
-
-def lag_between(first: tuple[Array, Array], second: tuple[Array, Array], period_s: float) -> float:
-    """By how many seconds the second signal (t, values) is behind the first, of another clock."""
-    start, end = max(first[0][0], second[0][0]), min(first[0][-1], second[0][-1])
-    grid = np.arange(start, end, period_s)
-    a, b = (np.interp(grid, *signal)[:, None] for signal in (first, second))
-    return lag(b, a, round(LONGEST_LAG_S / period_s)) * period_s

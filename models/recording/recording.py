@@ -335,39 +335,15 @@ def by_trips(trip: NDArray[np.int64], training: Collection[int]) -> Split:
     return split
 
 
-def rolling_origin(n: int, count: int, gap: int = 0) -> tuple[Split, ...]:
-    """`count` splits of count + 1 equal blocks that train on the past and test on the next block.
-
-    `gap` samples before each test block are left out.
-    """
-    edges = _checked_edges(n, count + 1, gap)
-    k = np.arange(n)
-    return tuple(
-        Split(k < start - gap, (start <= k) & (k < end)) for start, end in pairwise(edges[1:])
-    )
-
-
-def blocked_k_fold(
-    n: int, count: int, gap: int = 0, file: NDArray[np.int64] | None = None
-) -> tuple[Split, ...]:
+def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) -> tuple[Split, ...]:
     """`count` splits that test on one block each and train on the others; see `blocks` for files.
 
-    `gap` samples on both sides of the test block are left out.
+    Raises ConfigurationError for fewer than two blocks, or fewer samples than blocks.
     """
-    k = np.arange(n)
-    return tuple(
-        Split((k < start - gap) | (k >= end + gap), (start <= k) & (k < end))
-        for start, end in pairwise(_checked_edges(n, count, gap, file))
-    )
-
-
-def _checked_edges(
-    n: int, count: int, gap: int, file: NDArray[np.int64] | None = None
-) -> list[int]:
-    """Edges of `count` blocks that cover n samples; each block must be longer than the gap."""
-    if count < 2 or gap < 0 or n // count <= gap:
+    if count < 2 or n < count:
         raise ConfigurationError(
-            f"cannot cut {n} samples into {count} blocks with a gap of {gap}, "
-            f"expected at least 2 blocks that are longer than the gap"
+            f"cannot cut {n} samples into {count} blocks, expected at least 2 and no empty one"
         )
-    return _edges(n, count, file)
+    k = np.arange(n)
+    inside = ((start <= k) & (k < end) for start, end in pairwise(_edges(n, count, file)))
+    return tuple(Split(~test, test) for test in inside)

@@ -30,7 +30,6 @@ class Sampling:
     start_s: float
     duration_s: float
     rate_hz: float
-    jitter: float  # standard deviation of the steps without gaps, relative to the median step
     gaps: int  # steps of more than 1.5 sample times
     longest_gap_s: float
     longest_gap_at_s: float
@@ -59,18 +58,17 @@ def sampling(t: Array) -> Sampling:
     repeated = int(np.sum(~(np.diff(known) > 0.0)))
     later = np.diff(known[is_later(known)])
     if not len(later):
-        return Sampling(len(known), float(known[0]) if len(known) else 0.0, 0.0, 0.0, 0.0, 0, 0.0,
-                        0.0, 0.0, repeated)  # fmt: skip
+        return Sampling(len(known), float(known[0]) if len(known) else 0.0, 0.0, 0.0, 0, 0.0, 0.0,
+                        0.0, repeated)  # fmt: skip
     period = float(np.median(later))
     gaps = later > GAP * period
     k = int(np.argmax(later))
-    regular = later[later <= GAP * period]
     duration = float(known[-1] - known[0])
     lost = float(np.sum(later[gaps] - period))
     times = known[is_later(known)]
     return Sampling(
-        len(known), float(known[0]), duration, 1.0 / period, float(np.std(regular) / period),
-        int(np.sum(gaps)), float(later[k]), float(times[k] - times[0]),
+        len(known), float(known[0]), duration, 1.0 / period, int(np.sum(gaps)),
+        float(later[k]), float(times[k] - times[0]),
         lost / duration if duration > 0.0 else 0.0, repeated,
     )  # fmt: skip
 

@@ -55,7 +55,7 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
             f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
         )
     _check(path)
-    if not path.is_dir() or _is_bag(path, options):
+    if not path.is_dir() or ((path / BAG).is_file() and options.format in (None, "rosbag")):
         return {source.name: source for source in _read(path, options)}
     sources: dict[str, Source] = {}
     for file, name in _files(path, options).items():
@@ -83,11 +83,6 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
 def _format_of(path: Path) -> str | None:
     suffix = path.suffix.lower()
     return next((name for name, form in FORMATS.items() if suffix in form.suffixes), None)
-
-
-def _is_bag(path: Path, options: ReadOptions) -> bool:
-    """Whether a folder is a bag of ROS 2."""
-    return (path / BAG).is_file() and options.format in (None, "rosbag")
 
 
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:

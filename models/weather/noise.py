@@ -15,6 +15,8 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.weather import Noise, Weather
 
+LEVELS = 4  # of a smoothed sequence
+
 
 @dataclass(frozen=True)
 class MeasurementNoise:
@@ -122,13 +124,13 @@ def first_order(
     return gauss_markov(n, period_s, system, spread, rng)[:, 0]
 
 
-def smoothed_levels(n: int, rng: np.random.Generator, levels: int = 4) -> Array:
+def smoothed_levels(n: int, rng: np.random.Generator) -> Array:
     """Random levels in (0, 1), each for an equal part of n samples, smoothed. Bargouth, appendix F.
 
     The smoothing is a centred moving average over half of the samples, and over fewer samples near
     the ends (MATLAB's `smooth(A, 0.5)`). Shape (n,).
     """
-    steps = rng.random(levels)[np.minimum(np.arange(n) * levels // max(n, 1), levels - 1)]
+    steps = rng.random(LEVELS)[np.minimum(np.arange(n) * LEVELS // max(n, 1), LEVELS - 1)]
     reach = max((n // 2 - 1 + n // 2 % 2) // 2, 0)  # an odd span of about n / 2
     index = np.arange(n)
     half = np.minimum(np.minimum(index, n - 1 - index), reach)

@@ -33,13 +33,13 @@ def title_of(judged: Sequence[Judged]) -> str:
     return f"{figure.document}, {figure.table}{page} ({figure.experiment})"
 
 
-def published_grid(judged: Sequence[Judged], notes: Sequence[str] = ()) -> Grid:
+def published_grid(judged: Sequence[Judged]) -> Grid:
     """Return the grid of one printed table; figures that cannot be reproduced share one row."""
     lost = [comparison for comparison in judged if comparison.verdict == "not reproducible"]
     rows = [_row(comparison) for comparison in judged if comparison.verdict != "not reproducible"]
     rows += [_lost(lost)] if lost else []
     return Grid(
-        title_of(judged), HEADERS, rows, 3, notes, [_record(comparison) for comparison in judged]
+        title_of(judged), HEADERS, rows, 3, (), [_record(comparison) for comparison in judged]
     )
 
 

@@ -22,6 +22,7 @@ IntervalKind = Literal["t", "bootstrap"]
 SAME = 1e-9  # relative: smaller differences are rounding errors
 BOOTSTRAP_RESAMPLES = 10_000
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
+LEVEL = 0.95  # probability that an interval covers the mean
 BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
@@ -75,36 +76,33 @@ def _statistic(sample: Sample, name: str) -> float:
     return SIMPLE[name](sample)
 
 
-def confidence_interval(
-    sample: Sample, kind: IntervalKind = "t", level: float = 0.95
-) -> tuple[float, float]:
-    """Return the interval of the mean: Student's t, or the percentile bootstrap with a fixed seed.
+def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float, float]:
+    """Return the 95 % interval of the mean of a sample (n,); (NaN, NaN) for fewer than two values.
 
-    `sample` has shape (n,); `level` is the probability that the interval covers the mean. Both
-    intervals are (NaN, NaN) for fewer than two values.
+    That of Student's t, or of the percentile bootstrap with a fixed seed.
     """
     if sample.size < 2:
         return math.nan, math.nan
     if kind == "bootstrap":
-        return _bootstrap_interval(sample, level)
-    quantile = quantile_of_t(sample.size - 1, level)
+        return _bootstrap_interval(sample)
+    quantile = quantile_of_t(sample.size - 1)
     mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
     return mean - half, mean + half
 
 
-def quantile_of_t(freedom: int, level: float = 0.95) -> float:
-    """Return the t within +- which Student's distribution of this freedom has the probability."""
-    return float(scipy.special.stdtrit(freedom, 0.5 + level / 2.0))
+def quantile_of_t(freedom: int) -> float:
+    """Return the t within +- which Student's distribution of this freedom has 95 %."""
+    return float(scipy.special.stdtrit(freedom, 0.5 + LEVEL / 2.0))
 
 
-def _bootstrap_interval(sample: Sample, level: float) -> tuple[float, float]:
+def _bootstrap_interval(sample: Sample) -> tuple[float, float]:
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     # in blocks of one thousand resamples, to limit the memory of the index array
     means = [
         sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
         for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
     ]
-    tail = (1.0 - level) / 2.0
+    tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail])
     return float(low), float(high)
 

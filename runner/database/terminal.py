@@ -21,11 +21,7 @@ _WORD = re.compile(rf"\S{{{ECHOED + 1},}}")
 
 def visible(text: str) -> str:
     """Return `text` with control characters as escapes such as ``\\x1b``; tab and newline stay."""
-    return _HIDDEN.sub(lambda match: _escape(match[0]), text)
-
-
-def _escape(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
+    return _HIDDEN.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def shortened(text: str) -> str:
