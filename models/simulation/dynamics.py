@@ -246,67 +246,23 @@ RATES[Axes] = _axes_rates
 
 
 @lean_kernel
-def _planar_rates(
-    planar: Planar, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
+def _horizontal_rates(
+    upright: float, plant: PlantTable, nu: Array, tau: Array, weather: Weather, k: int,
     work: Scratch, eta_dot: Array, nu_dot: Array,
 ) -> None:  # fmt: skip
-    """Rates of a planar vessel, eta_dot = R(psi) nu; R(psi)' maps vectors from NED to body axes."""
-    _fill_angle(work.z, COS_PSI, eta[2])
-    c, s = work.z[COS_PSI], work.z[SIN_PSI]
-    eta_dot[0] = c * nu[0] - s * nu[1]
-    eta_dot[1] = s * nu[0] + c * nu[1]
-    eta_dot[2] = nu[2]
-    through = nu
-    if weather.current_ned.shape[0] > 0:
-        through, stream = work.through, work.stream
-        north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
-        stream[0], stream[1] = c * north + s * east, c * east - s * north
-        through[0], through[1], through[2] = nu[0] - stream[0], nu[1] - stream[1], nu[2]
-    _fill_velocities(plant, through, work.z)
-    if plant.aerodynamic:
-        ahead, aside = nu[0], nu[1]
-        if weather.wind_ned.shape[0] > 0:
-            north, east = weather.wind_ned[k, 0], weather.wind_ned[k, 1]
-            ahead -= c * north + s * east
-            aside -= c * east - s * north
-        if weather.wind_body.shape[0] > 0:
-            ahead, aside = ahead - weather.wind_body[k, 0], aside - weather.wind_body[k, 1]
-        fill_air_kernel(work.z, ahead, aside)
-    _net_force(plant, tau, work)
-    if weather.force_ned.shape[0] > 0:
-        north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
-        work.rest[0] += c * north + s * east
-        work.rest[1] += c * east - s * north
-        work.rest[2] += weather.force_ned[k, 2]
-    _accelerate(plant, weather, k, work.rest, nu_dot)
-    if plant.turning and weather.current_ned.shape[0] > 0:
-        nu_dot[0] += nu[2] * work.stream[1]
-        nu_dot[1] -= nu[2] * work.stream[0]
-
-
-RATES[Planar] = _planar_rates
-
-
-@lean_kernel
-def _rolling_rates(
-    rolling: Rolling, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
-    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
-) -> None:  # fmt: skip
-    """Rates in surge, sway, roll and yaw, without pitch. Fossen (2011), eq. (7.47)."""
-    _fill_angle(work.z, COS_PHI, eta[2])
-    _fill_inclination(work.z, PHI, eta[2])
-    _fill_angle(work.z, COS_PSI, eta[3])
-    c, s, upright = work.z[COS_PSI], work.z[SIN_PSI], work.z[COS_PHI]
+    """Rates of a vessel without pitch at the heading in `work.z`; `upright` is cos(phi)."""
+    c, s, yaw = work.z[COS_PSI], work.z[SIN_PSI], nu.shape[0] - 1
     eta_dot[0] = c * nu[0] - s * nu[1] * upright
     eta_dot[1] = s * nu[0] + c * nu[1] * upright
-    eta_dot[2], eta_dot[3] = nu[2], nu[3] * upright
+    eta_dot[2] = nu[2]
+    eta_dot[yaw] = nu[yaw] * upright
     through = nu
     if weather.current_ned.shape[0] > 0:
         through, stream = work.through, work.stream
         north, east = weather.current_ned[k, 0], weather.current_ned[k, 1]
         stream[0], stream[1] = c * north + s * east, (c * east - s * north) * upright
         through[0], through[1] = nu[0] - stream[0], nu[1] - stream[1]
-        through[2], through[3] = nu[2], nu[3]
+        through[2], through[yaw] = nu[2], nu[yaw]
     _fill_velocities(plant, through, work.z)
     if plant.aerodynamic:
         ahead, aside = nu[0], nu[1]
@@ -322,12 +278,37 @@ def _rolling_rates(
         north, east = weather.force_ned[k, 0], weather.force_ned[k, 1]
         work.rest[0] += c * north + s * east
         work.rest[1] += (c * east - s * north) * upright
-        work.rest[2] += weather.force_ned[k, 2]
-        work.rest[3] += weather.force_ned[k, 3]
+        for i in range(2, nu.shape[0]):
+            work.rest[i] += weather.force_ned[k, i]
     _accelerate(plant, weather, k, work.rest, nu_dot)
     if plant.turning and weather.current_ned.shape[0] > 0:
-        nu_dot[0] += nu[3] * work.stream[1]
-        nu_dot[1] -= nu[3] * work.stream[0]
+        nu_dot[0] += nu[yaw] * work.stream[1]
+        nu_dot[1] -= nu[yaw] * work.stream[0]
+
+
+@lean_kernel
+def _planar_rates(
+    planar: Planar, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather, k: int,
+    work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Rates of a planar vessel, eta_dot = R(psi) nu; R(psi)' maps vectors from NED to body axes."""
+    _fill_angle(work.z, COS_PSI, eta[2])
+    _horizontal_rates(1.0, plant, nu, tau, weather, k, work, eta_dot, nu_dot)
+
+
+RATES[Planar] = _planar_rates
+
+
+@lean_kernel
+def _rolling_rates(
+    rolling: Rolling, plant: PlantTable, eta: Array, nu: Array, tau: Array, weather: Weather,
+    k: int, work: Scratch, eta_dot: Array, nu_dot: Array,
+) -> None:  # fmt: skip
+    """Rates in surge, sway, roll and yaw, without pitch. Fossen (2011), eq. (7.47)."""
+    _fill_angle(work.z, COS_PHI, eta[2])
+    _fill_inclination(work.z, PHI, eta[2])
+    _fill_angle(work.z, COS_PSI, eta[3])
+    _horizontal_rates(work.z[COS_PHI], plant, nu, tau, weather, k, work, eta_dot, nu_dot)
 
 
 RATES[Rolling] = _rolling_rates
