@@ -41,7 +41,7 @@ from seatrial.runner.closed_loop import Streams, prepare
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
-from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.record.own_metrics import metric
 
 DRAWS = 100  # models of an interval
 FEWEST = 20  # of them that carry the manoeuvre out

@@ -27,7 +27,7 @@ from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
-from seatrial.runner.record.metric_rows import metric, per_dof
+from seatrial.runner.record.own_metrics import metric, per_dof
 
 QUANTITIES = ("pose", "velocity")
 MODELS = ("nominal", "identified")
