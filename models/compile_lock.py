@@ -174,8 +174,10 @@ def _lock(descriptor: int) -> bool:
             _stalled.add(holder)
             log.warning(
                 "%s, which compiles %s, has not responded for %g s: compiling without the lock",
-                holder, kernel, STALLED_S,
-            )  # fmt: skip
+                holder,
+                kernel,
+                STALLED_S,
+            )
             return False
         if kernel and holder not in _reported:
             _reported.add(holder)

@@ -123,12 +123,14 @@ class MissionSetup:
         )  # fmt: skip
         controller, state = self.controller, self.control[1]
         return SimulatedMission(
-            voyage, period, self.design,
+            voyage,
+            period,
+            self.design,
             failures=0 if controller is None else controller.failures(state),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
             slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
-        )  # fmt: skip
+        )
 
 
 def prepare(

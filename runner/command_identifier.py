@@ -243,8 +243,9 @@ def _ended_with_this_process(group: int) -> Iterator[None]:
     """Let another process end a group of processes if this one is killed, as a worker may be."""
     watch = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", WATCH, str(group)],
-        stdin=subprocess.PIPE, start_new_session=True,
-    )  # fmt: skip
+        stdin=subprocess.PIPE,
+        start_new_session=True,
+    )
     try:
         yield
     finally:

@@ -40,9 +40,11 @@ app.command()(convert)
 app.command()(get)
 WIDE = 120  # letters of a line that goes to a file
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
-FLIPPED = {"frames.velocity=earth": ("velocity", "earth"),
-           "frames.position=ENU": ("position", "ENU"),
-           "frames.body=FLU": ("body", "FLU")}  # fmt: skip
+FLIPPED = {
+    "frames.velocity=earth": ("velocity", "earth"),
+    "frames.position=ENU": ("position", "ENU"),
+    "frames.body=FLU": ("body", "FLU"),
+}
 
 
 def main(words: Sequence[str]) -> int:

@@ -111,7 +111,7 @@ DIMENSIONS = {
     "beam": ("[m] at the waterline (default: a third of the length)", None),
     "draught": ("[m] (default: that of the mass, or a third of the beam)", None),
     "mass": ("[kg] as it floats (default: that of the draught)", None),
-}  # fmt: skip
+}
 
 
 def _declare_vessel(options: argparse.ArgumentParser) -> None:

@@ -42,8 +42,9 @@ def spectra(known: Examination) -> Figure:
         recording.nu, 1.0 / recording.period_s, nperseg=min(len(recording), SEGMENT), axis=0
     )
     for i, name in enumerate(velocities_of(recording.dofs)):
-        axes.loglog(frequency[1:], np.maximum(density[1:, i], 1e-20), label=name,
-                    color=style.PALETTE[i])  # fmt: skip
+        axes.loglog(
+            frequency[1:], np.maximum(density[1:, i], 1e-20), label=name, color=style.PALETTE[i]
+        )
     axes.axvline(known.result.cutoff_hz, color=style.MUTED, linestyle=":", label="cut-off")
     axes.set_xlabel("Frequency [Hz]")
     axes.set_ylabel("Density [unit²/Hz]")

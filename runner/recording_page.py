@@ -41,8 +41,10 @@ def sheets(report: Report) -> Iterator[Sheet]:
     result = report.examination.result
     yield _agreement(result)
     if report.offsets:
-        offsets = [(o.source, f"{o.seconds:+.3f}", f"{o.correlation:.3f}", o.column, o.signal)
-                   for o in report.offsets]  # fmt: skip
+        offsets = [
+            (o.source, f"{o.seconds:+.3f}", f"{o.correlation:.3f}", o.column, o.signal)
+            for o in report.offsets
+        ]
         heads = ("source", "behind [s]", "correlation", "column", "compared with")
         yield Sheet("Clocks of the sources", heads, offsets)
     numbers = [(r.name, r.unit, f"{r.least:.3g}", f"{r.most:.3g}", f"{r.deviation:.3g}",

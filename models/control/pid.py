@@ -194,8 +194,9 @@ class PidFeedforward(Controller):
             return []
         integrating = np.array(self.ki) > 0.0
         rows, n = np.eye(len(integrating))[integrating], linear.order
-        A = np.block([[linear.A, np.zeros((n, len(rows)))], [-period_s * rows @ linear.C,
-                      np.eye(len(rows))]])  # fmt: skip
+        A = np.block(
+            [[linear.A, np.zeros((n, len(rows)))], [-period_s * rows @ linear.C, np.eye(len(rows))]]
+        )
         B = np.vstack([linear.B, np.zeros((len(rows), len(integrating)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
         return [Finding("spectral_radius", "all", closed_loop_radius(A, B, gain))]

@@ -271,9 +271,11 @@ class InstrumentalVariables(ResidualOptions):
         else:
             estimate = self._refine(problem, samples, lag)
         return Estimate(
-            samples, estimate.kept, estimate.solution,
+            samples,
+            estimate.kept,
+            estimate.solution,
             estimate.findings + _fit_findings(estimate, problem.nominal.dofs),
-        )  # fmt: skip
+        )
 
     def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
         """Estimate with instruments from the nominal model, then from each estimate.

@@ -48,8 +48,10 @@ LOST = 1.0  # largest error of a block, that of simulating the mean
 SIGNIFICANT = 1e-3  # p-value below which there is feedback
 Alternative = tuple[Variant, bool]  # and whether D is estimated
 NAMES: dict[Alternative, str] = {
-    ("closed", False): "closed", ("open", False): "open", ("open", True): "open with D",
-}  # fmt: skip
+    ("closed", False): "closed",
+    ("open", False): "open",
+    ("open", True): "open with D",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +146,7 @@ def feedback_p_value(y: Array, u: Array, J: int, stretch: Codes) -> float:
 
 def prediction_error(model: StateSpace, record: Record) -> float:
     """Error of one-step predictions, relative to the spread of the outputs."""
-    predicted = [
-        model.predict(y, u, 1, model.initial_state(y, u)) for y, u in _parts(record)
-    ]  # fmt: skip
+    predicted = [model.predict(y, u, 1, model.initial_state(y, u)) for y, u in _parts(record)]
     return _relative_error(record.y, np.vstack(predicted))
 
 

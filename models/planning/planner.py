@@ -115,8 +115,9 @@ class Setting:
         digits = np.indices(tuple(sizes.tolist())).reshape(n, int(np.prod(sizes)))
         least, reach = np.min(board.cost[:n], axis=1), np.max(size[:n], axis=1)
         free = np.arange(len(board.names)) < n
-        row, column = divmod(self.goal % (self.lattice.shape[0] * self.lattice.shape[1]),
-                             self.lattice.shape[1])  # fmt: skip
+        row, column = divmod(
+            self.goal % (self.lattice.shape[0] * self.lattice.shape[1]), self.lattice.shape[1]
+        )
         return Bounds(
             manoeuvres=(least @ digits).astype(np.int64),
             reach=(reach @ digits).astype(np.float64),

@@ -214,10 +214,11 @@ def _vessel_state(
     acting[:, 0] = [each.start for each in plant.inputs] or 0.0
     return (
         np.zeros((0, 0)) if added is None else np.ascontiguousarray(added, dtype=np.float64),
-        acting, pose,
+        acting,
+        pose,
         np.zeros(n_dof) if start_nu is None else np.array(start_nu, dtype=np.float64),
         np.array(plant.velocity_limits, dtype=np.float64),
-    )  # fmt: skip
+    )
 
 
 def _run_blocks(

@@ -306,6 +306,8 @@ def williamson(track: Track, kind: Execution = "half") -> Williamson:
     _, aside = way_from(track, start, course)
     error = np.angle(np.exp(1j * (track.psi[-1] - course - np.pi)))
     return Williamson(
-        start, over * float(aside[-1]), float(np.degrees(error)),
+        start,
+        over * float(aside[-1]),
+        float(np.degrees(error)),
         over * float(np.max(np.abs(aside))),
-    )  # fmt: skip
+    )

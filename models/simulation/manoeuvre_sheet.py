@@ -80,9 +80,7 @@ class Sheet(NamedTuple):
 def track_of(recording: Recording, helm: str, length_m: float) -> Track:
     """The motion of a recording in the plane with one of its inputs as the helm."""
     names = recording.dofs
-    north, east, psi = (
-        recording.eta[:, names.index(dof)] for dof in ("surge", "sway", "yaw")
-    )  # fmt: skip
+    north, east, psi = (recording.eta[:, names.index(dof)] for dof in ("surge", "sway", "yaw"))
     u, v = (recording.nu[:, names.index(dof)] for dof in ("surge", "sway"))
     assert recording.inputs is not None
     values = recording.inputs[:, recording.input_names.index(helm)]

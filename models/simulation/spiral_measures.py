@@ -67,9 +67,11 @@ def spiral(track: Track) -> Spiral:
     residual = [abs(_at_zero(helm[k], rate[k])) for k in branches if len(helm[k]) > 1]
     width = side * (zero[1] - zero[0])
     return Spiral(
-        tuple(np.degrees(helm).tolist()), tuple(np.degrees(rate).tolist()),
-        float(np.degrees(max(residual))), float(np.degrees(width)),
-    )  # fmt: skip
+        tuple(np.degrees(helm).tolist()),
+        tuple(np.degrees(rate).tolist()),
+        float(np.degrees(max(residual))),
+        float(np.degrees(width)),
+    )
 
 
 def reverse_spiral(track: Track) -> Spiral:
@@ -83,9 +85,11 @@ def reverse_spiral(track: Track) -> Spiral:
     fold = np.max(low, initial=-np.inf) - np.min(high, initial=np.inf)
     roots = [abs(r) for r in _roots(rate, helm)]
     return Spiral(
-        tuple(np.degrees(helm).tolist()), tuple(np.degrees(rate).tolist()),
-        float(np.degrees(max(roots, default=0.0))), float(np.degrees(max(0.0, fold))),
-    )  # fmt: skip
+        tuple(np.degrees(helm).tolist()),
+        tuple(np.degrees(rate).tolist()),
+        float(np.degrees(max(roots, default=0.0))),
+        float(np.degrees(max(0.0, fold))),
+    )
 
 
 def _roots(x: Array, y: Array) -> list[float]:

@@ -77,8 +77,9 @@ def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameter
     if not vessel.inputs or vessel.positioning:  # the limits of inputs are their own
         numbers["force_limits"] = limits
     rounded = {name: _rounded(value) for name, value in numbers.items()}
-    return replace(vessel, **{name: _merged(getattr(vessel, name), value)
-                              for name, value in rounded.items()})  # fmt: skip
+    return replace(
+        vessel, **{name: _merged(getattr(vessel, name), value) for name, value in rounded.items()}
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,10 @@ class Bandwidths:
 def _pid(scales: Scales, bands: Bandwidths, vessel: VesselParameters) -> tunings.PidTuning:
     omega = bands.pid
     model = vessel.nominal()
-    drag = [max(model.coefficient(dof, u), 0.0)
-            for dof, u in zip(model.dofs, model.velocities, strict=True)]  # fmt: skip
+    drag = [
+        max(model.coefficient(dof, u), 0.0)
+        for dof, u in zip(model.dofs, model.velocities, strict=True)
+    ]
     kp = omega**2 * scales.inertia
     kd = np.maximum(2.0 * DAMPING * omega * scales.inertia - np.array(drag), 0.0)
     return tunings.PidTuning(_tuple(kp), _tuple(omega / INTEGRAL * kp), _tuple(kd))

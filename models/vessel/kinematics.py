@@ -273,9 +273,10 @@ def fill_angles(z: Array, angles: Array) -> None:
 
 @lean_kernel
 def rotation_between(
-    first: tuple[float, float, float, float], second: tuple[float, float, float, float],
+    first: tuple[float, float, float, float],
+    second: tuple[float, float, float, float],
     vector: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Write the rotation vector (3,) of R_1' R_2 [rad] for two unit quaternions.
 
     Its direction is the axis, in body axes, of the rotation from the first attitude to the second;

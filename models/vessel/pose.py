@@ -183,9 +183,10 @@ def _of_quaternions(kinematics: Quaternion, first: Array, second: Array, e: Arra
     for i in range(3):
         e[i] = second[i] - first[i]
     rotation_between(
-        (first[3], first[4], first[5], first[6]), (second[3], second[4], second[5], second[6]),
+        (first[3], first[4], first[5], first[6]),
+        (second[3], second[4], second[5], second[6]),
         e[3:],
-    )  # fmt: skip
+    )
 
 
 @lean_kernel
@@ -194,8 +195,9 @@ def _of_angles(kinematics: Euler, first: Array, second: Array, e: Array) -> None
         e[i] = second[i] - first[i]
     rotation_between(
         half_turns_kernel(first[3], first[4], first[5]),
-        half_turns_kernel(second[3], second[4], second[5]), e[3:],
-    )  # fmt: skip
+        half_turns_kernel(second[3], second[4], second[5]),
+        e[3:],
+    )
 
 
 DEVIATIONS: dict[type, Callable[..., None]] = {
@@ -234,7 +236,9 @@ def displaced(kinematics: Kinematics, states: Array, offsets: Array) -> Array:
     a, b, c = (0.5 * np.sinc(angle / (2.0 * np.pi))[:, None] * offsets[:, 3:]).T
     m = np.cos(0.5 * angle)
     rotated = [
-        n * m - x * a - y * b - z * c, n * a + x * m + y * c - z * b,
-        n * b - x * c + y * m + z * a, n * c + x * b - y * a + z * m,
-    ]  # fmt: skip
+        n * m - x * a - y * b - z * c,
+        n * a + x * m + y * c - z * b,
+        n * b - x * c + y * m + z * a,
+        n * c + x * b - y * a + z * m,
+    ]
     return np.column_stack([states[:, :3] + offsets[:, :3], *rotated])

@@ -76,8 +76,9 @@ def mix_results(mix: object, excited: "ExcitationData") -> Results:
     )
 
 
-def _finding(name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
-             ) -> Finding:  # fmt: skip
+def _finding(
+    name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
+) -> Finding:
     return Finding(name, "all", value, unit, i=i, label=label)
 
 
