@@ -6,9 +6,11 @@ before a recording is simulated, read or resampled.
 
 import os
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from itertools import accumulate
 from math import ceil, log, prod
 from pathlib import Path
+from time import monotonic
 
 from seatrial.models.demand import Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
@@ -41,7 +43,7 @@ def judge(demands: Sequence[Demand], limits: Limits) -> None:
     """
     works = list(accumulate(demand.samples for demand in demands))
     memories = list(accumulate(demand.memory for demand in demands))
-    most = SHARE * available_bytes() if limits.memory is None else limits.memory * 1e9
+    most = SHARE * _available_in(int(monotonic())) if limits.memory is None else limits.memory * 1e9
     for i, (work, memory) in enumerate(zip(works, memories, strict=True)):
         if work > limits.samples:
             largest = max(demands[: i + 1], key=lambda demand: demand.samples)
@@ -139,6 +141,12 @@ def check_sweep(values: Sequence[tuple[str, float]], limits: Limits, before: int
             f"{amount(RUN_FILES * count)} files; expected at most {amount(limits.trials)} trials "
             f"(limits.trials)"
         )
+
+
+@lru_cache(maxsize=1)
+def _available_in(_second: int) -> float:
+    """`available_bytes`, asked once in a second: a sweep judges very many trials."""
+    return available_bytes()
 
 
 def available_bytes() -> float:

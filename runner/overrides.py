@@ -13,10 +13,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.vocabulary import GROUPS
 
-# `key=number` without signs, spaces or underscores; a part of Hydra's grammar.
+# `key=number` without spaces or underscores; a part of Hydra's grammar.
 _NUMBER = re.compile(
-    r"(?P<key>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)"
-    r"=(?P<number>-?(?:0|[1-9]\d{0,17})(?P<rest>\.\d{1,20})?)",
+    r"(?P<key>[A-Za-z_]\w*(?:\.(?:[A-Za-z_]\w*|0|[1-9]\d{0,8}))*)"
+    r"=(?P<number>-?(?:0|[1-9]\d{0,17})(?P<rest>(?:\.\d{1,20})?(?:e[+-]?\d{1,3})?))",
     re.ASCII,
 )
 

@@ -45,8 +45,8 @@ def _interpolations(node: Container, path: Path) -> Iterator[tuple[Container, st
             yield from _interpolations(child, (*path, key))
 
 
-def _keys(node: Container) -> Iterable[str | int]:
-    return range(len(node)) if isinstance(node, ListConfig) else iter(node)
+def _keys(node: Node) -> Iterable[str | int]:
+    return range(len(node)) if isinstance(node, ListConfig | list) else iter(node)
 
 
 def text_of(container: Container, key: str | int) -> str:
@@ -138,7 +138,7 @@ def shape(values: Sequence[Override]) -> tuple[str, ...] | None:
     paths = sorted(_path(override) for override in values)
     nested = any(after[: len(before)] == before for before, after in pairwise(paths))
     compared = any(override.is_delete() and override.value() is not None for override in values)
-    if nested or compared or any("[" in override.key_or_group for override in values):
+    if nested or compared:
         return None
     return tuple(
         override.get_key_element() if is_simple(override) else f"={override.input_line}"
@@ -148,6 +148,11 @@ def shape(values: Sequence[Override]) -> tuple[str, ...] | None:
 
 def _path(override: Override) -> tuple[str, ...]:
     return tuple(override.key_or_group.split("."))
+
+
+def _key(node: object, name: str) -> str | int:
+    """Return the key of a node for its name in an override, where lists have numbers."""
+    return int(name) if isinstance(node, ListConfig | list) and name.isdecimal() else name
 
 
 class Resolution:
@@ -173,10 +178,11 @@ class Resolution:
         for override in changed:
             set_value(self._task, override)
         for override in changed:
-            path = _path(override)
             node: Node = self._task
-            for key in path[:-1]:
-                node = node._get_node(key)
+            path: Path = ()
+            for name in _path(override):
+                node = node._get_node(path[-1]) if path else node
+                path = (*path, _key(node, name))
             self._plain = _with(self._plain, path, _plain(node, path[-1]))
             self._texts[override.key_or_group] = override.input_line
         for override in changed:
@@ -188,12 +194,14 @@ class Resolution:
 def _require_plain_path(task: DictConfig, override: Override) -> None:
     """Raise Refused if what an override does may depend on interpolations."""
     node: Node = task
-    path = _path(override)
-    for key in path:
-        if not isinstance(node, DictConfig) or node._is_interpolation():
+    for name in _path(override):
+        if not isinstance(node, Container) or node._is_interpolation():
             raise Refused(override.input_line)
         if node._is_none() or node._is_missing():
             return
+        key = _key(node, name)
+        if isinstance(node, ListConfig) and (override.is_delete() or key not in range(len(node))):
+            raise Refused(override.input_line)
         node = node._get_node(key)
         if node is None:
             return
@@ -203,8 +211,9 @@ def _require_plain_path(task: DictConfig, override: Override) -> None:
 
 def _require_present(plain: object, override: Override) -> None:
     """Raise Refused if the value of an override is not at its path, e.g. below a number as key."""
-    for key in _path(override):
-        if not isinstance(plain, dict) or key not in plain:
+    for name in _path(override):
+        key = _key(plain, name)
+        if not isinstance(plain, dict | list) or key not in _keys(plain):
             raise Refused(override.input_line)
         plain = plain[key]
 

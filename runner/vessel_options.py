@@ -25,6 +25,7 @@ else:
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
 
+INNER = (dict, list)  # nodes that hold others
 NULLABLE = ("tuning.windage", "thruster")  # of a vessel, where null is a value
 
 
@@ -45,11 +46,12 @@ class VesselOptions:
         if self._source[0] is not vessel or self._source[1] != sample_time:
             self._source = vessel, sample_time
             self._numbers = _Numbers(vessel, sample_time)
-            self._filled.clear()
+            # What has no number of a vessel is the same for the next vessel.
+            self._filled = {k: (node, v) for k, (node, v) in self._filled.items() if node is v}
         return {name: self._of(name, node) for name, node in config.items()}
 
     def _of(self, name: str, node: object) -> object:
-        if not isinstance(node, dict | list):
+        if not isinstance(node, INNER):
             return node
         last, result = self._filled.get(name, (None, None))
         if last is not node:
@@ -119,7 +121,10 @@ def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) ->
     `cls` is the class that the node describes if it does not name one itself.
     """
     if isinstance(node, list):
-        items = [_fill(item, f"{key}[{i}]", numbers) for i, item in enumerate(node)]
+        items = [
+            _fill(item, f"{key}[{i}]", numbers) if isinstance(item, INNER) else item
+            for i, item in enumerate(node)
+        ]
         return node if all(map(is_, items, node)) else items
     if not isinstance(node, dict):
         return node
@@ -127,6 +132,8 @@ def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) ->
     marks = tuning.Marks({}, {}) if cls is None else tuning.marks_of(cls)
     filled = {
         name: _fill(item, f"{key}.{name}", numbers, marks.parts.get(name))
+        if isinstance(item, INNER)
+        else item
         for name, item in node.items()
     }
     for name, mark in marks.marks.items():

@@ -29,7 +29,7 @@ turns at the same rate, and what changes along a straight course is written by 1
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,10 @@ VARIABLES = (
 N_VARIABLES = len(VARIABLES)
 REST_M_S = 1e-9  # a lower speed is rest
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
+_ATTITUDE, _LINEAR, _THROUGH, _ANGLES = (
+    slice(INDEX[names[0]], INDEX[names[0]] + len(names))
+    for names in (ATTITUDE, VELOCITIES[:3], AIR[1:], ANGLES)
+)
 FACTORS = 6
 FEWEST_FACTORS = 3  # columns of the codes, whatever the terms
 _NAMES = "|".join(
@@ -84,6 +88,7 @@ class Term:
         return self.name
 
 
+@lru_cache(maxsize=1024)
 def term(text: str) -> Term:
     """Parse a term; raises ConfigurationError that names the unknown part."""
     codes: list[int] = []
@@ -187,8 +192,13 @@ def _features_of_samples(codes: Codes, x: Array, phi: Array) -> None:
 
 def evaluate(basis: Sequence[Term], x: Array) -> Array:
     """Regressor matrix Phi, shape (N, n_terms), of the variables x, shape (N, N_VARIABLES)."""
-    phi = np.empty((x.shape[0], len(basis)))
-    _features_of_samples(codes(basis), np.ascontiguousarray(x, dtype=np.float64), phi)
+    return evaluate_codes(codes(basis), x)
+
+
+def evaluate_codes(codes: Codes, x: Array) -> Array:
+    """Phi of the terms with these codes, as `evaluate`."""
+    phi = np.empty((x.shape[0], len(codes)))
+    _features_of_samples(codes, np.ascontiguousarray(x, dtype=np.float64), phi)
     return phi
 
 
@@ -211,16 +221,16 @@ def variables(
     for column, dof in enumerate(dofs):
         x[:, INDEX[ACCELERATIONS[DOFS.index(dof)]]] = nu_dot[:, column]
         x[:, INDEX[VELOCITIES[DOFS.index(dof)]]] = nu[:, column]
-    angles = slice(INDEX["cos(phi)"], INDEX["cos(phi)"] + len(ATTITUDE))
-    x[:, angles][:, 0::2], x[:, angles][:, 1::2] = np.cos(attitude), np.sin(attitude)
-    through = x[:, [INDEX["u"], INDEX["v"]]] - (0.0 if wind is None else wind)
-    x[:, INDEX["u_q"]], x[:, INDEX["v_q"]] = through.T
+    angles, (u, v, w) = x[:, _ATTITUDE], x[:, _LINEAR].T
+    angles[:, 0::2], angles[:, 1::2] = np.cos(attitude), np.sin(attitude)
+    through = x[:, _LINEAR][:, :2] - (0.0 if wind is None else wind)
+    x[:, _THROUGH] = through
     x[:, INDEX["V_q"]] = np.hypot(*through.T)
-    x[:, [INDEX[name] for name in ANGLES]] = attitude[:, :2]
-    speed = np.hypot(np.hypot(x[:, INDEX["u"]], x[:, INDEX["v"]]), x[:, INDEX["w"]])
+    x[:, _ANGLES] = attitude[:, :2]
+    speed = np.hypot(np.hypot(u, v), w)
     over = np.divide(1.0, speed, out=np.zeros(len(nu)), where=speed > REST_M_S)
-    x[:, [INDEX[name] for name in SPEED]] = np.stack([speed, over, over * over], axis=1)
-    x[:, INDEX[SIDESLIP]] = np.arctan2(x[:, INDEX["v"]], x[:, INDEX["u"]])
+    x[:, INDEX["U"]], x[:, INDEX["1/U"]], x[:, INDEX["1/U^2"]] = speed, over, over * over
+    x[:, INDEX[SIDESLIP]] = np.arctan2(v, u)
     for name, values in (inputs or {}).items():
         x[:, INDEX[name]] = values
     return x

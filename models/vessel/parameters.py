@@ -1,7 +1,7 @@
 """Configuration of a vessel: derivatives, thrusters, limits and tuning values."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -278,12 +278,18 @@ def check_inertia(rows: tuple[tuple[float, ...], ...], n: int) -> None:
     check_condition("inertia", np.array(rows, dtype=np.float64))
 
 
+@lru_cache(maxsize=64)
+def _condition(content: bytes, n: int) -> float:
+    """Condition number of an (n, n) matrix; a trial builds its vessel several times."""
+    with np.errstate(all="ignore"):
+        return float(np.linalg.cond(np.frombuffer(content).reshape(n, n)))
+
+
 def check_condition(name: str, matrix: Array) -> None:
     """Raise ConfigurationError for a matrix that is not finite or nearly singular."""
     if not np.all(np.isfinite(matrix)):
         raise ConfigurationError(f"{name} must be finite, got {matrix.tolist()}")
-    with np.errstate(all="ignore"):
-        condition = float(np.linalg.cond(matrix))
+    condition = _condition(matrix.tobytes(), len(matrix))
     if not condition <= LARGEST_CONDITION:
         raise ConfigurationError(
             f"{name} has a condition number of {condition:.1e}, expected at most "

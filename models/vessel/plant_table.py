@@ -5,7 +5,8 @@ holds the positions of these entries in their tables.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -94,6 +95,24 @@ def layout(
     devices: Installed = NO_DEVICES,
 ) -> Layout:
     """Layout of tables over `terms`; support (n_terms, n_dof) marks possible non-zeros."""
+    marks, driven = np.asarray(support, dtype=bool).tobytes(), bool(devices.structures)
+    positions = _layout(tuple(terms), tuple(dofs), marks, tuple(inputs), driven)
+    structure = positions.structure._replace(
+        devices=devices.structures, parameters=devices.parameters
+    )
+    return replace(positions, structure=structure)
+
+
+@lru_cache(maxsize=64)
+def _layout(
+    terms: tuple[Term, ...],
+    dofs: tuple[str, ...],
+    marks: bytes,
+    inputs: tuple[str, ...],
+    driven: bool,
+) -> Layout:
+    """The layout without devices; vessels that differ in their numbers alone share it."""
+    support = np.frombuffer(marks, dtype=bool).reshape(len(terms), len(dofs))
     columns = [DOFS.index(dof) for dof in dofs]
     names = [term.name for term in terms]
     inertia = np.array([names.index(ACCELERATIONS[column]) for column in columns])
@@ -118,13 +137,12 @@ def layout(
         ),
         aerodynamic=bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in AIR]))),
         turning=has_coriolis(terms, dofs, support),
-        speed=bool(devices.structures)
-        or bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in SPEED]))),
+        speed=driven or bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in SPEED]))),
         sideslip=bool(np.any(codes % N_VARIABLES == INDEX[SIDESLIP])),
         inputs=np.array([INDEX[name] for name in inputs], dtype=np.uint64),
         axes=np.array(columns, dtype=np.uint64),
-        devices=devices.structures,
-        parameters=devices.parameters,
+        devices=NO_DEVICES.structures,
+        parameters=NO_DEVICES.parameters,
     )
     return Layout(structure, rows, axes, inertia)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
@@ -25,6 +24,7 @@ LARGEST_FROUDE = 0.4  # hull speed of a displacement vessel
 # sqrt(g L), turning in units of sqrt(g / L)
 SERVICE = 0.25, 0.15, 0.4
 RUN_UP = 20.0  # time to reach that speed without drag, in units of sqrt(L / g)
+ACCURACY, STEPS = 1e-12, 200  # of attainable speeds, relative to the largest
 BEYOND = 10.0  # a simulation at so many times the attainable speed has diverged
 
 
@@ -88,7 +88,7 @@ def scales(model: Vessel, limits: tuple[float, ...] | None, length_m: float | No
         raise ConfigurationError(
             f"{model.name}: expected a positive inertia on every axis, got {inertia.tolist()}"
         )
-    length = length_m or _length(model)
+    length, at_rest = length_m or _length(model), _at_rest(model)
     unit = np.sqrt(GRAVITY * length) / np.where(_angular(model.dofs), length, 1.0)
     if limits is None:
         ahead, across, turning = SERVICE
@@ -96,12 +96,13 @@ def scales(model: Vessel, limits: tuple[float, ...] | None, length_m: float | No
         if "surge" in model.dofs:
             speed[model.dofs.index("surge")] *= ahead / across
         run_up = inertia * speed / (RUN_UP * np.sqrt(length / GRAVITY))
-        thrust = np.maximum(_drag(model, speed), run_up)
+        thrust = np.maximum(_drag(model, speed, at_rest), run_up)
     else:
         thrust = np.array(limits, dtype=np.float64)
     largest = LARGEST_FROUDE * unit * np.where(_angular(model.dofs), 2.0, 1.0)  # at the bow
-    speeds = _attainable(model, thrust, largest)
-    return Scales(model.dofs, length, inertia, thrust, speeds, _drag(model, 0.5 * speeds))
+    speeds = _attainable(model, at_rest, thrust, largest)
+    drag = _drag(model, 0.5 * speeds, at_rest)
+    return Scales(model.dofs, length, inertia, thrust, speeds, drag)
 
 
 def _angular(dofs: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -120,13 +121,9 @@ def _length(model: Vessel) -> float:
     return float(np.sqrt(model.inertia[yaw, yaw] / mass)) / GYRATION
 
 
-def _drag(model: Vessel, speeds: Array, at_rest: Array | None = None) -> Array:
-    """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,).
-
-    `at_rest` is `_at_rest(model)`, if it is known.
-    """
+def _drag(model: Vessel, speeds: Array, at_rest: Array) -> Array:
+    """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,)."""
     nu = np.diag(speeds)
-    at_rest = _at_rest(model) if at_rest is None else at_rest
     return np.asarray(np.diag(model.inverse(np.zeros_like(nu), nu) - at_rest))
 
 
@@ -136,14 +133,22 @@ def _at_rest(model: Vessel) -> Array:
     return model.inverse(still, still)
 
 
-def _attainable(model: Vessel, limits: Array, largest: Array) -> Array:
-    """Speed at which the drag equals the limit, at most `largest` [m/s, rad/s]."""
-    speeds, at_rest = largest.copy(), _at_rest(model)
-    for i in np.flatnonzero(_drag(model, largest, at_rest) > limits):
-        unit = np.eye(len(limits))[i]
+def _attainable(model: Vessel, at_rest: Array, limits: Array, largest: Array) -> Array:
+    """Speed at which the drag equals the limit, at most `largest` [m/s, rad/s].
 
-        def excess(speed: float, unit: Array = unit, i: int = int(i)) -> float:
-            return float(_drag(model, speed * unit, at_rest)[i] - limits[i])
-
-        speeds[i] = brentq(excess, 0.0, largest[i], rtol=1e-12)
+    By the Illinois form of the false position, on all axes at once: Dowell and Jarratt (1971), A
+    modified regula falsi method for computing the root of an equation, BIT 11.
+    """
+    before, speeds = np.zeros_like(largest), largest
+    less, excess = -limits, _drag(model, largest, at_rest) - limits
+    reached, step = excess > 0.0, largest
+    for _ in range(STEPS):
+        if not np.any(np.abs(step) > ACCURACY * largest):
+            break
+        step = np.zeros_like(largest)
+        np.divide(excess * (before - speeds), excess - less, out=step, where=reached)
+        value = _drag(model, speeds + step, at_rest) - limits
+        crossed = value * excess < 0.0
+        before, less = np.where(crossed, (speeds, excess), (before, 0.5 * less))
+        speeds, excess = speeds + step, value
     return speeds

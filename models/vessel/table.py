@@ -98,16 +98,23 @@ class Vessel:
         return accelerations_of(self.dofs)
 
     @cached_property
+    def codes(self) -> Codes:
+        """Codes of the terms for the kernels, shape (n_terms, 3 to 6)."""
+        return basis.codes(self.terms)
+
+    @cached_property
     def inertia(self) -> Array:
         """M [kg, kg m, kg m^2], shape (n_dof, n_dof): the coefficients of the accelerations."""
         return np.array([self.row(name) for name in self.accelerations]).T
 
+    @cached_property
+    def _rows(self) -> dict[Term, int]:
+        return {term: row for row, term in reversed([*enumerate(self.terms)])}
+
     def row(self, name: str) -> Array:
         """Coefficients of a term over `dofs`, shape (n_dof,); zero if it is not in the table."""
-        term = basis.term(name)
-        if term not in self.terms:
-            return np.zeros(len(self.dofs))
-        return np.asarray(self.theta[self.terms.index(term)])
+        row = self._rows.get(basis.term(name))
+        return np.zeros(len(self.dofs)) if row is None else np.asarray(self.theta[row])
 
     def coefficient(self, dof: str, name: str) -> float:
         """Coefficient of a term in a degree of freedom, in SI units."""
@@ -163,7 +170,7 @@ class Vessel:
         With devices it is the force required beside theirs under the inputs (N, n_inputs).
         """
         x = self.variables(nu_dot, nu, attitude, wind, inputs)
-        force = np.asarray(basis.evaluate(self.terms, x) @ self.theta, dtype=np.float64)
+        force = np.asarray(basis.evaluate_codes(self.codes, x) @ self.theta, dtype=np.float64)
         if not self.devices:
             return force
         made = device_forces(self.installed, x)
@@ -188,7 +195,7 @@ class Vessel:
         """Sum of the tables over the union of their terms. Jervan (2020), eq. (3.26)."""
         if other.dofs != self.dofs:
             raise ConfigurationError(f"cannot add a model of {other.dofs} to one of {self.dofs}")
-        union = self.terms + tuple(term for term in other.terms if term not in self.terms)
+        union = self.terms + tuple(term for term in other.terms if term not in self._rows)
         return replace(
             self,
             terms=union,
@@ -207,11 +214,10 @@ class Vessel:
 
     def on(self, union: Sequence[Term]) -> "Vessel":
         """The same table with its rows in the order of `union`; rows not in it are dropped."""
-        rows = [
-            self.theta[self.terms.index(term)] if term in self.terms else np.zeros(len(self.dofs))
-            for term in union
-        ]
-        theta = np.array(rows).reshape(len(rows), len(self.dofs))
+        theta = np.zeros((len(union), len(self.dofs)))
+        for i, term in enumerate(union):
+            if term in self._rows:
+                theta[i] = self.theta[self._rows[term]]
         return replace(self, terms=tuple(union), theta=theta)
 
     def unit(self, term: Term, dof: str) -> str:

@@ -32,6 +32,7 @@ KEYS = (
     *("excitation.interval_s", "identifier.lowpass_hz", "identifier.lag_s", "controller.kp"),
     *("vessel.dofs", "excitation.axes", "evaluation.scale", "evaluation.reference.speed"),
     *("absent", "plant.absent.deep", "vessel", "controller", "metrics", "metrics.0", "update.at_s"),
+    *("vessel.inertia.0.0", "vessel.inertia.1", "vessel.inertia.0.9", "vessel.dofs.2.x"),
 )
 VALUES = (
     *("0", "7", "-3", "1.5", "-0.0", "1e-3", "1_000", "007", "true", "null", "text", "'a b'"),
@@ -132,6 +133,13 @@ def test_jobs_that_share_are_those_of_hydra(
         ("~vessel.tuning vessel.length_m=5", "~vessel.tuning vessel.length_m=6"),
         ("controller.kp=auto", "controller.kp=[1,2,3]"),
         ("~vessel.tuning sample_time_s=0.1", "~vessel.tuning sample_time_s=0.2"),
+        ("vessel.inertia.0.0=2e3 seed=1", "vessel.inertia.0.0=2.5e3 seed=2"),  # in a list
+        ("vessel.inertia.0=[1,0,0]", "vessel.inertia.0.1=3"),
+        ("+new=${vessel.dofs.0} vessel.dofs.0=a", "+new=${vessel.dofs.0} vessel.dofs.0=b"),
+        ("+new=${vessel.dofs[0]} vessel.dofs.0=a", "+new=${vessel.dofs[0]} vessel.dofs.0=b"),
+        ("vessel.inertia.3.0=1", "vessel.inertia.3.0=2"),  # there is no such row
+        ("~vessel.dofs.2 seed=1", "~vessel.dofs.2 seed=2"),
+        ("vessel.dofs.0=1 vessel.dofs=[a]", "vessel.dofs.0=2 vessel.dofs=[b]"),
     ],
 )
 def test_a_job_after_another(master: DictConfig, first: str, second: str) -> None:
@@ -168,7 +176,7 @@ def test_what_a_sweep_lists(master: DictConfig, argument: str, count: int) -> No
 
 
 @given(
-    st.from_regex(r"[+~]{0,2}[a-z_.]{1,4}=[-+]?[0-9_.e]{0,22}", fullmatch=True)
+    st.from_regex(r"[+~]{0,2}[a-z_.0-9]{1,4}=[-+]?[0-9_.e+-]{0,22}", fullmatch=True)
     | st.builds("seed={}".format, st.integers() | st.floats())
 )
 def test_numbers_are_read_as_hydra_reads_them(text: str) -> None:
