@@ -21,6 +21,7 @@ FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 2.0
 SHUTDOWN_STATES = ("57P01", "57P02", "57P03")  # by an administrator, by a crash, while starting
 _worth_waiting: dict[URL, bool] = {}  # by URL with password: a wrong password is a different URL
+_given_up: set[URL] = set()  # servers that did not come back in time
 T = TypeVar("T")
 
 
@@ -65,6 +66,7 @@ def wait_for_server(engine: Engine) -> None:
         refusal = dialect.loaded_dbapi.OperationalError
         connection = _connected(lambda: dialect.connect(*args, **options), engine.url, refusal)
         _worth_waiting[engine.url] = True
+        _given_up.discard(engine.url)
         return connection
 
     @event.listens_for(engine, "handle_error")
@@ -80,11 +82,14 @@ def _connected(connect: Callable[[], T], url: URL, refusal: type[Exception]) -> 
         try:
             return connect()
         except refusal as error:
+            message = without_passwords(str(error).strip().partition("\n")[0])
+            if url in _given_up:  # by another thread, or for another connection
+                break
             if not _worth_waiting.get(url):
                 raise
-            message = without_passwords(str(error).strip().partition("\n")[0])
         time.sleep(wait_s)
     _worth_waiting[url] = False
+    _given_up.add(url)
     shown = url.set(drivername="postgresql").render_as_string(hide_password=True)
     raise LogbookError(
         f"{without_passwords(shown)}: {message}; the server did not come back in {PATIENCE_S:.0f} s"

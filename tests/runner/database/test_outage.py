@@ -80,7 +80,7 @@ def test_a_server_that_stays_away_is_told_in_one_line(
         assert "anchor" not in str(caught.value)
         assert list(results_dir.glob("series/*")) == []
         waited = time.monotonic()
-        with pytest.raises(LogbookError, match="refused"):  # not waited for once more
+        with pytest.raises(LogbookError, match="did not come back"):  # not waited for once more
             logbook.begin_run(make_start(2))
         assert time.monotonic() - waited < 0.9
     assert time.monotonic() - began < 30.0
