@@ -202,18 +202,21 @@ def _offset(
     own = np.interp(grid, t, values)[:, None]
     others = np.column_stack([np.interp(grid, recording.t, column) for column in known.T])
     after = np.clip(np.searchsorted(recording.t, grid[:-1]), 1, len(recording.t) - 1)
-    recorded = (np.diff(recording.t)[after - 1] < 1.5 * period)[:, None]  # not within a gap
+    step = np.diff(recording.t)[after - 1]
     for part in SLOWER:  # states that were recorded more slowly than the grid are steps below it
-        low = (lowpass(x, SLOW * part * 0.5 / period, fine) for x in (own, others))
-        rates = [recorded * np.diff(x, axis=0) for x in low]
-        rho = correlations(*rates)[0]
+        cutoff = SLOW * part * 0.5 / period
+        moving, known_rates = (np.diff(lowpass(x, cutoff, fine), axis=0) for x in (own, others))
+        inside = step < max(1.5 * period, 0.5 / cutoff)  # longer steps say nothing of this band
+        rho = correlations(moving[inside], known_rates[inside])[0]
         best = int(np.argmax(np.abs(rho)))
         if abs(rho[best]) >= SIMILAR - 0.4:
             sign = np.sign(rho[best])
             most = round(LONGEST_LAG_S / fine)
-            behind = lag(sign * rates[0], rates[1][:, [best]], most) * fine
-            moved = np.interp(grid[:-1] + behind, grid[:-1], rates[0][:, 0])[:, None]
-            agreed = float(correlations(moved, rates[1][:, [best]])[0, 0])
+            # Gaps stand still in what is known alone: in both they would agree at no offset.
+            rate = known_rates[:, [best]]
+            behind = lag(sign * moving, inside[:, None] * rate, most) * fine
+            moved = np.interp(grid[:-1] + behind, grid[:-1], moving[:, 0])[:, None]
+            agreed = float(correlations(moved[inside], rate[inside])[0, 0])
             if abs(agreed) >= SIMILAR:
                 return Offset(source, name, names[best], behind, agreed)
     return None

@@ -17,7 +17,7 @@ from seatrial.runner.compare.pivot import (
     best_cells,
     pivot,
 )
-from seatrial.runner.compare.results import OWN_FACTORS, Results
+from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.selection import Selection, TableRequest, gather
 from seatrial.runner.compare.statistics import SAME, PairedTest, loss, summary
 from seatrial.runner.record.catalogue import definition_of
@@ -257,7 +257,7 @@ class _Writer:
             (*table.row_factors, *table.column_factors), row + column, strict=True
         ):
             record[self._name(factor)] = level
-        for factor in OWN_FACTORS:
+        for factor in self.request.own_factors:
             if factor != "stage" or not self.request.of_coefficients:
                 record.setdefault(self._name(factor), self.selection.fixed.get(factor))
         record["unit"] = " ".join(sorted({observation.unit for observation in cell.observed}))

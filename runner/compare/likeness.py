@@ -98,7 +98,7 @@ class Likeness:
 
     def experiment(self, observation: Observation) -> Hashable:
         """Return a key that is equal for numbers of one experiment."""
-        own = (observation.stage, observation.model, observation.dof, observation.name)
+        own = tuple(observation.level(factor) for factor in OWN_FACTORS)
         return self.number(observation), self.seed(observation), own
 
     def distinct(self, observations: Iterable[Observation]) -> list[Observation]:

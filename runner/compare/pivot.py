@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from seatrial.runner.compare.likeness import Counterparts, Likeness, within
-from seatrial.runner.compare.results import FINISHED, OWN_FACTORS, Observation, Run, ordered
+from seatrial.runner.compare.results import (
+    FINISHED,
+    OWN_FACTORS,
+    POOLED,
+    Observation,
+    Run,
+    ordered,
+)
 from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
 from seatrial.runner.record.catalogue import HORIZONS, definition_of
 from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
@@ -186,7 +193,9 @@ class _KeyOrder:
     """Order of keys: metrics as requested, DOFs and models in their usual order, others sorted."""
 
     def __init__(self, name_order: Sequence[str]) -> None:
-        self.fixed = {"metric": tuple(name_order), "dof": DOF_ORDER, "model": MODELS}
+        self.fixed = {
+            "metric": tuple(name_order), "dof": DOF_ORDER, "model": MODELS, "file": (POOLED,),
+        }  # fmt: skip
 
     def sort(self, keys: Iterable[Key], factors: Key) -> list[Key]:
         distinct = set(keys)
@@ -227,7 +236,8 @@ def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness) -
     own = tuple(
         (factor, level)
         for factor, level in named
-        if factor in ("metric", "stage", "dof") or not within(factor, (*COMPARED, *OWN_FACTORS))
+        if factor in ("metric", "stage", "dof", "file")
+        or not within(factor, (*COMPARED, *OWN_FACTORS))
     )
     shared = frozenset(
         (name, level)

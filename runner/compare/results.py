@@ -23,11 +23,12 @@ from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Series
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.vocabulary import FILE_FINDING, GROUPS
 
 # A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
 # configuration, or a property of the number itself (metric, stage, model, dof).
-OWN_FACTORS = ("metric", "stage", "model", "dof")  # properties of the number, not of its run
+OWN_FACTORS = ("metric", "stage", "model", "dof", "file")  # of the number, not of its run
+POOLED = "pooled"  # the file of a number that is of all files
 BELOW_TRUE_MODEL = "below_true_model"
 INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a finding; 0: intervals are of the coefficient
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
@@ -60,6 +61,7 @@ class Observation:
     unit: str
     std_error: float | None = None
     true_value: float | None = None
+    file: str = POOLED
 
     def level(self, factor: str) -> str:
         """Return the level of a factor, as text."""
@@ -72,6 +74,8 @@ class Observation:
                 return self.model
             case "dof":
                 return self.dof
+            case "file":
+                return self.file
             case _:
                 return self.run.levels[factor]
 
@@ -237,6 +241,26 @@ class Results:
             for id_, *facts in map(tuple, self.reader.select(query.order_by(m.id)))
             if id_ in by_id
         ]
+
+    def of_files(
+        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
+    ) -> list[Observation]:
+        """Return the named errors of the runs on each file that was tested on.
+
+        `condition` is the one that selected the runs. They are findings, since a file is no part
+        of the name of a metric.
+        """
+        wanted = [f"{FILE_FINDING}{name}" for name in names]
+        by_id = {run.id: run for run in runs}
+        return [
+            Observation(
+                by_id[id_], "validation", model.removesuffix(" model"), row.dof,
+                row.name.removeprefix(FILE_FINDING), row.value, row.unit, file=file,
+            )
+            for id_, rows in self.diagnostics(runs, wanted, condition).items()
+            for row in rows
+            for file, _, model in [row.label.rpartition(", ")]
+        ]  # fmt: skip
 
     def coefficients(
         self,

@@ -20,7 +20,8 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
-from seatrial.runner.record.catalogue import HORIZONS
+from seatrial.runner.compare.where import Condition
+from seatrial.runner.record.catalogue import HORIZONS, PER_FILE
 
 LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)
 HELD = "held_free_run"
@@ -57,6 +58,16 @@ class TableRequest:
         """The factors that are properties of runs."""
         wanted = (*self.rows, *self.columns, *self.baseline)
         return tuple(dict.fromkeys(name for name in wanted if name not in OWN_FACTORS))
+
+    @property
+    def by_file(self) -> bool:
+        """Whether each file that was tested on is shown beside all of them."""
+        return "file" in (*self.rows, *self.columns, *self.baseline)
+
+    @property
+    def own_factors(self) -> Key:
+        """The factors that are properties of the number."""
+        return tuple(name for name in OWN_FACTORS if name != "file" or self.by_file)
 
 
 @dataclass(frozen=True)
@@ -189,14 +200,16 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
         numbers = results.metrics(runs, request.names, condition, only)
         if not numbers:  # read all levels, for the error message
             numbers = results.metrics(runs, request.names, condition)
+        if request.by_file:
+            numbers += _of_files(results, runs, request, condition)
         names = (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE)
         flags = results.metrics(runs, names, condition)
     numbers = _selected(results, numbers, request)
     _check_baseline(request, runs, numbers)
     finished = [o for o in numbers if o.run.status == FINISHED]
     shown = [o for o in finished if not request.models or o.model in request.models]
-    levels = {name: ordered(o.level(name) for o in shown) for name in OWN_FACTORS}
-    free = [n for n in OWN_FACTORS if n not in request.rows + request.columns]
+    levels = {name: ordered(o.level(name) for o in shown) for name in request.own_factors}
+    free = [name for name in levels if name not in request.rows + request.columns]
     unsettled, infeasible = (
         frozenset((o.run.id, o.model) for o in flags if o.name == name and (o.value or 0.0) >= 1.0)
         for name in DESIGN_FLAWS
@@ -206,7 +219,7 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
         shown,
         finished,
         frozenset((o.run.id, o.dof) for o in flags if o.name == BELOW_TRUE_MODEL and o.value),
-        fixed={name: levels[name][0] for name in OWN_FACTORS if len(levels[name]) == 1},
+        fixed={name: each[0] for name, each in levels.items() if len(each) == 1},
         extra=tuple(name for name in free if len(levels[name]) > 1),
         likeness=likeness,
         scope=scope,
@@ -215,6 +228,19 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
         diverged=diverged_predictions(flags),
         covering=results.covering(runs, condition) if request.of_coefficients else frozenset(),
     )
+
+
+def _of_files(
+    results: Results, runs: Sequence[Run], request: TableRequest, condition: Condition | None
+) -> list[Observation]:
+    """The errors on each file that was tested on; raises ConfigurationError if none is stored."""
+    numbers = results.of_files(runs, request.names, condition)
+    if not numbers:
+        raise ConfigurationError(
+            f"--rows/--columns: no run has {', '.join(request.names)} by file, expected one of "
+            f"{', '.join(PER_FILE)} of runs with several files for testing"
+        )
+    return numbers
 
 
 def diverged_predictions(numbers: Sequence[Observation]) -> dict[Prediction, float]:

@@ -104,6 +104,15 @@ HORIZONS = {
     "free_run": ("free run", "in a free run over the held-out part"),
 }
 QUANTITIES: dict[str, Mapping[str, str]] = {"pose": POSE_UNIT, "velocity": VELOCITY_UNIT}
+PER_FILE = (  # also stored for each of several files that are tested on
+    "force_mse",
+    *(
+        f"{quantity}_{kind}_{horizon}"
+        for quantity in QUANTITIES
+        for kind in ("rmse", "r2")
+        for horizon in ("restarts", "free_run")
+    ),
+)
 SCORES = {
     "fit": ("FIT", "%", "100 (1 - RMSE / standard deviation of the measured signal)"),
     "r2": ("R^2", "", "1 - mean square error / variance of the measured signal"),

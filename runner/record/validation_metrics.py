@@ -27,11 +27,11 @@ from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
+from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
 from seatrial.runner.record.own_metrics import metric, per_dof
+from seatrial.runner.vocabulary import FILE_FINDING
 
-QUANTITIES = ("pose", "velocity")
 MODELS = ("nominal", "identified")
-PER_FILE = ("force_mse", *(f"{q}_{kind}_free_run" for q in QUANTITIES for kind in ("rmse", "r2")))
 
 
 def per_file(problem: Problem, identified: Identified) -> list[Finding]:
@@ -45,10 +45,13 @@ def per_file(problem: Problem, identified: Identified) -> list[Finding]:
         alone = replace(problem, validation=part)
         rows = validation(part, problem.nominal, identified, None)
         rows += predictions(alone, identified, None).metrics
-        findings.append(Finding("file_duration", "all", part.t[-1] - part.t[0], "s", i, 0, name))
+        duration = part.t[-1] - part.t[0]
+        findings.append(Finding(f"{FILE_FINDING}duration", "all", duration, "s", i, 0, name))
         findings += [
-            Finding(f"file_{row.name}", row.dof, row.value, row.unit, i, MODELS.index(row.model),
-                    f"{name}, {row.model} model")
+            Finding(
+                f"{FILE_FINDING}{row.name}", row.dof, row.value, row.unit, i,
+                MODELS.index(row.model), f"{name}, {row.model} model",
+            )
             for row in rows
             if row.name in PER_FILE and row.model in MODELS
         ]  # fmt: skip

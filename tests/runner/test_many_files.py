@@ -1,5 +1,6 @@
 """Trials on several recordings, through the command line."""
 
+import json
 import os
 import sqlite3
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from seatrial.runner.__main__ import main
+from seatrial.runner.compare.__main__ import run as compared
 
 DATA = os.environ.get("SEATRIAL_DATA")
 
@@ -16,7 +18,7 @@ DATA = os.environ.get("SEATRIAL_DATA")
 def test_beluga_on_several_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The pooled mean square is that of the files, weighed by their samples."""
+    """The pooled mean square is that of the files, weighed by their samples; a table shows each."""
     folder = Path(DATA or "") / "beluga"
     monkeypatch.chdir(tmp_path)
     words = ["seatrial", "vessel=beluga_diagonal", "excitation=recording", "identifier=ls"]
@@ -38,6 +40,17 @@ def test_beluga_on_several_runs(
     for dof, value in pooled:
         parts = [r[2] for r in findings if (r[0], r[1], r[4]) == ("file_force_mse", dof, 1)]
         assert value == pytest.approx(np.average(parts, weights=samples), rel=1e-9)
+    monkeypatch.setattr("sys.argv", ["seatrial-results"])
+    capfd.readouterr()
+    words = ["--metric", "force_mse", "--rows", "file", "--columns", "none", "--format", "json"]
+    assert compared(["table", *words]) == 0
+    shown = {(row["file"], row["dof"]): row["mean"] for row in json.loads(capfd.readouterr().out)}
+    each = {(r[5].partition(", ")[0], r[1]): r[2] for r in findings
+            if r[0] == "file_force_mse" and r[4] == 1}  # fmt: skip
+    assert shown == each | {("pooled", dof): value for dof, value in pooled}
+    assert compared(["table", "--metric", "force_mae", "--rows", "file"]) == 2
+    error = capfd.readouterr().err
+    assert "no run has force_mae by file, expected one of force_mse," in error
     free = {(r[3], r[1]) for r in findings if r[0] == "file_velocity_rmse_free_run" and r[4] == 1}
     assert {number for number, _ in free} == {0, 1}
 

@@ -117,9 +117,20 @@ def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
 
 
 @needs_data
-def test_offset_of_a_clock_is_recovered_within_a_sample() -> None:
-    """The heading of the GNSS compass against that of the navigation, 0 to 500 ms put in."""
-    folder = DATA / "milliampere" / "qp1"
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("qp1", {}),
+        ("nlp1", {}),
+        pytest.param("nlp1", {"max_gap_s": 3.0}, marks=pytest.mark.slow),
+        pytest.param("nlp1", {"resample_hz": 0.94}, marks=pytest.mark.slow),
+    ],
+)
+def test_offset_of_a_clock_is_recovered_within_a_sample(
+    name: str, options: dict[str, object]
+) -> None:
+    """GNSS against the navigation, 0 to 500 ms put in; the latter in gaps, too, and at 0.94 Hz."""
+    folder = DATA / "milliampere" / name
     sources = read_sources(folder, ReadOptions())
     nav = "navigation/nav_estimate:"
     columns: dict[str, object] = {
@@ -129,24 +140,25 @@ def test_offset_of_a_clock_is_recovered_within_a_sample() -> None:
         "velocity": {"yaw": f"{nav}twist_angular_z"},
         "force": {dof: f"tau_actual:wrench_{name}" for dof, name in
                   zip(PLANAR, ("force_x", "force_y", "torque_z"), strict=True)},
+        **options,
     }  # fmt: skip
     recording = mapped(folder, columns).read(PLANAR)
-    compass = sources["vectorVS330/heading"]
-    name, heading = next(
-        (name, values) for name, values in signals(compass).items() if name.startswith("heading")
-    )
     start = min(seconds(source, Column("time"))[0] for source in sources.values())
-    t = seconds(compass, Column("time")) - start
-    known = recording.eta[:, [2]]
-
-    def behind(delay: float) -> float:
-        offset = _offset("", name, t + delay, heading, recording, known, ["psi"])
-        assert offset is not None
-        return offset.seconds
-
-    own = behind(0.0)
-    for delay in np.linspace(0.0, 0.5, 20):
-        assert behind(float(delay)) - own == pytest.approx(delay, abs=recording.period_s)
+    signs = ["x", "y", "psi"]
+    for topic in ("vectorVS330/fix", "vectorVS330/heading"):
+        t = seconds(sources[topic], Column("time")) - start
+        for column, values in signals(sources[topic]).items():
+            own = _offset("", column, t, values, recording, recording.eta, signs)
+            if own is None:
+                continue
+            for delay in np.random.default_rng(7).uniform(0.0, 0.5, 20):
+                later = _offset("", column, t + delay, values, recording, recording.eta, signs)
+                assert later is not None
+                recovered = later.seconds - own.seconds
+                assert recovered == pytest.approx(delay, abs=recording.period_s)
+            break
+        else:
+            pytest.fail(f"no offset of {topic}")
 
 
 @needs_data
