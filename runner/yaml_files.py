@@ -8,15 +8,16 @@ Beside the options of the configuration, `vessel=path.yaml` is a file from the w
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from hydra._internal.core_plugins import file_config_source
 from hydra.core.global_hydra import GlobalHydra
 from hydra.plugins.config_source import ConfigResult
 from hydra.types import RunMode
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
-from seatrial.runner import database, export
+from seatrial.runner import database, export, suited_parts
 from seatrial.runner.checked_yaml import check_file
 from seatrial.runner.vocabulary import Config
 
@@ -57,8 +58,9 @@ def _logbook(overrides: Sequence[str]) -> str:
 class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, which checks a file before it is loaded.
 
-    Vessels may also be files of the working folder, and models of runs. Its name
-    is that of Hydra's own: in workers Hydra would refuse another one for files.
+    Vessels may also be files of the working folder, and models of runs; they choose the excitation
+    and the controller that suit them (`suited_parts`). Its name is that of Hydra's own: in workers
+    Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
@@ -84,14 +86,30 @@ class FileConfigSource(file_config_source.FileConfigSource):
             return ConfigResult(
                 provider=self.provider,
                 path=f"{self.scheme()}://{self.path}",
-                config=OmegaConf.create(dict(self._runs[run_id])),
+                config=_with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)
         check_file(Path(self.path) / self._normalize_file_name(place))
-        return super().load_config(place)
+        result = super().load_config(place)
+        if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
+            result.config = _with_suited_parts(result.config)
+        return result
 
     @staticmethod
     def _place(config_path: str) -> str:
         file = file_of(config_path)
         return config_path if file is None else str(file)
+
+
+def _with_suited_parts(vessel: DictConfig) -> DictConfig:
+    """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
+    try:
+        node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
+    except OmegaConfBaseException:
+        return vessel  # it is reported when the trial is composed
+    chosen = {} if "defaults" in node else suited_parts.suited_parts(node)
+    if not chosen:
+        return vessel
+    overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
+    return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))

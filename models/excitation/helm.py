@@ -68,7 +68,7 @@ class SteeredMission(Mission):
     is used.
     """
 
-    helm: str = "delta"
+    helm: Annotated[str, FromVessel("helm")] = "delta"
     approach_s: NotNegative = 0.0
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
@@ -125,10 +125,15 @@ class SteeredMission(Mission):
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel has the helm, and yaws."""
-        if self.helm not in self.input_names or "yaw" not in dofs:
+        self.check_helm(dofs, "yaw")
+
+    def check_helm(self, dofs: Sequence[str], needed: str | None = None) -> None:
+        """Raise ConfigurationError unless the vessel has the helm, and a degree of freedom."""
+        if self.helm not in self.input_names or (needed and needed not in dofs):
             raise ConfigurationError(
-                f"helm: needs a vessel in yaw with an input {self.helm}, got inputs "
-                f"{', '.join(self.input_names) or 'none'} in {', '.join(dofs)}"
+                f"helm: needs a vessel {f'in {needed} ' if needed else ''}with an input "
+                f"{self.helm}, got inputs {', '.join(self.input_names) or 'none'} in "
+                f"{', '.join(dofs)}"
             )
 
 

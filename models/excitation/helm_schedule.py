@@ -46,12 +46,13 @@ class ScheduledInput(SteeredMission):
 
     `spiral` and `stop` hold `values`; the last value is held to the end. `prbs` is a maximum
     length sequence of a shift register of `bits` that alternates between the first two values.
-    Values are in degrees, or with `unit: start` relative to the input at the start.
+    Values are in degrees, or with `unit: start` relative to the input at the start, or with
+    `unit: range` shares of the way from there to the limits: 1 the upper one, -1 the lower one.
     """
 
     manoeuvre: Literal["spiral", "stop", "prbs"]
     values: tuple[float, ...]
-    unit: Literal["deg", "start"] = "deg"
+    unit: Literal["deg", "start", "range"] = "deg"
     hold_lengths: Positive
     end_lengths: float = 0.0  # beside the values
     bits: Annotated[int, Ge(2)] = 7
@@ -88,15 +89,19 @@ class ScheduledInput(SteeredMission):
     @property
     def orders(self) -> Array:
         """Values of the input in SI units, shape (count,)."""
-        scale = np.pi / 180.0 if self.unit == "deg" else self.input_start[self.index]
-        values = scale * np.array(self.values)
+        values, start = np.array(self.values), self.input_start[self.index]
+        if self.unit == "range":
+            up, down = self.input_high[self.index] - start, start - self.input_low[self.index]
+            values = start + np.where(values > 0.0, up, down) * values
+        else:
+            values = values * (np.pi / 180.0 if self.unit == "deg" else start)
         if self.manoeuvre == "prbs":
             return np.asarray(values[register(self.bits)])
         return np.asarray(values)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a value is beyond the limits of the input."""
-        super().check(dofs)
+        self.check_helm(dofs)
         low, high = self.input_low[self.index], self.input_high[self.index]
         for value in self.orders:
             if not low - 1e-9 <= value <= high + 1e-9:

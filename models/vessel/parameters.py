@@ -192,6 +192,11 @@ class VesselParameters:
         return tuple(self.inputs)
 
     @property
+    def helm(self) -> str:
+        """The rudder angle `delta`, else the first input; empty without inputs."""
+        return "delta" if "delta" in self.inputs else next(iter(self.inputs), "")
+
+    @property
     def input_start(self) -> tuple[float, ...]:
         """Values of the inputs before the first command."""
         return tuple(each.start for each in self.inputs.values())

@@ -48,6 +48,7 @@ class Format:
     endings: tuple[str, ...]
     files: Callable[[Request], Files]
     linear: bool = False  # whether it holds a linear model, which has an operating point
+    inputs: bool = False  # whether it holds devices and their inputs as well
 
 
 def _yaml(request: Request) -> Files:
@@ -95,8 +96,8 @@ def _fmu(request: Request) -> Files:
 
 
 FORMATS: Mapping[str, Format] = {
-    "yaml": Format((".yaml", ".yml"), _yaml),
-    "json": Format((".json",), _json),
+    "yaml": Format((".yaml", ".yml"), _yaml, inputs=True),
+    "json": Format((".json",), _json, inputs=True),
     "statespace": Format((".mat", ".json"), _statespace, linear=True),
     "python-control": Format((".py",), _python_control, linear=True),
     "mss": Format((".m",), _mss),
@@ -125,7 +126,8 @@ def write(
         force: whether existing files are replaced.
 
     Raises:
-        ConfigurationError: the format, path or operating point is wrong, or a file exists.
+        ConfigurationError: the format, path or operating point is wrong, a file exists, or the
+            format cannot hold the devices and inputs of the vessel.
     """
     form = format_of(to)
     if output is None:
@@ -139,6 +141,13 @@ def write(
         linear_ones = " or ".join(name for name, form in FORMATS.items() if form.linear)
         raise ConfigurationError(f"--at: got --to {to}, expected --to {linear_ones}")
     model.parameters.nominal()  # raises for coefficients of which no vessel can be made
+    if model.parameters.inputs and not form.inputs:
+        whole = " or ".join(name for name, form in FORMATS.items() if form.inputs)
+        raise ConfigurationError(
+            f"--to {to}: got {model.name}, which is commanded by "
+            f"{', '.join(model.parameters.inputs)}, expected a vessel by force; --to {whole} "
+            "writes devices and inputs"
+        )
     files = form.files(Request(model, output, at))
     _store(files, force)
     return list(files)

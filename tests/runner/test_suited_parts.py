@@ -1,0 +1,66 @@
+"""A vessel without further options makes a trial that can be run, whatever commands it."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner import job
+from seatrial.runner.in_process import composed
+from tests.trials import CONF
+
+VESSELS = sorted(path.stem for path in (CONF / "vessel").glob("*.yaml"))
+DEFAULTS = {"excitation": "waypoints", "controller": "pid_ff", "evaluation": "replay"}
+CHOSEN = {
+    "milliampere": DEFAULTS,
+    "osv": DEFAULTS,  # positioned by its thrusters
+    "beluga_full": DEFAULTS | {"excitation": "constant_velocity"},
+    "frigate": DEFAULTS | {"excitation": "heading_changes", "controller": "autopilot"},
+    "otter": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
+    "dsrv": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def names(*overrides: str) -> dict[str, str]:
+    chosen = composed(overrides).names
+    return {group: chosen[group] for group in DEFAULTS}
+
+
+@pytest.mark.parametrize("vessel", VESSELS)
+def test_every_vessel_can_be_run_without_further_options(vessel: str) -> None:
+    trial = job.prepare(composed([f"vessel={vessel}"]))
+    assert trial.vessel.name
+    if vessel in CHOSEN:
+        assert {group: trial.names[group] for group in DEFAULTS} == CHOSEN[vessel]
+
+
+def test_the_command_line_and_experiments_choose_first() -> None:
+    steered = names("vessel=mariner", "excitation=rudder_zigzag", "evaluation=none")
+    assert steered == {
+        "excitation": "rudder_zigzag", "controller": "autopilot", "evaluation": "none"
+    }  # fmt: skip
+    assert names("vessel=mariner", "controller=mpc_heading")["controller"] == "mpc_heading"
+    with pytest.raises(ConfigurationError, match="excitation=waypoints needs a controller"):
+        job.prepare(composed(["vessel=otter", "excitation=waypoints"]))
+    of_experiment = names("experiment=hoyer_table_7_3", "vessel=beluga_full")
+    assert of_experiment == names("experiment=hoyer_table_7_3")
+
+
+def test_a_file_of_ones_own_chooses_as_well(tmp_path: Path) -> None:
+    craft = yaml.safe_load((CONF / "vessel" / "otter.yaml").read_text())
+    (tmp_path / "craft.yaml").write_text(yaml.safe_dump(craft))
+    assert names("vessel=craft.yaml") == CHOSEN["otter"]
+    own = {"defaults": [{"override /excitation@_global_.excitation": "multisine"}, "_self_"]}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(own | craft))
+    assert names("vessel=own.yaml") == DEFAULTS | {"excitation": "multisine"}
+    (tmp_path / "based.yaml").write_text("defaults: [otter]\nlength_m: 2.1\n")
+    assert names("vessel=based.yaml") == CHOSEN["otter"]
+    (tmp_path / "wrong.yaml").write_text("dofs: [yaw]\ninputs: {n: {low: a}}\ndevices: {b: 3}\n")
+    with pytest.raises(ConfigurationError, match="vessel"):
+        job.prepare(composed(["vessel=wrong.yaml"]))
