@@ -18,7 +18,11 @@ from seatrial.runner.invocation import by_script
 SHELLS = ("bash", "zsh", "fish")
 START = {  # a line for the shell's start file; fish needs none
     "bash": (".bashrc", "source {}"),
-    "zsh": (".zshrc", "autoload -Uz bashcompinit && bashcompinit && source {}"),
+    "zsh": (
+        ".zshrc",
+        "(( $+functions[compdef] )) || {{ autoload -Uz compinit && compinit }}; "
+        "autoload -Uz bashcompinit && bashcompinit && source {}",
+    ),
 }
 VARIANT = re.compile(r"--variant[ =]('[^']*'|\"[^\"]*\"|\S*)\s?")
 QUOTES = str.maketrans("", "", "'\"")

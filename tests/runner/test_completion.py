@@ -129,6 +129,25 @@ def test_installed_once_it_completes_in_bash(home: Path) -> None:
     assert answer.stdout == "here identifier=ls,plsr\n"
 
 
+@pytest.mark.skipif(not shutil.which("zsh"), reason="no zsh here: apt-get install zsh")
+def test_installed_once_it_completes_in_zsh(home: Path) -> None:
+    (home / ".zshrc").write_text("PS1=here")  # without a line end, and without compinit
+    for _ in range(2):
+        answer = run(home, "seatrial", "--install-completion", SHELL="/usr/bin/zsh")
+        assert answer.returncode == 0, answer.stderr
+    assert (home / ".zshrc").read_text().count("bashcompinit && source") == 1
+    line = "seatrial -m identifier=ls,pl"
+    script = (  # what zsh does at the tab key
+        f". ~/.zshrc; words=({line}); CURRENT=3; export COMP_LINE='{line}' COMP_POINT={len(line)} "
+        "COMP_CWORD=2; compgen -F hydra_bash_completion -- ${words[3]}; echo $PS1 $_comps[seatrial]"
+    )
+    answer = run(home, str(shutil.which("zsh")), "-f", "-c", script)
+    completed_word, shown = answer.stdout.splitlines()
+    assert completed_word == "identifier=ls,plsr"
+    assert shown == "here _bash_complete -o nospace -o default -F hydra_bash_completion"
+    assert "command not found" not in answer.stderr
+
+
 def test_fish_reads_a_file_of_its_own(home: Path) -> None:
     assert run(home, "seatrial", "--install-completion", "fish").returncode == 0
     file = home / ".config" / "fish" / "completions" / "seatrial.fish"
