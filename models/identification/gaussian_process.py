@@ -105,6 +105,10 @@ class GaussianProcess(ResidualOptions):
         detail = f"{self.subsample} samples in the marginal likelihood"
         return [Demand("subsample", self.subsample, detail, work, memory)]
 
+    def judged(self, problem: Problem, result: Identified) -> Identified:
+        """The result, which the choice among the processes has judged already."""
+        return result
+
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the kernels and the R^2 of the projections."""
         lag, findings = thruster_of(self, problem)

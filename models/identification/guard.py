@@ -6,7 +6,8 @@ equation; then the rest is judged again, since the equations act on each other.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,10 +16,30 @@ from seatrial.models.identification.blocked_free_run import UNUSABLE, Blocks, Le
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.spread import TableSpread
+from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 LOST = "worse_than_nominal"  # the finding of an axis
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingPart(Blocks):
+    """The whole training part in place of blocks, to judge a model that is fitted to it."""
+
+    @cached_property
+    def left_out(self) -> tuple[Recording, ...]:
+        """The training part."""
+        return (self.problem.training,)
+
+
+def held_to_nominal(problem: Problem, result: Identified, force: str | None) -> Identified:
+    """The result with the nominal equation of each axis that it predicts worse where it was fitted.
+
+    Free runs over the training part are compared. It costs no further estimate, and finds models
+    that run away or whose regression has failed, not those that are fitted too closely.
+    """
+    return guarded_by([result.model], TrainingPart(problem, force=force), result)
 
 
 def guarded(

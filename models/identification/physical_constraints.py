@@ -71,10 +71,10 @@ class Rows:
 def damping_terms(table: Vessel) -> list[int]:
     """Indices of the terms that depend on velocities of the hull alone, such as u, |v|r, u^3.
 
-    None of a vessel with inputs: they hold the lift of its rudder and the thrust of its propeller
-    as well, so that they need not dissipate.
+    None of a table that is not that of a hull alone: they hold the lift of a rudder and the thrust
+    of a propeller as well, so that they need not dissipate.
     """
-    if table.inputs:
+    if not table.bare_hull:
         return []
     hull = {VARIABLES.index(letter) for letter in VELOCITIES}
     return [

@@ -186,14 +186,16 @@ def choose_basis(
 
     `linear` are the accelerations, the velocities, the inputs and the restoring forces of the
     nominal model. For a vessel that does not move in surge, sway and yaw `full` equals `physical`.
-    For a vessel with inputs `full` are the terms of manoeuvring (`manoeuvring`), `physical` without
-    devices has each product of the nominal model once, and none of these has accelerations: the
-    inertia stays that of the nominal model. A rudder acts on sway and yaw in a fixed proportion, so
-    that any multiple of one equation may be added to the other.
+    For a vessel with inputs, unless its table is that of the hull alone (`bare_hull`), `full` are
+    the terms of manoeuvring (`manoeuvring`), `physical` without devices has each product of the
+    nominal model once, and none of these has accelerations: the inertia stays that of the nominal
+    model. A rudder acts on sway and yaw in a fixed proportion, so that any multiple of one equation
+    may be added to the other.
     """
-    if choice == "full" and nominal.inputs and {*nominal.dofs} >= NEEDED:
-        terms = manoeuvring_basis(nominal.accelerations, nominal.inputs)
-    elif choice == "full" and nominal.dofs == PLANAR and nominal.forces_commanded:
+    inputs = () if nominal.bare_hull else nominal.inputs
+    if choice == "full" and inputs and {*nominal.dofs} >= NEEDED:
+        terms = manoeuvring_basis(nominal.accelerations, inputs)
+    elif choice == "full" and nominal.dofs == PLANAR and nominal.bare_hull:
         terms = basis.full_basis(nominal.dofs)
     elif choice in ("full", "physical"):
         terms = nominal.terms
@@ -203,7 +205,7 @@ def choose_basis(
             terms = each_product_once(terms)
     elif choice == "linear":
         restoring = [term.name for term in nominal.terms if term.name in DOWN]
-        names = [*nominal.accelerations, *nominal.velocities, *nominal.inputs, *restoring]
+        names = [*nominal.accelerations, *nominal.velocities, *inputs, *restoring]
         terms = basis.terms(names)
     elif isinstance(choice, str):
         raise ConfigurationError(
@@ -211,7 +213,7 @@ def choose_basis(
         )
     else:
         terms = basis.terms(choice)
-    if isinstance(choice, str) and nominal.inputs:
+    if isinstance(choice, str) and inputs:
         terms = tuple(term for term in terms if term.name not in nominal.accelerations)
     return terms + tuple(t for t in basis.terms(extra_terms) if t not in terms)
 

@@ -157,6 +157,18 @@ class Vessel:
         """
         return self.forces_commanded or bool(self.devices)
 
+    @cached_property
+    def bare_hull(self) -> bool:
+        """Whether the table is that of the hull alone, so that what moves it is known beside it.
+
+        Forces are commanded, or devices give them and no term has an input or the speed U.
+        """
+        others = {*self.inputs, *basis.SPEED}
+        variables = (
+            basis.VARIABLES[code % basis.N_VARIABLES] for term in self.terms for code in term.codes
+        )
+        return self.forces_known and others.isdisjoint(variables)
+
     def inverse(
         self,
         nu_dot: Array,

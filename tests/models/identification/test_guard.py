@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.blocked_free_run import Blocks
 from seatrial.models.identification.guard import guarded, mixed_table
-from seatrial.models.identification.physical_constraints import unphysical
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.physical_constraints import damping_terms, unphysical
+from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.vessel.table import Vessel
 
 
@@ -67,3 +68,25 @@ def test_a_mixed_table_has_each_equation_of_one_model(milliampere) -> None:
     for k, factor in enumerate((2.0, 1.0, 2.0)):
         own = milliampere.theta[:, k] != 0.0
         np.testing.assert_allclose(ratio[own, k], factor)
+
+
+@pytest.mark.parametrize("options", [{}, {"refinement": "free_run"}, {"inertia_factor": None}])
+def test_a_regression_that_fails_is_not_the_result(
+    calm, identifier, rng, monkeypatch, options: dict[str, object]
+) -> None:
+    """Whatever was fitted, each axis is at least as good as it is believed to be, unless asked."""
+    nominal, axis = calm.problem.nominal, 2
+    wrong = identified(braked(calm.truth, axis, 5.0), nominal)
+    ls = identifier("ls", **options)
+    monkeypatch.setattr(type(ls), "estimated", lambda self, problem, rng: wrong)
+    found = ls.identify(calm.problem, rng)
+    assert (nominal.dofs[axis] in kept(found)) == ("inertia_factor" not in options)
+
+
+def test_a_hull_with_thrusters_is_fitted_as_one_whose_forces_are_commanded() -> None:
+    """Inertia and damping are then free, and damping dissipates; a rudder in the table forbids it."""
+    boat, ship, table = (configured("vessel", n).nominal() for n in ("blueboat", "mariner", "esso_osaka_table"))
+    assert [vessel.bare_hull for vessel in (boat, ship, table)] == [True, False, False]
+    assert {*boat.accelerations} <= {term.name for term in choose_basis("full", (), boat)}
+    assert damping_terms(boat)
+    assert not damping_terms(ship)

@@ -56,7 +56,7 @@ def test_what_predicts_worse_than_the_nominal_model_is_left_out(lap, identifier,
     problem = lap("noise").problem
     option = identifier("sparse", **EXACT, threshold=0.0)
     blocks, nominal = Blocks(problem), problem.nominal
-    raw, guarded = option.fitted(problem).model, option.identify(problem, rng).model
+    raw, guarded = option.estimated(problem, rng).model, option.identify(problem, rng).model
     own, kept, believed = (
         blocks.runs(model, problem.validation).error for model in (raw, guarded, nominal)
     )
@@ -68,7 +68,7 @@ def test_more_is_left_out_with_a_larger_threshold(lap, identifier, rng) -> None:
     problem = lap("noise").problem
     counts = []
     for threshold in (0.0, 0.03, 0.3, 1e3):
-        found = identifier("sparse", **EXACT, threshold=threshold).fitted(problem)
+        found = identifier("sparse", **EXACT, threshold=threshold).estimated(problem, rng)
         counts.append(sum(len(left(found.residual, k)) for k in range(3)))
     assert counts[0] == 3 * 30
     assert counts[-1] == 0
