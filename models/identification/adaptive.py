@@ -104,6 +104,7 @@ class Adapter:
             validation=recording.part(slice(cut, k)),
             nominal=self.model,
             thruster=self.thruster,
+            compared=True,  # it is judged below, on the end of the window
         )
         try:
             candidate = self.identifier.identify(problem, self.rng).model

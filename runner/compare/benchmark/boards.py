@@ -81,7 +81,7 @@ class Board:
         if self.contest.tested:
             return self.contest.best()
         first, *others = self.contest.order()
-        scored = {name: [e.score for e in self.of(name) if e.score] for name in (first, *others)}
+        scored = {name: [e.judged for e in self.of(name) if e.judged] for name in (first, *others)}
         values = holm([chance(scored[first], scored[name]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if not p < LEVEL)]
 

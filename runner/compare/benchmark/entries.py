@@ -13,7 +13,7 @@ import sqlalchemy as sa
 
 from seatrial.runner.compare.benchmark.cells import Cell
 from seatrial.runner.compare.benchmark.manoeuvre_scores import Measure, measures
-from seatrial.runner.compare.benchmark.position import position_error
+from seatrial.runner.compare.benchmark.position import position_score
 from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, Score, score
 from seatrial.runner.compare.benchmark.task import Task
 from seatrial.runner.compare.results import FINISHED, Results
@@ -40,14 +40,19 @@ class Entry:
     parameters: int  # that differ from the believed ones
     score: Score | None  # None: without a prediction
     measures: tuple[Measure, ...] = ()
-    position_m: float | None = None  # error after a time, for a task that ranks by it
+    position: Score | None = None  # of the position after a time, for a task that ranks by it
 
     @property
     def loss(self) -> float:
         """Error of the position, or mean NRMSE of the free run; inf if that diverges."""
-        if self.score is None or self.position_m is None or math.isinf(self.score.loss):
-            return math.inf if self.score is None else self.score.loss
-        return self.position_m
+        return math.inf if self.judged is None else self.judged.loss
+
+    @property
+    def judged(self) -> Score | None:
+        """The score that ranks: of the position, unless the free run diverges or it has none."""
+        if self.score is None or self.position is None or math.isinf(self.score.loss):
+            return self.score
+        return self.position
 
 
 def entries(results: Results, task: Task, listed: Iterable[Cell]) -> list[Entry]:
@@ -97,10 +102,10 @@ def _entry(results: Results, task: Task, cell: Cell, row: Stored) -> Entry:
     )  # fmt: skip
 
 
-def _position(series: Series, model: str, task: Task) -> float | None:
+def _position(series: Series, model: str, task: Task) -> Score | None:
     if task.position_after_s is None:
         return None
-    return position_error(series, model, task.position_after_s)
+    return position_score(series, model, task.position_after_s)
 
 
 def _training_s(results: Results, run: int) -> float:
@@ -137,6 +142,6 @@ def references(results: Results, task: Task, own: Sequence[Entry]) -> list[Entry
             cell = replace(entry.cell, entrant=name)
             result = score(series, name, task.outputs, task.horizons_s)
             position = _position(series, name, task)
-            row = Entry(cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position_m=position)
+            row = Entry(cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position=position)
             found.append(row)
     return found

@@ -11,6 +11,7 @@ from seatrial.models.identification.guard import guarded, mixed_table
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.vessel.table import Vessel
+from tests.models.conftest import configured
 
 
 def identified(model: Vessel, nominal: Vessel) -> Identified:
@@ -84,8 +85,9 @@ def test_a_regression_that_fails_is_not_the_result(
 
 
 def test_a_hull_with_thrusters_is_fitted_as_one_whose_forces_are_commanded() -> None:
-    """Inertia and damping are then free, and damping dissipates; a rudder in the table forbids it."""
-    boat, ship, table = (configured("vessel", n).nominal() for n in ("blueboat", "mariner", "esso_osaka_table"))
+    """Inertia is free, and damping dissipates; where the table holds a rudder neither is known."""
+    names = ("blueboat", "mariner", "esso_osaka_table")
+    boat, ship, table = (configured("vessel", name).nominal() for name in names)
     assert [vessel.bare_hull for vessel in (boat, ship, table)] == [True, False, False]
     assert {*boat.accelerations} <= {term.name for term in choose_basis("full", (), boat)}
     assert damping_terms(boat)

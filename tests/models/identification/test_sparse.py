@@ -34,7 +34,7 @@ def stay_noise(recording: Recording, rng: np.random.Generator) -> Recording:
 def test_threshold_zero_is_least_squares(lap, identifier, rng, algorithm, disturbance) -> None:
     problem = lap(disturbance).problem
     options = {**EXACT, "threshold": 0.0, "algorithm": algorithm}
-    found = identifier("sparse", **options).fitted(problem)
+    found = identifier("sparse", **options).estimated(problem, rng)
     ls = identifier("ls", lowpass_hz=None, inertia_factor=None).identify(problem, rng)
     scale = np.max(np.abs(ls.residual.theta), axis=0)
     np.testing.assert_allclose(found.residual.theta / scale, ls.residual.theta / scale, atol=1e-8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.benchmark.position import position_error
+from seatrial.runner.compare.benchmark.position import position_score
 from seatrial.runner.compare.benchmark.scores import (
     MEAN_MOTION,
     PERSISTENCE,
@@ -113,13 +113,17 @@ def test_position_after_a_time_is_a_distance() -> None:
     """A ship at 2 m/s to the east, predicted 0.3 m too far north and 0.4 m too far east."""
     t = np.arange(0.0, 20.0, 0.5)
     known = {"t": t, "x": 0.0 * t, "y": 2.0 * t, "psi": 0.5 * np.pi + 0.0 * t}
-    known |= {"surge": 2.0 + 0.0 * t, "sway": 0.0 * t}
+    known |= {"surge": 2.0 + 0.0 * t, "sway": 0.0 * t, "start": t == 0.0}
     reached = np.where(t >= 5.0, 0.0, np.nan)
     for model, north, east in (("nominal", 0.0, 1.0), ("identified", 0.3, 0.4)):
         known |= {f"x_{model}_5s": north + reached, f"y_{model}_5s": 2.0 * t + east + reached}
     series = Series("prediction", known, dict.fromkeys(known, ""))
-    assert position_error(series, "identified", 5.0) == pytest.approx(0.5)
-    assert position_error(series, "nominal", 5.0) == pytest.approx(1.0)
-    assert position_error(series, PERSISTENCE, 5.0) == pytest.approx(0.0, abs=1e-9)
-    assert position_error(series, MEAN_MOTION, 5.0) == pytest.approx(0.0, abs=1e-9)
-    assert position_error(series, "plant", 5.0) == np.inf
+    assert position_score(series, "identified", 5.0).loss == pytest.approx(0.5)
+    assert position_score(series, "nominal", 5.0).loss == pytest.approx(1.0)
+    assert position_score(series, PERSISTENCE, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    assert position_score(series, MEAN_MOTION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    absent = position_score(series, "plant", 5.0)
+    assert absent.loss == np.inf
+    near, far = (position_score(series, name, 5.0) for name in ("identified", "nominal"))
+    assert chance([near], [far]) < 0.05
+    assert chance([near], [absent]) == 0.0
