@@ -33,6 +33,19 @@ class TrainingPart(Blocks):
         return (self.problem.training,)
 
 
+class Astray(Blocks):
+    """Blocks on which an axis is lost that is worse than the nominal model and the mean motion.
+
+    An estimate without a block has less to learn from than the one that is judged by it: one that
+    is a little worse says little, one that predicts worse than no model at all runs away.
+    """
+
+    def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
+        """The axes that are worse than a reference by more than one standard error, and than 1."""
+        nrmse = dict(zip(self.axes, left_out.nrmse, strict=True))
+        return [k for k in super().lost(left_out, reference) if nrmse[k] > 1.0]
+
+
 def held_to_nominal(problem: Problem, result: Identified, force: str | None) -> Identified:
     """The result with the nominal equation of each axis that it predicts worse where it was fitted.
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import SEED, Blocks, best_of
-from seatrial.models.identification.guard import guarded, held_to_nominal
+from seatrial.models.identification.guard import Astray, guarded, held_to_nominal
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -102,9 +102,9 @@ class ResidualOptions(Identifier):
     of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
     (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
     about the believed one, damping dissipates, and an axis that free runs predict worse than the
-    nominal model keeps its equation (null: none of these). `refinement: free_run` refines the table
-    by free runs over segments of `segment_s` [s]. `tune` maps options to values of which free runs
-    over blocks left out choose one.
+    nominal model and the mean motion keeps its equation (null: none of these). `refinement:
+    free_run` refines the table by free runs over segments of `segment_s` [s]. `tune` maps options
+    to values of which free runs over blocks left out choose one.
     """
 
     basis: str | tuple[str, ...]
@@ -178,24 +178,21 @@ class ResidualOptions(Identifier):
     def judged(self, problem: Problem, result: Identified) -> Identified:
         """The result with the nominal equation of each axis that is predicted worse with its own.
 
-        A regression is judged by blocks left out; a table that free runs have refined is so by the
-        training part, for it takes long. Without physical constraints a regression stays as it is.
+        A regression is judged by blocks left out (`Astray`); a table that free runs have refined is
+        so by the training part, for it takes long. Without physical constraints a regression stays
+        as it is.
         """
         if self.inertia_factor is None:
             return result
         if self.refinement == "free_run":
             return held_to_nominal(problem, result, self.force)
-        return self.judged_on_blocks(problem, result)
-
-    def judged_on_blocks(self, problem: Problem, result: Identified) -> Identified:
-        """The same by blocks left out of the regression."""
         quick = self.quick()
         assert isinstance(quick, ResidualOptions)
 
         def model(part: Problem) -> Vessel:
             return quick.estimated(part, np.random.default_rng(SEED)).model
 
-        return guarded(Blocks(problem, force=self.force), model, result)
+        return guarded(Astray(problem, force=self.force), model, result)
 
     @abstractmethod
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:

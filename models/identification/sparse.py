@@ -26,6 +26,8 @@ from annotated_types import Ge
 from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.guard import guarded
 from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.refinement import finished
@@ -78,6 +80,16 @@ class Sparse(ResidualOptions):
         return [Demand("folds", count, f"{count} regressions", float(count) * extent.samples)]
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Identify the residual table; an axis that free runs predict worse keeps its equation."""
+        blocks = Blocks(problem, horizon_s=self.segment_s, force=self.force)
+        quick = replace(self, refinement="none")
+        return guarded(blocks, lambda part: quick.fitted(part).model, self.fitted(problem))
+
+    def judged(self, problem: Problem, result: Identified) -> Identified:
+        """The result, whose axes are judged already."""
+        return result
+
+    def fitted(self, problem: Problem) -> Identified:
         """Identify the residual table, with the threshold and the number of terms of each axis."""
         lag, findings = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
@@ -97,10 +109,6 @@ class Sparse(ResidualOptions):
         findings += choice_findings(residual, thresholds)
         result = Identified(problem.nominal + residual, residual, findings=findings)
         return finished(self, problem, lag, samples, result)
-
-    def judged(self, problem: Problem, result: Identified) -> Identified:
-        """The result, judged by blocks left out whatever its options are."""
-        return self.judged_on_blocks(problem, result)
 
     def left_out_errors(self, samples: Samples) -> Array:
         """Mean square of the lack of fit on the blocks left out, shape (n_choices, folds, n_dof).

@@ -34,7 +34,7 @@ def stay_noise(recording: Recording, rng: np.random.Generator) -> Recording:
 def test_threshold_zero_is_least_squares(lap, identifier, rng, algorithm, disturbance) -> None:
     problem = lap(disturbance).problem
     options = {**EXACT, "threshold": 0.0, "algorithm": algorithm}
-    found = identifier("sparse", **options).estimated(problem, rng)
+    found = identifier("sparse", **options).fitted(problem)
     ls = identifier("ls", lowpass_hz=None, inertia_factor=None).identify(problem, rng)
     scale = np.max(np.abs(ls.residual.theta), axis=0)
     np.testing.assert_allclose(found.residual.theta / scale, ls.residual.theta / scale, atol=1e-8)
@@ -56,7 +56,7 @@ def test_what_predicts_worse_than_the_nominal_model_is_left_out(lap, identifier,
     problem = lap("noise").problem
     option = identifier("sparse", **EXACT, threshold=0.0)
     blocks, nominal = Blocks(problem), problem.nominal
-    raw, guarded = option.estimated(problem, rng).model, option.identify(problem, rng).model
+    raw, guarded = option.fitted(problem).model, option.identify(problem, rng).model
     own, kept, believed = (
         blocks.runs(model, problem.validation).error for model in (raw, guarded, nominal)
     )
@@ -68,7 +68,7 @@ def test_more_is_left_out_with_a_larger_threshold(lap, identifier, rng) -> None:
     problem = lap("noise").problem
     counts = []
     for threshold in (0.0, 0.03, 0.3, 1e3):
-        found = identifier("sparse", **EXACT, threshold=threshold).estimated(problem, rng)
+        found = identifier("sparse", **EXACT, threshold=threshold).fitted(problem)
         counts.append(sum(len(left(found.residual, k)) for k in range(3)))
     assert counts[0] == 3 * 30
     assert counts[-1] == 0
