@@ -21,6 +21,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 LOST = "worse_than_nominal"  # the finding of an axis
+ASTRAY = 2.0  # error over the spread of the motion: twice that of its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,16 +35,16 @@ class TrainingPart(Blocks):
 
 
 class Astray(Blocks):
-    """Blocks on which an axis is lost that is worse than the nominal model and the mean motion.
+    """Blocks on which an axis is lost that is worse than the nominal model and far off the motion.
 
     An estimate without a block has less to learn from than the one that is judged by it: one that
-    is a little worse says little, one that predicts worse than no model at all runs away.
+    is a little worse says little, one with twice the error of the mean motion runs away.
     """
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
-        """The axes that are worse than a reference by more than one standard error, and than 1."""
+        """The axes that are worse than a reference, and whose error is above ASTRAY."""
         nrmse = dict(zip(self.axes, left_out.nrmse, strict=True))
-        return [k for k in super().lost(left_out, reference) if nrmse[k] > 1.0]
+        return [k for k in super().lost(left_out, reference) if nrmse[k] > ASTRAY]
 
 
 def held_to_nominal(problem: Problem, result: Identified, force: str | None) -> Identified:

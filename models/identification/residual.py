@@ -101,10 +101,10 @@ class ResidualOptions(Identifier):
     zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
     of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
     (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
-    about the believed one, damping dissipates, and an axis that free runs predict worse than the
-    nominal model and the mean motion keeps its equation (null: none of these). `refinement:
-    free_run` refines the table by free runs over segments of `segment_s` [s]. `tune` maps options
-    to values of which free runs over blocks left out choose one.
+    about the believed one, damping dissipates, and an axis that goes astray in free runs (`Astray`)
+    keeps its nominal equation (null: none of these). `refinement: free_run` refines the table by
+    free runs over segments of `segment_s` [s]. `tune` maps options to values of which free runs
+    over blocks left out choose one.
     """
 
     basis: str | tuple[str, ...]
