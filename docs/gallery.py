@@ -7,13 +7,17 @@ draws one figure. `make docs` calls it first.
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import chdir, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 from docs.pages.markdown import prose
+from seatrial.runner.compare.__main__ import run as results_program
 from seatrial.runner.compare.figures import figures
 
 ROOT = Path(__file__).parents[1]
@@ -205,11 +209,13 @@ def draw(name: str) -> None:
     output = folder / "figures" / name
     for old in (*output.glob("*"), *DRAWN.glob(f"{name}--*.*")):
         old.unlink()
-    plot = plot_command(name).removeprefix("seatrial-results")
-    where = f"--output {output}"
-    if "--database" not in plot:
-        where += f" --database {folder}/results.db"
-    run([sys.executable, "-m runner.compare", plot, where])
+    words = [*shlex.split(plot_command(name))[1:], "--output", str(output)]
+    if "--database" not in words:
+        words += ["--database", f"{folder}/results.db"]
+    with chdir(ROOT), redirect_stdout(StringIO()):
+        code = results_program(words)
+    if code:
+        sys.exit(f"{plot_command(name)}: exit code {code}")
     DRAWN.mkdir(parents=True, exist_ok=True)
     path = min(output.glob("*.svg"))
     if path.stat().st_size > LARGEST:

@@ -16,16 +16,21 @@ outputs into it. Tests run every page so and compare (`tests/test_guide_howto.py
 `make TARGET` is asked of make for its recipe (`--dry-run`), in the checkout.
 """
 
+import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest import mock
 
 ROOT = Path(__file__).parents[1]
 LONGEST_S = 600.0  # of one command
@@ -41,6 +46,7 @@ TIME = re.compile(r"\d\d:\d\d:\d\d|\d{4}-\d\d-\d\d( \d\d:\d\d)?")
 REPLACED = re.compile(r"(?P<old>.+) (?P<arrow>->|=>) (?P<new>.+)")
 MARKS = re.compile(r"\*\*|[†‡§]")
 PROGRAMS = {"seatrial": "seatrial.runner", "seatrial-results": "seatrial.runner.compare"}
+RESULTS = re.compile(r"seatrial-results (?!serve|browse)[^|&;<>$`*?~]+$")  # without a shell's marks
 TOLERANCE = 2e-3  # of a number: other processors round differently
 
 
@@ -140,19 +146,40 @@ class Folder:
             name, _, value = command[7:].partition("=")
             self.environment[name] = value
             return 0, [], ""
-        both = step.code or "stderr" in step.notes
-        done = subprocess.run(
-            ["bash", "-o", "pipefail", "-c", command], cwd=self.path, env=self.environment,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT if both else subprocess.PIPE,
-            text=True, timeout=LONGEST_S, check=False, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-        out = done.stdout
+        both = bool(step.code or "stderr" in step.notes)
+        is_plain = RESULTS.match(command) and "SEATRIAL_PLUGINS" not in self.environment
+        code, out, err = (self._in_process if is_plain else self._by_shell)(command, both)
         if data := self.environment["DATA"]:
             out = out.replace(data, "$DATA")
         lines = out.splitlines()
         if both:  # progress and warnings begin with the time
             lines = [line for line in lines if not re.match(r"\d\d:\d\d:\d\d ", line)]
-        return done.returncode, lines, done.stderr or out
+        return code, lines, err or out
+
+    def _by_shell(self, command: str, both: bool) -> tuple[int, str, str]:
+        """Exit code, output and standard error, which is in the output if `both`."""
+        done = subprocess.run(
+            ["bash", "-o", "pipefail", "-c", command], cwd=self.path, env=self.environment,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT if both else subprocess.PIPE,
+            text=True, timeout=LONGEST_S, check=False, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        return done.returncode, done.stdout, done.stderr or ""
+
+    def _in_process(self, command: str, both: bool) -> tuple[int, str, str]:
+        """The same of a plain command of `seatrial-results`, without starting a program."""
+        from seatrial.runner.compare.__main__ import run
+
+        words = shlex.split(command.replace("\\\n", " "))
+        out, err = io.StringIO(), io.StringIO()
+        with (
+            chdir(self.path), redirect_stdout(out), redirect_stderr(out if both else err),
+            mock.patch.dict(os.environ, self.environment, clear=True),
+            mock.patch.object(sys, "orig_argv", [sys.executable, *words]),
+            warnings.catch_warnings(),
+        ):  # fmt: skip
+            warnings.simplefilter("ignore")
+            code = run(words[1:])
+        return code, out.getvalue(), err.getvalue()
 
     def lacks(self, step: Step) -> str:
         """The program, package or variable that a step needs and that is not here."""
