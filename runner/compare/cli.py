@@ -35,6 +35,7 @@ else:  # by name: they take their requests from here
     runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
+MOST_CELLS = 250_000  # of a table, at about 3 kB
 app = typer.Typer(
     name="seatrial-results",
     no_args_is_help=True,
@@ -247,6 +248,7 @@ class TableOptions:
     tag: Tag = None
     pool: Pool = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
+    cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
     database: Database = DEFAULT_DATABASE
     form: Form = Format.RICH
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import Cell as GridCell
 from seatrial.runner.compare.grid import Grid, Scalar, number_text, unit_text, with_unit
 from seatrial.runner.compare.pivot import (
@@ -66,10 +67,23 @@ def comparison(results: Results, request: TableRequest) -> Grid:
         selection.shown, selection.runs, rows, request.columns, selection.flagged,
         selection.likeness, selection.diverged, request.names,
     )  # fmt: skip
+    _check_size(table, request)
     tests = {}
     if request.baseline:
         tests = against_baseline(table, selection.all, request.baseline, selection.likeness)
     return _Writer(request, selection, table, tests).grid()
+
+
+def _check_size(table: Pivot, request: TableRequest) -> None:
+    """Raise ConfigurationError for a table that is too large, before its cells are written."""
+    rows, columns = len(table.row_keys), len(table.column_keys)
+    if rows * columns > request.cells:
+        axis = "rows" if rows > columns else "columns"
+        factors = ",".join(table.row_factors if rows > columns else table.column_factors)
+        raise ConfigurationError(
+            f"--{axis} {factors}: got {max(rows, columns)} {axis}, {rows * columns} cells; "
+            f"expected at most {request.cells} cells (--cells)"
+        )
 
 
 class _Writer:

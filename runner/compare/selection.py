@@ -6,7 +6,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.cli import TableOptions, axes_of
+from seatrial.runner.compare.cli import MOST_CELLS, TableOptions, axes_of
 from seatrial.runner.compare.likeness import Likeness, differing, require_few
 from seatrial.runner.compare.pivot import Key, Prediction, prediction_of
 from seatrial.runner.compare.results import (
@@ -52,6 +52,7 @@ class TableRequest:
     tag: str | None = None  # only sweeps with it
     pool: Key = ()
     digits: int = 4
+    cells: int = MOST_CELLS  # most cells, with the empty ones
 
     @property
     def factors(self) -> Key:
@@ -133,6 +134,7 @@ def request_of(options: TableOptions) -> TableRequest:
         tag=options.tag,
         pool=_listed(options.pool),
         digits=options.digits,
+        cells=options.cells,
     )
 
 

@@ -35,6 +35,7 @@ class TableArguments(Selected, total=False):
     baseline: Names
     pool: Names
     digits: int
+    cells: int
 
 
 class PlotArguments(Selected, total=False):

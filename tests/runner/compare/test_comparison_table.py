@@ -52,6 +52,13 @@ def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Res
     assert any("1 diverged, 1 failed" in note for note in grid.notes)
 
 
+def test_too_many_cells_are_refused_before_they_are_written(results: Results) -> None:
+    said = r"--rows identifier: got 3 rows, 6 cells; expected at most 5 cells \(--cells\)"
+    with pytest.raises(ConfigurationError, match=said):
+        table(results, cells=5)
+    assert len(cells(table(results, cells=6))) == 6
+
+
 def test_below_the_true_model_is_marked_and_never_best(results: Results) -> None:
     grid = table(results)
     assert cells(grid)["plsr", "calm"] == "41.00 ± 1.0 † (n=3)"
