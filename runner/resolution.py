@@ -19,7 +19,11 @@ MOST_NODES = 100_000  # of a resolved configuration
 Path = tuple[str | int, ...]
 Node: TypeAlias = Any  # of OmegaConf, whose nodes have no public interface
 _REFERENCE = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
-_ANY_REFERENCE = re.compile(r"\$\{(\.*)(\w[\w.\[\]]*)\}")  # ${a.b[0]}, ${..a}
+_COPYING = r"oc\.(?:select|deprecated|dict\.keys|dict\.values)\s*:"  # resolvers of nodes by name
+# ${a.b[0]}, ${..a}, ${oc.select:a}, and names that are interpolations themselves, as ${a.${b}}
+_ANY_REFERENCE = re.compile(rf"\$\{{\s*(?:{_COPYING}[\s'\"]*)?(\.*)([^{{}}:,'\"]*)[}},'\"]")
+_COMPUTED = re.compile(rf"\$\{{\s*(?:{_COPYING})?[^{{}}:,]*\$\{{")
+MOST_COMPUTED = 12  # names, of which each may stand for any node
 _ENVIRONMENT = re.compile(r"\$\{oc\.env:\w+(?:,[\w./-]*)?\}")
 # Resolvers of OmegaConf read the configuration and the environment alone, and so do relative paths.
 _PURE = re.compile(r"\$\{(?:oc\.[a-z.]+:|\.)")
@@ -61,10 +65,16 @@ def check_size(config: DictConfig) -> None:
     Few lines can stand for more nodes than the memory holds, as `b: [${a},${a}]`, `c: [${b},${b}]`.
     So they are counted without being resolved; a text counts for every hundred letters.
     """
+    sizes = _Sizes(config)
     try:
-        nodes = _Sizes(config).of(config)
+        nodes = sizes.of(config)
     except RecursionError:
         raise ConfigurationError("interpolations refer to each other too many times") from None
+    if sizes.computed > MOST_COMPUTED:
+        raise ConfigurationError(
+            f"interpolations within interpolations: got {sizes.computed} such names, "
+            f"expected at most {MOST_COMPUTED}"
+        )
     if nodes > MOST_NODES:
         raise ConfigurationError(
             f"interpolations stand for {nodes:.2g} nodes, expected at most {MOST_NODES}"
@@ -77,6 +87,7 @@ class _Sizes:
     def __init__(self, root: Container) -> None:
         self._root = root
         self._known: dict[int, int] = {}
+        self.computed = 0  # names that depend on other nodes
 
     def of(self, node: Node) -> int:
         """The size of a node; 1 within itself, which OmegaConf refuses later."""
@@ -92,18 +103,21 @@ class _Sizes:
         if plain and isinstance(node, Container):
             return 1 + sum(self.of(node._get_node(key)) for key in _keys(node))
         text = str(node._value())
+        self.computed += len(_COMPUTED.findall(text))
         targets = (self._target(node, *found) for found in _ANY_REFERENCE.findall(text))
         return 1 + len(text) // 100 + sum(map(self.of, targets))
 
     def _target(self, node: Node, dots: str, path: str) -> Node:
-        """The node that a reference names; None if there is no such node."""
+        """The node that a reference names, or what it is a part of; None if there is none."""
         at: Node = self._root
         if dots:
             at = node._get_parent()
             for _ in dots[1:]:
                 at = at and at._get_parent()
-        for key in re.findall(r"\w+", path):
+        for key in re.findall(r"[^.\[\]\s]+", path):
             at = self._followed(at)
+            if at is not None and at._is_interpolation():
+                return at
             if isinstance(at, ListConfig):
                 at = at._get_node(int(key)) if key.isdigit() and int(key) < len(at) else None
             else:
@@ -111,10 +125,14 @@ class _Sizes:
         return at
 
     def _followed(self, node: Node) -> Node:
-        """A node that is no interpolation, from one that may be."""
-        while node is not None and node._is_interpolation():
+        """The container that a node is or refers to; the last interpolation if not known."""
+        visited: set[int] = set()
+        while node is not None and node._is_interpolation() and id(node) not in visited:
+            visited.add(id(node))
             found = _ANY_REFERENCE.fullmatch(str(node._value()))
-            node = self._target(node, *found.groups()) if found else None
+            node = self._target(node, *found.groups()) if found else node
+        if node is None or node._is_interpolation():
+            return node
         return node if isinstance(node, Container) and not node._is_none() else None
 
 
@@ -180,9 +198,9 @@ class Resolution:
         for override in changed:
             node: Node = self._task
             path: Path = ()
-            for name in _path(override):
+            for part in _path(override):
                 node = node._get_node(path[-1]) if path else node
-                path = (*path, _key(node, name))
+                path = (*path, _key(node, part))
             self._plain = _with(self._plain, path, _plain(node, path[-1]))
             self._texts[override.key_or_group] = override.input_line
         for override in changed:
@@ -209,7 +227,7 @@ def _require_plain_path(task: DictConfig, override: Override) -> None:
         raise Refused(override.input_line)
 
 
-def _require_present(plain: object, override: Override) -> None:
+def _require_present(plain: Node, override: Override) -> None:
     """Raise Refused if the value of an override is not at its path, e.g. below a number as key."""
     for name in _path(override):
         key = _key(plain, name)

@@ -4,9 +4,11 @@ import time
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.checked_yaml import MOST_NODES, check_file
+from seatrial.runner.resolution import check_size
 from tests.runner.command import Command
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -56,6 +58,36 @@ def test_aliases_count_as_often_as_they_stand(tmp_path: Path) -> None:
     path.write_text(f"a: &a [{half}]\nb: *a\nc: *a\n")
     with pytest.raises(ConfigurationError, match="line 3: got more than"):
         check_file(path)
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        *("${n%d}", "${ n%d }", "${oc.select:n%d}", "${oc.select: 'n%d' ,0}", "x${n%d}"),
+        *("${oc.create:${n%d}}", "${oc.env:NOT_SET,${n%d}}", "${oc.deprecated:n%d}"),
+        *("${oc.select:${k}%d}", "${n%d.x}", "${[n%d]}"),
+    ],
+)
+def test_interpolations_of_any_kind_are_counted(reference: str) -> None:
+    first = {"x": [1, 2]} if reference.endswith("x}") else [1, 2]
+    nodes: dict[str, object] = {"k": "n", "n0": first}
+    for i in range(12):
+        level = [reference % i] * 10
+        nodes[f"n{i + 1}"] = {"x": level} if reference.endswith("x}") else level
+    with pytest.raises(ConfigurationError, match="interpolations"):
+        check_size(OmegaConf.create(nodes))
+
+
+def test_interpolations_of_the_values_of_a_node_are_counted() -> None:
+    nodes: dict[str, object] = {"n0": {"x": 1, "y": 2}}
+    for i in range(12):
+        nodes[f"n{i + 1}"] = dict.fromkeys("abcdefghij", f"${{oc.dict.values:n{i}}}")
+    with pytest.raises(ConfigurationError, match="interpolations stand for"):
+        check_size(OmegaConf.create(nodes))
+
+
+def test_interpolations_in_a_circle_are_left_to_omegaconf() -> None:
+    check_size(OmegaConf.create({"a": "${b}", "b": "${a}", "c": "${a.x}"}))
 
 
 @pytest.mark.parametrize("level", ["[{0}]", "'{0}'"])  # a list, a text
