@@ -81,7 +81,12 @@ class Board:
         if self.contest.tested:
             return self.contest.best()
         first, *others = self.contest.order()
-        scored = {name: [e.judged for e in self.of(name) if e.judged] for name in (first, *others)}
+        own = {name: {_key(e): e for e in self.of(name)} for name in (first, *others)}
+        common = [key for key in own[first] if all(key in entries for entries in own.values())]
+        scored = {
+            name: [score for key in common if (score := entries[key].judged)]
+            for name, entries in own.items()
+        }
         values = holm([chance(scored[first], scored[name]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if not p < LEVEL)]
 
@@ -107,13 +112,17 @@ def boards(
     return found
 
 
+def _key(entry: Entry) -> tuple[str, str, int]:
+    """What is the same for all entrants of a cell."""
+    return entry.cell.task, entry.cell.case, entry.cell.seed
+
+
 def losses(own: Sequence[Entry]) -> tuple[list[str], Sample]:
     """Return entrants, and their losses (n_cases, n_entrants) in the cells that all have run."""
     names = list(dict.fromkeys(entry.cell.entrant for entry in own))
     by_cell: dict[tuple[str, str, int], dict[str, float]] = defaultdict(dict)
     for entry in own:
-        key = entry.cell.task, entry.cell.case, entry.cell.seed
-        by_cell[key][entry.cell.entrant] = entry.loss
+        by_cell[_key(entry)][entry.cell.entrant] = entry.loss
     return names, _table(names, by_cell.values())
 
 

@@ -140,7 +140,8 @@ def chance(first: Sequence[Score], other: Sequence[Score], seed: int = 0) -> flo
     length = max(round(BLOCK_S / first[0].period_s), 1)
     drawn = np.sqrt(block_bootstrap(both, length, np.random.default_rng(seed)))
     half = drawn.shape[1] // 2
-    better = np.mean(drawn[:, :half].mean(axis=1) < drawn[:, half:].mean(axis=1))
+    gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
+    better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)
     return float(min(2.0 * min(better, 1.0 - better) + 2.0 / len(drawn), 1.0))
 
 

@@ -107,6 +107,7 @@ def test_one_that_diverges_differs_from_one_that_does_not() -> None:
     )
     assert chance([own], [lost]) == 0.0
     assert chance([lost], [lost]) == 1.0
+    assert chance([own], [own]) == 1.0
 
 
 def test_position_after_a_time_is_a_distance() -> None:
