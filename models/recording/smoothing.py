@@ -102,8 +102,14 @@ def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
 
 
 def lowpass(values: Array, cutoff_hz: float, period_s: float) -> Array:
-    """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward."""
-    return np.asarray(scipy.signal.sosfiltfilt(_sections(cutoff_hz, period_s), values, axis=0))
+    """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward.
+
+    The ends are continued by 15 samples, or by as many as a shorter piece of a recording has.
+    """
+    padding = min(3 * (LOWPASS_ORDER + 1), len(values) - 1)
+    return np.asarray(
+        scipy.signal.sosfiltfilt(_sections(cutoff_hz, period_s), values, axis=0, padlen=padding)
+    )
 
 
 @lru_cache(maxsize=64)

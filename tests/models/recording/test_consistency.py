@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
+from scipy.interpolate import CubicSpline
 
 from seatrial.models.recording.agreement import Agreement, lag
 from seatrial.models.recording.consistency import consistency
@@ -83,17 +84,24 @@ def along_earth(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(**dict(zip(names, velocity.T, strict=True)))
 
 
-def resampled(table: pd.DataFrame) -> pd.DataFrame:
-    """The file at 25 Hz, by linear interpolation, from 10 Hz."""
-    t = table["Time"].to_numpy()
-    grid = np.arange(t[0], t[-1], 0.04)
-    names = [f"orientation_{part}" for part in "wxyz"]
-    turns = without_sign_flips(table[names].to_numpy())
-    table = table.assign(**dict(zip(names, turns.T, strict=True)))
-    columns = {name: np.interp(grid, t, table[name]) for name in table if name != "Time"}
-    result = pd.DataFrame({"Time": np.round(grid, 6), **columns})
-    return result.assign(**{name: result[name] / np.linalg.norm(result[names], axis=1)
-                            for name in names})  # fmt: skip
+def resampled(rate_hz: float, smoothly: bool) -> Mutilation:
+    """The file of 10 Hz at another rate, by linear interpolation or by cubic splines."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        t = table["Time"].to_numpy()
+        grid = np.arange(t[0], t[-1], 1.0 / rate_hz)
+        names = [f"orientation_{part}" for part in "wxyz"]
+        turns = without_sign_flips(table[names].to_numpy())
+        table = table.assign(**dict(zip(names, turns.T, strict=True))).astype(float)
+        columns = {
+            name: CubicSpline(t, table[name])(grid) if smoothly else np.interp(grid, t, table[name])
+            for name in table if name != "Time"
+        }  # fmt: skip
+        result = pd.DataFrame({"Time": np.round(grid, 6), **columns})
+        return result.assign(**{name: result[name] / np.linalg.norm(result[names], axis=1)
+                                for name in names})  # fmt: skip
+
+    return change
 
 
 LINEAR, ANGULAR = tuple(VELOCITY.values())[:3], tuple(VELOCITY.values())[3:]
@@ -110,7 +118,8 @@ MUTILATIONS: dict[str, tuple[Mutilation, str, tuple[str, ...], str]] = {
     "u and v": (exchanged("surge_vel", "sway_vel"), "swap", ("surge", "sway"), "surge=sway_vel"),
     "NED for ENU": (in_enu, "frame", ALL[:3], "frames.position=ENU"),
     "shifted clock": (delayed(0.4), "clock", (), "delay_s.velocity"),
-    "resampled": (resampled, "resampled", (), "resample_hz=10"),
+    "resampled": (resampled(25.0, False), "resampled", (), "resample_hz=10"),
+    "resampled smoothly": (resampled(17.0, True), "resampled", (), "resample_hz=10"),
     "along earth": (along_earth, "earth", ALL[:3], "frames.velocity=earth"),
 }  # fmt: skip
 
@@ -128,7 +137,7 @@ def found(path: Path) -> tuple[Problem, ...]:
 def test_mutilated_recordings_are_named_with_their_cures(
     beluga: Path, tmp_path: Path, name: str
 ) -> None:
-    """Each of the 12 mutilations is named once, with its axes and its cure, and nothing else."""
+    """Each of the 13 mutilations is named once, with its axes and its cure, and nothing else."""
     table, wrong = pd.read_csv(beluga / f"{name}.csv"), []
     for mutilation, (change, kind, axes, cure) in MUTILATIONS.items():
         path = tmp_path / "mutilated.csv"

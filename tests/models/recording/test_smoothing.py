@@ -100,6 +100,12 @@ def test_the_filter_has_no_phase_and_removes_what_is_above_it() -> None:
     np.testing.assert_allclose(filtered[inside, 1], slow[inside], atol=1e-4)
 
 
+def test_a_piece_shorter_than_the_padding_is_filtered() -> None:
+    """As little as one sample is left between two gaps of a recording."""
+    for count in (1, 2, 15):
+        np.testing.assert_allclose(lowpass(np.ones((count, 2)), 1.0, 0.1), 1.0)
+
+
 def test_a_computed_acceleration_is_told_from_a_measured_one(rng: np.random.Generator) -> None:
     """Central differences respond with i sin(w dt) / dt; another sensor has noise of its own."""
     velocity = motion(0.3, rng)[:, 0] + 0.02 * rng.standard_normal(SAMPLES)
