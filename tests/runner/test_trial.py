@@ -22,7 +22,10 @@ from tests.trials import asked_for, composed
             "identifier.lowpass_hz must lie between 0 and 5, got 9",
         ),
         (["controller=none"], "controller=none: excitation=waypoints needs a controller"),
-        (["vessel=surge_linear"], "excitation=waypoints: a lap of way-points needs a vessel"),
+        (
+            ["vessel=surge_linear", "excitation=waypoints"],
+            "excitation=waypoints: a lap of way-points needs a vessel",
+        ),
         (["vessel=surge_linear", "excitation=four_corner"], "excitation=four_corner: a lap of"),
         (["vessel=surge_linear", "excitation=zigzag"], "excitation=zigzag: .* surge and yaw"),
         (
