@@ -342,7 +342,7 @@ def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) ->
     """
     if count < 2 or n < count:
         raise ConfigurationError(
-            f"cannot cut {n} samples into {count} blocks, expected at least 2 and no empty one"
+            f"cannot cut {n} samples into {count} blocks, expected at least 2 blocks, none empty"
         )
     k = np.arange(n)
     inside = ((start <= k) & (k < end) for start, end in pairwise(_edges(n, count, file)))
