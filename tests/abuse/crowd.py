@@ -5,6 +5,7 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from threading import Thread
@@ -150,7 +151,7 @@ def suspended(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
         tries: list[tuple[str, Callable[[], None]]] = []
         for kind in bases.kinds:
             for launcher in ((), JOBLIB) if share == 1.0 else (JOBLIB,):
-                many = round(3 * share) or int(kind == SQLITE)
+                many = round(2 * share) or int(kind == SQLITE)
                 task = partial(_beside, chance=chance, apart_s=0.0)
                 tries += [
                     (f"{kind} {launcher[:1]}", partial(_on, bases, kind, launcher, task))
@@ -160,9 +161,13 @@ def suspended(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
                 tries.append(
                     (f"{kind}, for {TOO_LONG_S:.0f} s", partial(_on, bases, kind, (), task))
                 )
-        for name, attempt in tries:
-            with entry.attempt(name, repeat):
-                attempt()
+
+        def attempt(each: tuple[str, Callable[[], None]]) -> None:
+            with entry.attempt(each[0], repeat):
+                each[1]()
+
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(attempt, tries))
     entry.seconds = time.monotonic() - began
     return [entry]
 
