@@ -231,7 +231,7 @@ def _require_present(plain: Node, override: Override) -> None:
     """Raise Refused if the value of an override is not at its path, e.g. below a number as key."""
     for name in _path(override):
         key = _key(plain, name)
-        if not isinstance(plain, dict | list) or key not in _keys(plain):
+        if key not in (_keys(plain) if isinstance(plain, dict | list) else ()):
             raise Refused(override.input_line)
         plain = plain[key]
 
