@@ -1,10 +1,10 @@
 """What turning circle is predicted after simulated manoeuvring trials: `make manoeuvring`.
 
 The truth is KVLCC2 by the method of MMG. The trials are those of IMO resolution MSC.137(76),
-turning circles and zig-zags to both sides, with noise; the believed coefficients are off by up to
-20 %. Three models are identified: a polynomial (Abkowitz) by `iv` and by `auto` from all trials,
-and hull, rudder and propeller (MMG) jointly by `least_squares` from the zig-zags. Each then turns
-at 35 degrees to both sides, as do models that are drawn from its distribution.
+turning circles, each twice, and zig-zags to both sides, with noise; the believed coefficients are
+off by up to 20 %. Three models are identified: a polynomial (Abkowitz) by `iv` and by `auto` from
+all trials, and hull, rudder and propeller (MMG) jointly by `least_squares` from the zig-zags. Each
+then turns at 35 degrees to both sides, as do models that are drawn from its distribution.
 
 `python -m docs.manoeuvring_trials` prints the table of `results/manoeuvring_trials.json`;
 `--seeds 20 --write` computes it again.
@@ -43,7 +43,7 @@ DRAWS = 100  # models of an interval
 LEVEL = 0.9
 HELMS_DEG = (35.0, -35.0)
 ZIGZAGS = ((20, "zigzag"), (-20, "zigzag"), (10, "zigzag"), (-10, "zigzag"))
-CIRCLES = ((35, "turn"), (-35, "turn"))
+CIRCLES = ((35, "turn"), (-35, "turn"), (35, "turn"), (-35, "turn"))
 UNSURE = ("epsilon", "kappa", "gamma_R_plus", "gamma_R_minus", "l_R", "t_R", "a_H", "x_H",
           "w_P0", "t_P")  # fmt: skip
 FREE = ["table", *(f"rudder.{name}" for name in UNSURE[:-2]), "propeller.w_P0", "propeller.t_P"]

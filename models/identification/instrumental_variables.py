@@ -55,6 +55,10 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR = 1e-10
+REFINED = (
+    "the instruments are weak: the model of the regression diverges under the inputs of the "
+    "recording, so that it was refined by free runs; try fewer terms or a longer recording"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +241,26 @@ class InstrumentalVariables(ResidualOptions):
             spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
-        return finished(self, problem, lag, estimate.samples, result)
+        final = finished(self, problem, lag, estimate.samples, result)
+        if self.instruments == "none" or self._simulates(problem, final.model):
+            return final
+        if self.refinement == "none" and not problem.compared:
+            refining = replace(self, refinement="free_run")
+            final = finished(refining, problem, lag, estimate.samples, result)
+            if self._simulates(problem, final.model):
+                return replace(final, warnings=(*final.warnings, REFINED))
+        raise IdentificationError(
+            "the instruments are too weak: the identified model diverges under the inputs of the "
+            "recording, expected one that can be simulated; try fewer terms or a longer recording"
+        )
+
+    def _simulates(self, problem: Problem, model: Vessel) -> bool:
+        """Whether a model can be simulated under what it was trained on."""
+        try:
+            simulated_motion(problem.training, [model], self.force, self.restart_s)
+        except IdentificationError:
+            return False
+        return True
 
     def demands(self, extent: Extent) -> list[Demand]:
         """The simulations and the replicates."""
@@ -280,14 +303,18 @@ class InstrumentalVariables(ResidualOptions):
     def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
         """Estimate with instruments from the nominal model, then from each estimate.
 
-        The refinement ends at a model that cannot be simulated; the last estimate is kept.
+        In a stretch where an estimate cannot be simulated the instruments are those of the
+        estimate before. The refinement ends where no stretch can be; the last estimate is kept.
         """
-        z, same_sign = self.columns(problem, problem.nominal, lag)
+        models = [problem.nominal]
+        z, same_sign, _ = self.columns(problem, models, lag)
         estimate, count = _solve_excited_terms(samples, z), 0
         for _ in range(self.iterations):
-            model = problem.nominal + estimate.residual(problem.nominal.dofs)
+            models.insert(0, problem.nominal + estimate.residual(problem.nominal.dofs))
             try:
-                instruments, same_sign = self.columns(problem, model, lag)
+                instruments, same_sign, newest = self.columns(problem, models, lag)
+                if newest == 0.0:
+                    break
                 estimate, z = _solve_excited_terms(samples, instruments), instruments
             except IdentificationError:
                 break
@@ -298,18 +325,19 @@ class InstrumentalVariables(ResidualOptions):
         return Estimate(samples, estimate.kept, estimate.solution, tuple(findings))
 
     def columns(
-        self, problem: Problem, model: Vessel, lag: SecondOrderLag | None
-    ) -> tuple[Array, Array]:
+        self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
+    ) -> tuple[Array, Array, float]:
         """Instruments (N, n_terms), and the share of samples with the commoner sign of nu (n_dof,).
 
-        The instruments have zero mean except for the term 1, the intercept.
+        The instruments have zero mean except for the term 1, the intercept. Last is the share of
+        the stretches that the first of the models simulates.
         """
         recording = problem.training
         if self.thruster == "estimated":
             recording = recording.with_thruster(lag)
         elif self.thruster == "none":
             recording = replace(recording, tau_filtered=None)
-        motion, first = simulated_motion(recording, model, self.force, self.restart_s)
+        motion, first, newest = simulated_motion(recording, models, self.force, self.restart_s)
         starts = motion.t[first]
         smoothing = self.smoothing(problem.training)
         motion = self.filtered(motion, lag, smoothing)
@@ -322,7 +350,7 @@ class InstrumentalVariables(ResidualOptions):
         same_sign = np.maximum(np.mean(motion.nu > 0.0, axis=0), np.mean(motion.nu < 0.0, axis=0))
         z -= means
         z[~used] = 0.0
-        return z, same_sign
+        return z, same_sign, newest
 
 
 def _check_inertia(model: Vessel) -> None:

@@ -10,6 +10,7 @@ The heading is measured, not simulated, since a simulated heading drifts, and it
 would lose their correlation with the true ones. The wind is the mean of the measured wind in NED.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -73,28 +74,51 @@ GUIDANCE[Adrift] = _constant_setpoint
 REFERENCES[Adrift] = _hold_setpoint
 
 
+class Simulated(NamedTuple):
+    """A recording with simulated motion in place of the measured one."""
+
+    motion: Recording
+    first: NDArray[np.bool_]  # (N,) measured states at which the simulation starts
+    newest: float  # share of the stretches in which the motion is that of the first model
+
+
 def simulated_motion(
-    recording: Recording, model: Vessel, force: str | None, restart_s: float | None
-) -> tuple[Recording, NDArray[np.bool_]]:
+    recording: Recording, models: Sequence[Vessel], force: str | None, restart_s: float | None
+) -> Simulated:
     """The recording with the simulated motion of a model in place of the measured one.
 
     The simulation starts at the measured state in every stretch without a gap, and again every
-    `restart_s` [s]. The mask (N,) is true at these samples, which have measurement noise and cannot
-    be instruments. Raises IdentificationError when the model cannot be simulated.
+    `restart_s` [s]. These samples have measurement noise and cannot be instruments. Each stretch
+    is simulated by the first of the models that can be. Raises IdentificationError when none can.
     """
     wind = mean_wind(recording)
     limits = RUNAWAY * np.max(np.abs(recording.nu), axis=0)
     limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
-    motions, first = [], []
+    motions, first, newest = [], [], []
     for piece in stretches(recording, restart_s):
-        if model.forces_commanded:
-            motions.append(_simulate(piece, model, force, wind, tuple(limits.tolist())))
-        else:
-            motions.append(_steered(piece, model, limits))
+        which, motion = _by_the_first_able(piece, models, force, wind, limits)
+        motions.append(motion)
+        newest.append(which == 0)
         first.append(np.arange(len(piece)) == 0)
     nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
     air = None if wind is None else _wind_in_body(wind, recording)
-    return replace(recording, nu=nu, nu_dot=nu_dot, wind=air), np.concatenate(first)
+    moved = replace(recording, nu=nu, nu_dot=nu_dot, wind=air)
+    return Simulated(moved, np.concatenate(first), float(np.mean(newest)))
+
+
+def _by_the_first_able(
+    piece: Recording, models: Sequence[Vessel], force: str | None, wind: Array | None, limits: Array
+) -> tuple[int, tuple[Array, Array]]:
+    """The first of the models that can be simulated, with its velocity and acceleration."""
+    for which, model in enumerate(models):
+        try:
+            if model.forces_commanded:
+                return which, _simulate(piece, model, force, wind, tuple(limits.tolist()))
+            return which, _steered(piece, model, limits)
+        except IdentificationError:
+            if which == len(models) - 1:
+                raise
+    raise IdentificationError("instruments: got no model, expected at least one")
 
 
 def stretches(recording: Recording, restart_s: float | None) -> list[Recording]:

@@ -167,8 +167,8 @@ def sail(
     substeps = _substeps(period_s, step_s)
     n, n_dof = weather.force_ned.shape
     h = period_s / substeps
-    positioned = isinstance(plant.allocation, DeviceAllocation)
-    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioned)
+    positioning = plant.allocation if isinstance(plant.allocation, DeviceAllocation) else None
+    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioning is not None)
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
@@ -187,7 +187,7 @@ def sail(
     without_lag = plant.thruster is None
     names = plant.vessel.inputs
     return Voyage(
-        t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioned
+        t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioning
     )
 
 

@@ -13,6 +13,7 @@ from seatrial.models.simulation.registry import (
     reference_step,
 )
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.device_allocation import DeviceAllocation
 from seatrial.models.vessel.kinematics import in_body, reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.weather.weather import Weather
@@ -76,7 +77,12 @@ class Voyage:
     without_lag: bool
     step_times: Array = field(default_factory=lambda: np.zeros(0))
     inputs: tuple[str, ...] = ()  # of the vessel; empty: it is commanded by forces on the axes
-    positioned: bool = False  # whether forces were commanded, and allocated to the inputs
+    allocation: DeviceAllocation | None = None  # of commanded forces to the inputs
+
+    @property
+    def positioned(self) -> bool:
+        """Whether forces were commanded, and allocated to the inputs."""
+        return self.allocation is not None
 
     @property
     def by_force(self) -> bool:

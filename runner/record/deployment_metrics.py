@@ -156,7 +156,7 @@ UNREACHED = "unreached_share: the thrusters cannot produce {:.1%} of the command
 
 
 def is_allocated(voyage: Voyage) -> bool:
-    """Return whether the commands were allocated to forces of thrusters.
+    """Return whether the commands were changed to forces that the thrusters can give.
 
     Then at least rounding differs.
     """
@@ -166,12 +166,16 @@ def is_allocated(voyage: Voyage) -> bool:
 def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
     """Compute the share of the commands that the thrusters could not produce.
 
-    Empty if there is no thruster allocation.
+    Those of devices are shares at rest. Empty if there is no thruster allocation.
     """
     log = voyage.log
-    if not is_allocated(voyage):
+    if voyage.allocation is not None:
+        able = voyage.allocation.forces().allocate(log.tau, voyage.dofs).reached
+    elif is_allocated(voyage):
+        able = reached(log.tau, log.applied)
+    else:
         return []
-    share = float(np.mean(~reached(log.tau, log.applied)))
+    share = float(np.mean(~able))
     return [metric("unreached_share", stage, model, "all", share)]
 
 

@@ -1,7 +1,7 @@
 """Instrumental variables: outside data, the ferry, and consistency where least squares fails."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import solve
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.simulated_motion import Adrift, Playback, simulated_motion
@@ -189,7 +190,7 @@ def test_what_cannot_work_is_refused_before_any_work(identifier, calm, rng) -> N
 
 def test_instruments_of_the_true_model_are_the_true_motion(calm) -> None:
     training = calm.problem.training
-    motion, first = simulated_motion(training, calm.truth, "filtered", None)
+    motion, first, _ = simulated_motion(training, [calm.truth], "filtered", None)
     np.testing.assert_allclose(motion.nu, training.nu, atol=1e-3)
     assert np.flatnonzero(first).tolist() == [0]
 
@@ -197,11 +198,35 @@ def test_instruments_of_the_true_model_are_the_true_motion(calm) -> None:
 def test_the_simulation_begins_again_from_the_measured_state(calm) -> None:
     training = calm.problem.training
     wrong = 1.2 * calm.truth
-    far, _ = simulated_motion(training, wrong, None, None)
-    near, first = simulated_motion(training, wrong, None, 5.0)
+    far, *_ = simulated_motion(training, [wrong], None, None)
+    near, first, _ = simulated_motion(training, [wrong], None, 5.0)
     np.testing.assert_allclose(near.nu[first], training.nu[first])
     assert np.mean(first) == pytest.approx(0.02, abs=0.001)
     assert np.std(near.nu - training.nu) < 0.7 * np.std(far.nu - training.nu)
+
+
+def test_a_stretch_is_simulated_by_the_first_model_that_can_be(calm) -> None:
+    training = calm.problem.training
+    driven = (-5000.0) * calm.truth.on(basis.terms(["u", "v", "r"]))
+    wild = calm.truth + replace(driven, name="wild")
+    own = simulated_motion(training, [calm.truth], None, None)
+    other = simulated_motion(training, [wild, calm.truth], None, None)
+    np.testing.assert_array_equal(own.motion.nu, other.motion.nu)
+    assert (own.newest, other.newest) == (1.0, 0.0)
+    with pytest.raises(IdentificationError, match="simulation of the instruments fails"):
+        simulated_motion(training, [wild, wild], None, None)
+
+
+def test_a_model_that_diverges_is_refined_or_refused(
+    identifier, calm, rng, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter([False, True, False, False])
+    monkeypatch.setattr(iv.InstrumentalVariables, "_simulates", lambda *_: next(answers))
+    found = identifier("iv").identify(calm.problem, rng)
+    assert found.warnings == (iv.REFINED,)
+    with pytest.raises(IdentificationError, match=r"instruments are too weak.* diverges under"):
+        identifier("iv").identify(calm.problem, rng)
+    assert next(answers, None) is None
 
 
 # Consistency: a ship in wind and current, all velocities measured with noise

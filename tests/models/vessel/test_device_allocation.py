@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from seatrial.models.notation import PLANAR
+from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.vessel.allocation import allocate_step
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.device_allocation import DeviceAllocation, thrust_at
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.weather.weather import Weather
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
+from seatrial.runner.record import deployment_metrics
 from tests.trials import composed
 
 POSITIONED = ("milliampere_azimuths", "osv")
@@ -103,6 +106,21 @@ def test_curves_are_inverted() -> None:
 @pytest.mark.parametrize("name", ["otter", "kvlcc2", "remus100", "blueboat"])
 def test_what_gives_no_force_on_every_axis_is_not_positioned(name: str) -> None:
     assert vessel(name).positioning is None
+
+
+def test_the_share_of_forces_beyond_the_devices_is_counted() -> None:
+    """Of four commands the two beyond the bollard pull of an axis."""
+    own = allocation("milliampere_azimuths")
+    tau = np.array([[100.0, 0.0, 0.0], [0.0, 1.01, 0.0], [0.0, 0.0, -3.0], [0.0, 0.5, 0.0]])
+    tau[1:] *= own.limits(PLANAR)
+    rows = {name: np.zeros((4, 3)) for name in Log._fields}
+    still = Weather(*(np.zeros((4, 3)) for _ in range(4)))
+    voyage = Voyage(
+        np.arange(4.0), Log(**{**rows, "tau": tau}), PLANAR, still, True,
+        inputs=vessel("milliampere_azimuths").input_names, allocation=own,
+    )  # fmt: skip
+    (row,) = deployment_metrics.unreached(voyage, "deployment", "nominal")
+    assert row.value == 0.5
 
 
 @pytest.mark.slow
