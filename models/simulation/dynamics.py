@@ -423,6 +423,7 @@ def _weigh(
 def step(
     kinematics: Kinematics, plant: PlantTable, force: Array, eta: Array, nu: Array,
     weather: Weather, k: int, h: float, euler: bool, limit: float, work: Scratch,
+    known: bool = False,
 ) -> None:  # fmt: skip
     """One step of pose and velocity, in place, under row k of the weather.
 
@@ -430,13 +431,15 @@ def step(
     force (3, n_dof) acts at the start, in the middle and at the end; for a steered vessel these are
     the inputs, (3, n_inputs). Rates are limited to +-limit
     [m/s, rad/s; m/s^2, rad/s^2] unless it is infinite; `work.limited` counts the limited rates.
+    If the rates at the start are `known`, `work` holds them.
     """
     for stage in range(1 if euler else 4):
         at_eta, at_nu = (work.eta, work.nu) if stage > 0 else (eta, nu)
-        rates(
-            kinematics, plant, at_eta, at_nu, force[(stage + 1) // 2], weather, k, work,
-            work.eta_dot, work.nu_dot,
-        )  # fmt: skip
+        if stage > 0 or not known:
+            rates(
+                kinematics, plant, at_eta, at_nu, force[(stage + 1) // 2], weather, k, work,
+                work.eta_dot, work.nu_dot,
+            )  # fmt: skip
         count = _weigh(stage, h, euler, limit, eta, work.eta_dot, work.eta_sum, work.eta)
         count += _weigh(stage, h, euler, limit, nu, work.nu_dot, work.nu_sum, work.nu)
         if limit < np.inf:
@@ -448,18 +451,26 @@ def step(
 def advance(
     kinematics: Kinematics, plant: PlantTable, lag: LagTable, thrust: Array, command: Array,
     eta: Array, nu: Array, weather: Weather, k: int, h: float, substeps: int, work: Scratch,
-    euler: bool = False,
+    euler: bool = False, known: bool = False,
 ) -> None:  # fmt: skip
     """Advance pose, velocity and thrust (n, 2) over one control period; thrust is exact.
 
     The command (n,) is constant; `lag` is the discretised lag of the n thrusters, or inputs, for a
-    step of h/2 [s].
+    step of h/2 [s]. If the rates under the thrust before the command are `known`, `work` holds
+    them; they are computed again where the command changes the thrust immediately.
     """
+    for i in range(thrust.shape[0]):
+        work.acting[0, i] = thrust[i, 0]
     step_direct_kernel(lag, thrust, command)
-    for _ in range(substeps):
+    for i in range(thrust.shape[0]):
+        known = known and thrust[i, 0] == work.acting[0, i]
+    for part in range(substeps):
         for instant in range(3):
             if instant > 0:
                 step_lag_kernel(lag, thrust, command)
             for i in range(thrust.shape[0]):
                 work.acting[instant, i] = thrust[i, 0]
-        step(kinematics, plant, work.acting, eta, nu, weather, k, h, euler, np.inf, work)
+        step(
+            kinematics, plant, work.acting, eta, nu, weather, k, h, euler, np.inf, work,
+            known and part == 0,
+        )  # fmt: skip

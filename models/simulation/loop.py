@@ -67,8 +67,10 @@ def _observe(
         log.nu_measured[k, i] = nu[i] + weather.velocity_noise[k, i]
     rates(
         kinematics, plant, eta, nu, log.tau_actual[k], weather, k, work, work.eta_dot,
-        log.nu_dot[k],
+        work.nu_dot,
     )  # fmt: skip
+    for i in range(n_dof):
+        log.nu_dot[k, i] = work.nu_dot[i]
     guide_step(guidance, guidance_state, k, log.eta_measured[k], log.setpoint[k])
     reference_in_body_kernel(planar, reference, log.eta_d[k], log.nu_d[k], log.nu_dot_d[k])
     reference_step(table, reference, log.setpoint[k])
@@ -112,7 +114,7 @@ def _sail(
         allocate_step(allocation, log.tau[k], log.applied[k])
         advance(
             kinematics, plant, lag, thrust, log.applied[k], eta, nu, weather, k, h, substeps,
-            work, euler,
+            work, euler, True,
         )  # fmt: skip
     return last
 
@@ -277,7 +279,8 @@ def _loop(
 def compiled_step_s(plant: Plant, weather: Weather, period_s: float, step_s: float) -> float:
     """Time that a control period of the compiled loop takes [s], measured without a controller.
 
-    The right-hand side is evaluated four times in an integration step, and once for the log.
+    The right-hand side is evaluated four times in an integration step, and in the first of a
+    period once more where a command acts immediately: the log needs it before the command.
     """
     n_dof, table = len(plant.vessel.dofs), plant.at(0.0).plant_table()
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)

@@ -43,7 +43,7 @@ class PlantTable(NamedTuple):
     aerodynamic: bool  # whether it has terms in the velocity through the air
     turning: bool  # whether it has Coriolis forces: a current then rotates in body axes
     speed: bool  # whether terms or devices use the speed U
-    sideslip: bool  # whether terms use the angle beta
+    sideslip: bool  # whether terms or devices use the angle beta
     inputs: Codes  # (n_inputs,) variables that are the inputs; empty if forces are commanded
     axes: Codes  # (n_dof,) degrees of freedom among the six
     devices: tuple[Structure, ...]  # compiled for their types
@@ -138,7 +138,7 @@ def _layout(
         aerodynamic=bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in AIR]))),
         turning=has_coriolis(terms, dofs, support),
         speed=driven or bool(np.any(np.isin(codes % N_VARIABLES, [INDEX[name] for name in SPEED]))),
-        sideslip=bool(np.any(codes % N_VARIABLES == INDEX[SIDESLIP])),
+        sideslip=driven or bool(np.any(codes % N_VARIABLES == INDEX[SIDESLIP])),
         inputs=np.array([INDEX[name] for name in inputs], dtype=np.uint64),
         axes=np.array(columns, dtype=np.uint64),
         devices=NO_DEVICES.structures,

@@ -23,7 +23,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
-from seatrial.models.elementary import angle_of, where
+from seatrial.models.elementary import where
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import INDEX, Array
 from seatrial.models.vessel.devices.device import (
@@ -36,7 +36,7 @@ from seatrial.models.vessel.devices.device import (
     installed,
 )
 
-U, V, R, SPEED, OVER_SPEED = (INDEX[name] for name in ("u", "v", "r", "U", "1/U"))
+U, V, R, SPEED, OVER_SPEED, BETA = (INDEX[name] for name in ("u", "v", "r", "U", "1/U", "beta"))
 D_P, K_0, K_1, K_2, W_P0, C_1, C_2_PLUS, C_2_MINUS, T_P, X_P, RHO, LENGTH = range(12)
 
 
@@ -121,8 +121,7 @@ class Propeller(Device):
 @lean_kernel
 def drift(z: Array, position: float, length: float) -> float:
     """Drift angle [rad] at a position in ship lengths: beta - x' r', r' = r L / U."""
-    beta = -angle_of(z[V], z[U])
-    return beta - position * z[R] * length * z[OVER_SPEED]  # type: ignore[no-any-return]
+    return -z[BETA] - position * z[R] * length * z[OVER_SPEED]  # type: ignore[no-any-return]
 
 
 @lean_kernel
