@@ -242,9 +242,9 @@ class InstrumentalVariables(ResidualOptions):
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
         final = finished(self, problem, lag, estimate.samples, result)
-        if self.instruments == "none" or self._simulates(problem, final.model):
+        if self.instruments == "none" or problem.compared or self._simulates(problem, final.model):
             return final
-        if self.refinement == "none" and not problem.compared:
+        if self.refinement == "none":
             refining = replace(self, refinement="free_run")
             final = finished(refining, problem, lag, estimate.samples, result)
             if self._simulates(problem, final.model):
