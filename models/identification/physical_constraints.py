@@ -47,7 +47,8 @@ AROUND = 2.0  # times the largest velocities, as far as a ray is searched
 CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
 SMALLEST = 1e-3  # of a ray
 MARGIN = 0.02  # of the believed power that remains at a velocity that was cut
-PRIMAL = 1e-12  # tolerance of the solver: an axis of small weight hardly shows in a row of size one
+PRIMAL = (1e-12, 1e-9, 1e-6)  # tolerances of the solver, which may cycle at a small one; an axis
+# of small weight hardly shows in a row of size one
 REPEATS = 5  # of a quadratic program about its solution
 TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
 
@@ -405,15 +406,16 @@ def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, l
 def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
     norm = np.linalg.norm(A, axis=1)  # rows and a solution of size one, for the solver's tolerances
     size = max(float(np.max(np.abs(g))), float(np.max(b / norm))) or 1.0
-    solution, _, flag, info = daqp.solve(
-        np.ascontiguousarray(H),
-        -g / size,
-        np.ascontiguousarray(A / norm[:, None]),
-        np.full(len(A), 1e30),
-        b / (norm * size),
-        np.zeros(len(A), dtype=np.int32),
-        primal_tol=PRIMAL,
-    )
-    if flag <= 0:
-        raise IdentificationError(f"the physical constraints leave no solution (daqp: {flag})")
-    return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()
+    for tolerance in PRIMAL:
+        solution, _, flag, info = daqp.solve(
+            np.ascontiguousarray(H),
+            -g / size,
+            np.ascontiguousarray(A / norm[:, None]),
+            np.full(len(A), 1e30),
+            b / (norm * size),
+            np.zeros(len(A), dtype=np.int32),
+            primal_tol=tolerance,
+        )
+        if flag > 0:
+            return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()
+    raise IdentificationError(f"the physical constraints leave no solution (daqp: {flag})")
