@@ -34,11 +34,11 @@ class TrainingPart(Blocks):
         return (self.problem.training,)
 
 
-class Astray(Blocks):
-    """Blocks on which an axis is lost that is worse than the nominal model and far off the motion.
+class Astray(TrainingPart):
+    """Judges a regression: an axis is lost that is worse than the nominal model and runs away.
 
-    An estimate without a block has less to learn from than the one that is judged by it: one that
-    is a little worse says little, one with twice the error of the mean motion runs away.
+    A regression minimises the error of the force, so its free runs over the same part may be a
+    little worse; with twice the error of the mean motion they say that it has failed.
     """
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
@@ -47,13 +47,13 @@ class Astray(Blocks):
         return [k for k in super().lost(left_out, reference) if nrmse[k] > ASTRAY]
 
 
-def held_to_nominal(problem: Problem, result: Identified, force: str | None) -> Identified:
+def held_to_nominal(part: TrainingPart, result: Identified) -> Identified:
     """The result with the nominal equation of each axis that it predicts worse where it was fitted.
 
     Free runs over the training part are compared. It costs no further estimate, and finds models
     that run away or whose regression has failed, not those that are fitted too closely.
     """
-    return guarded_by([result.model], TrainingPart(problem, force=force), result)
+    return guarded_by([result.model], part, result)
 
 
 def guarded(

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import SEED, Blocks, best_of
-from seatrial.models.identification.guard import Astray, guarded, held_to_nominal
+from seatrial.models.identification.blocked_free_run import Blocks, best_of
+from seatrial.models.identification.guard import Astray, TrainingPart, held_to_nominal
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -176,23 +176,14 @@ class ResidualOptions(Identifier):
         return result if problem.compared else self.judged(problem, result)
 
     def judged(self, problem: Problem, result: Identified) -> Identified:
-        """The result with the nominal equation of each axis that is predicted worse with its own.
+        """The result with the nominal equation of each axis whose free runs fail (`guard`).
 
-        A regression is judged by blocks left out (`Astray`); a table that free runs have refined is
-        so by the training part, for it takes long. Without physical constraints a regression stays
-        as it is.
+        Without physical constraints a regression stays as it is.
         """
         if self.inertia_factor is None:
             return result
-        if self.refinement == "free_run":
-            return held_to_nominal(problem, result, self.force)
-        quick = self.quick()
-        assert isinstance(quick, ResidualOptions)
-
-        def model(part: Problem) -> Vessel:
-            return quick.estimated(part, np.random.default_rng(SEED)).model
-
-        return guarded(Astray(problem, force=self.force), model, result)
+        part = TrainingPart if self.refinement == "free_run" else Astray
+        return held_to_nominal(part(problem, force=self.force), result)
 
     @abstractmethod
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
