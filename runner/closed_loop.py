@@ -10,9 +10,10 @@ from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
 from seatrial.models.errors import PartError
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.findings import Finding, checked_array, name_of
+from seatrial.models.findings import Finding
 from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.loop import Watch, sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from seatrial.models.control.controller import Controller, Model
-from seatrial.models.findings import checked_array
+from seatrial.models.returned import checked_array
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters, State
 from seatrial.models.vessel.basis import Array
 

@@ -18,8 +18,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 from seatrial.models.errors import PartError
-from seatrial.models.findings import checked_array, name_of
 from seatrial.models.recording.recording import Recording
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel

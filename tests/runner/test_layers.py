@@ -13,6 +13,7 @@ SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.
 FLOORS = (
     "models.errors",
     "models.findings",
+    "models.returned",
     "models.ranges",
     "models.demand",
     "models.source_digest",

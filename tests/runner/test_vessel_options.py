@@ -78,9 +78,8 @@ def test_numbers_can_be_given_in_the_vessel_and_in_the_option(own: Path, seatria
 def test_a_vessel_without_enough(own: Path, seatrial: Command) -> None:
     seatrial.pretend()
     said = seatrial.refuses("--config-dir", str(own), "vessel=neither")
-    assert said == (
-        "vessel.velocity_limits: cannot be derived from vessel launch: "
-        "expected force_limits or length_m, got neither"
+    assert said.endswith(
+        ": cannot be derived from vessel launch: expected force_limits or length_m, got neither"
     )
     said = seatrial.refuses(
         "--config-dir", str(own), "vessel=neither", "+vessel.velocity_limits=[9.0,9.0,9.0]"

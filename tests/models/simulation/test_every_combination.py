@@ -43,7 +43,7 @@ PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in 
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 HELM = (  # by inputs, beside rudder_*
     *("spiral", "reverse_spiral", "williamson", "crash_stop"),
-    *("heading_changes", "path_following"),
+    *("heading_changes", "path_following", "input_prbs"),
 )
 
 
