@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.database.terminal import error_line, styled, visible
+from seatrial.runner.database.mask import styled
+from seatrial.runner.database.terminal import error_line, visible
 from seatrial.runner.invocation import results_program, trial_program
 from seatrial.runner.vocabulary import ENDINGS
 

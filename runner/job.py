@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from seatrial.models.errors import Diverged
 from seatrial.runner import database
 from seatrial.runner.config import SweepLabels, Trial, build_trial
-from seatrial.runner.database.terminal import shortened, without_address, without_passwords
+from seatrial.runner.database.mask import without_address, without_passwords
+from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.plugins import attributed
 from seatrial.runner.provenance import Provenance

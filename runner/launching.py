@@ -23,7 +23,7 @@ from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.database.terminal import without_passwords
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.vocabulary import ENDINGS
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
-from seatrial.runner.database.terminal import without_address
+from seatrial.runner.database.mask import without_address
 from seatrial.runner.fingerprint import source_digest
 from seatrial.runner.invocation import ROOT, in_checkout, typed_command
 

@@ -23,6 +23,7 @@ from annotated_types import Ge
 from seatrial.models.demand import FINDING, FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.physical_form import PhysicalForm, physical_form
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -39,12 +40,10 @@ from seatrial.models.identification.sampled_data import (
     sampled,
 )
 from seatrial.models.identification.state_space_findings import (
-    PhysicalForm,
     axes_of,
     fit_findings,
     model_findings,
     physical_findings,
-    physical_form,
     realisation_findings,
 )
 from seatrial.models.identification.subspace import Realisation, identify_innovations

@@ -47,8 +47,7 @@ AROUND = 2.0  # times the largest velocities, as far as a ray is searched
 CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
 SMALLEST = 1e-3  # of a ray
 MARGIN = 0.02  # of the believed power that remains at a velocity that was cut
-PRIMAL = (1e-12, 1e-9, 1e-6)  # tolerances of the solver, which may cycle at a small one; an axis
-# of small weight hardly shows in a row of size one
+PRIMAL = (1e-12, 1e-9, 1e-6)  # tolerances of the solver: the next one where it cycles
 REPEATS = 5  # of a quadratic program about its solution
 TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
 

@@ -11,6 +11,7 @@ would lose their correlation with the true ones. The wind is the mean of the mea
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -110,15 +111,20 @@ def _by_the_first_able(
     piece: Recording, models: Sequence[Vessel], force: str | None, wind: Array | None, limits: Array
 ) -> tuple[int, tuple[Array, Array]]:
     """The first of the models that can be simulated, with its velocity and acceleration."""
-    for which, model in enumerate(models):
-        try:
-            if model.forces_commanded:
-                return which, _simulate(piece, model, force, wind, tuple(limits.tolist()))
-            return which, _steered(piece, model, limits)
-        except IdentificationError:
-            if which == len(models) - 1:
-                raise
-    raise IdentificationError("instruments: got no model, expected at least one")
+    *newer, last = models
+    for which, model in enumerate(newer):
+        with suppress(IdentificationError):
+            return which, _moved(piece, model, force, wind, limits)
+    return len(newer), _moved(piece, last, force, wind, limits)
+
+
+def _moved(
+    piece: Recording, model: Vessel, force: str | None, wind: Array | None, limits: Array
+) -> tuple[Array, Array]:
+    """Velocity and acceleration (N, n_dof) of a simulation of one stretch."""
+    if model.forces_commanded:
+        return _simulate(piece, model, force, wind, tuple(limits.tolist()))
+    return _steered(piece, model, limits)
 
 
 def stretches(recording: Recording, restart_s: float | None) -> list[Recording]:

@@ -13,7 +13,8 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner import plugins
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
-from seatrial.runner.database.terminal import error_line, masked_output, without_passwords
+from seatrial.runner.database.mask import masked_output, without_passwords
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.invocation import import_from_working_folder
 
 PROGRAM = "seatrial-results"

@@ -20,7 +20,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
-from seatrial.runner.database.terminal import styled
+from seatrial.runner.database.mask import styled
 from seatrial.runner.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage

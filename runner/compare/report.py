@@ -22,9 +22,9 @@ from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
-from seatrial.runner.database.terminal import without_passwords
 from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS

@@ -16,8 +16,9 @@ from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_t
 from seatrial.runner.compare.results import RUN, Results
 from seatrial.runner.compare.where import Comparison, Condition
 from seatrial.runner.database.engine import file_url
+from seatrial.runner.database.mask import without_address
 from seatrial.runner.database.records import RunDetail, RunSummary
-from seatrial.runner.database.terminal import error_line, without_address
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.vocabulary import GROUPS, STATUSES

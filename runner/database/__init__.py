@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from seatrial.runner.database import tables as tables
     from seatrial.runner.database.engine import display_url as display_url
     from seatrial.runner.database.logbook import Logbook as Logbook
+    from seatrial.runner.database.mask import without_passwords as without_passwords
     from seatrial.runner.database.reader import Reader as Reader
     from seatrial.runner.database.records import Answer as Answer
     from seatrial.runner.database.records import Coefficient as Coefficient
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from seatrial.runner.database.records import SweepStatus as SweepStatus
     from seatrial.runner.database.records import SweepSummary as SweepSummary
     from seatrial.runner.database.records import Verification as Verification
-    from seatrial.runner.database.terminal import without_passwords as without_passwords
 else:
     import lazy_loader
 

@@ -24,13 +24,13 @@ from seatrial.runner.database.liveness import (
     is_gone,
     is_stale,
 )
-from seatrial.runner.database.records import RunClaim, RunStart, plain
-from seatrial.runner.database.tables import Base, Reuse, Run
-from seatrial.runner.database.terminal import (
+from seatrial.runner.database.mask import (
     command_without_address,
     without_address,
     without_passwords,
 )
+from seatrial.runner.database.records import RunClaim, RunStart, plain
+from seatrial.runner.database.tables import Base, Reuse, Run
 from seatrial.runner.vocabulary import GROUPS
 
 _TRIES = 10  # a try fails only if another process changed the rows at the same time

@@ -30,8 +30,8 @@ from sqlalchemy.exc import (
 from sqlalchemy.pool import QueuePool
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.mask import learn, without_passwords
 from seatrial.runner.database.outage import wait_for_server
-from seatrial.runner.database.terminal import learn, without_passwords
 
 # Database URLs: parsing, and display without passwords.
 

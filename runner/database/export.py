@@ -15,8 +15,9 @@ from sqlalchemy.types import TypeEngine
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.damaged_cells import UNREADABLE, DamagedCellError
+from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.tables import Base, Utc
-from seatrial.runner.database.terminal import guarded, without_passwords
+from seatrial.runner.database.terminal import guarded
 
 FORMATS = ("parquet", "csv")
 _BATCH = 10_000  # rows held at once

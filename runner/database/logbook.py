@@ -26,6 +26,7 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone, reuse
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
+from seatrial.runner.database.mask import command_without_address, without_address
 from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
@@ -38,7 +39,6 @@ from seatrial.runner.database.records import (
     integer,
     number,
 )
-from seatrial.runner.database.terminal import command_without_address, without_address
 from seatrial.runner.vocabulary import Ending
 
 T = TypeVar("T")

@@ -14,7 +14,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.pool import ConnectionPoolEntry
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.terminal import without_passwords
+from seatrial.runner.database.mask import without_passwords
 
 PATIENCE_S = 60.0
 FIRST_WAIT_S = 0.1

@@ -12,9 +12,9 @@ from sqlalchemy import JSON, Connection, Text, cast, or_, select, update
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address
+from seatrial.runner.database.mask import command_without_address, without_address
 from seatrial.runner.database.records import Problem
 from seatrial.runner.database.tables import Base, Run, Sweep
-from seatrial.runner.database.terminal import command_without_address, without_address
 
 _TABLES: tuple[type[Base], ...] = (Sweep, Run)
 

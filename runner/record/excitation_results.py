@@ -18,7 +18,7 @@ from seatrial.models.recording.preprocessing import quality_checks, quality_seri
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.database.records import Metric, Results, Series
-from seatrial.runner.record.own_metrics import metric
+from seatrial.runner.record.metric_rows import metric
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import ExcitationData

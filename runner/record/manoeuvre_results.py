@@ -41,8 +41,10 @@ from seatrial.runner.closed_loop import Streams, prepare
 from seatrial.runner.config import Trial
 from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
-from seatrial.runner.record.own_metrics import metric
+from seatrial.runner.record.metric_rows import metric
 
+log = logging.getLogger(__name__)
+HELM = "delta"
 DRAWS = 100  # models of an interval
 FEWEST = 20  # of them that carry the manoeuvre out
 UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
@@ -123,10 +125,6 @@ def _drawn(
             yield sailed(calm, mission, model, length_m)
         except UNABLE:
             continue
-
-
-log = logging.getLogger(__name__)
-HELM = "delta"
 
 
 def manoeuvres(problem: Problem, identified: Identified, length_m: float | None) -> list[Finding]:

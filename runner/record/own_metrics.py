@@ -1,4 +1,4 @@
-"""Rows of the logbook for metrics, and user-defined metrics, which the option `metrics` names.
+"""User-defined metrics: the classes that the option `metrics` names.
 
 A class declares its metric and computes it for a model on the held-out part of the recording, or
 for a mission in deployment:
@@ -14,38 +14,18 @@ for a mission in deployment:
 """
 
 from abc import ABC
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from seatrial.models.errors import PartError
 from seatrial.models.recording.recording import Recording
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
-from seatrial.runner.record.catalogue import Definition, declared, register
+from seatrial.runner.record.catalogue import Definition, register
+from seatrial.runner.record.metric_rows import metric
 from seatrial.runner.vocabulary import Stage
-
-
-def metric(name: str, stage: Stage, model: str, dof: str, value: float) -> Metric:
-    """Return a metric with the unit that the catalogue declares.
-
-    Raises KeyError for an undeclared name, and for a degree of freedom without a unit; ValueError
-    for a stage that does not store the metric.
-    """
-    definition = declared(name)
-    if stage not in definition.stages:
-        expected = " or ".join(definition.stages)
-        raise ValueError(f"metric {name}: got stage {stage}, expected {expected}")
-    return Metric(stage, model, dof, name, float(value), definition.unit_of(dof))
-
-
-def per_dof(
-    name: str, stage: Stage, model: str, dofs: Iterable[str], values: Array
-) -> list[Metric]:
-    """Return one metric per degree of freedom; `values` has shape (n_dof,)."""
-    return [metric(name, stage, model, dof, value) for dof, value in zip(dofs, values, strict=True)]
 
 
 class OwnMetric(ABC):

@@ -28,7 +28,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.database.records import Metric
 from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
-from seatrial.runner.record.own_metrics import metric, per_dof
+from seatrial.runner.record.metric_rows import metric, per_dof
 from seatrial.runner.vocabulary import FILE_FINDING
 
 MODELS = ("nominal", "identified")

@@ -7,7 +7,7 @@ import json
 import re
 from hashlib import sha256
 
-from seatrial.runner.database.terminal import without_passwords
+from seatrial.runner.database.mask import without_passwords
 
 SUMMARY, PROGRESS, FAILURES = "data/summary.js", "data/progress.js", "data/failures.js"
 RUN = re.compile(r"data/run-(\d{1,18})\.js")

@@ -11,9 +11,9 @@ import pytest
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.dsr import Dsr, restart_error
+from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.sampled_data import body_pose, sampled
-from seatrial.models.identification.state_space_findings import physical_form
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise

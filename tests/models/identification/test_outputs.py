@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.output_error import file_bootstrap
+from seatrial.models.identification.file_bootstrap import file_bootstrap
 from seatrial.models.identification.outputs import outputs_of
 from seatrial.models.identification.prediction_fit import Fit, smoothed_starts
 from seatrial.models.identification.problem import Problem

@@ -16,8 +16,8 @@ from sqlalchemy.engine import URL
 from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.database import Logbook, engine
 from seatrial.runner.database.engine import parse
+from seatrial.runner.database.mask import Mask, without_address
 from seatrial.runner.database.tables import Run, Sweep
-from seatrial.runner.database.terminal import Mask, without_address
 from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres

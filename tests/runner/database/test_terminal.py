@@ -9,16 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seatrial.runner.database.terminal import (
-    ECHOED,
-    MaskedFormatter,
-    error_line,
-    guarded,
-    masked_output,
-    shortened,
-    styled,
-    visible,
-)
+from seatrial.runner.database.mask import MaskedFormatter, masked_output, styled
+from seatrial.runner.database.terminal import ECHOED, error_line, guarded, shortened, visible
 
 
 def commands_terminal(letter: str) -> bool:
