@@ -13,6 +13,13 @@ from tests.runner.compare import stored
 from tests.runner.compare.browsers import start_browser
 
 
+def _filled(folder: Path, fill: Callable[[Logbook], None]) -> Path:
+    """The folder, with a logbook that was filled."""
+    with stored.logbook_at(folder) as logbook:
+        fill(logbook)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a small logbook whose figures can be worked out by hand.
@@ -21,10 +28,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plsr/calm 40, 41, 42 but below the true model; none/noise 200, 210, 220; ls/noise 90 (seed 0),
     seed 1 failed, seed 2 diverged; plsr/noise 80, and nothing (NaN) for seed 1.
     """
-    folder = tmp_path_factory.mktemp("plain")
-    with stored.logbook_at(folder) as logbook:
-        stored.fill_plain(logbook)
-    return folder
+    return _filled(tmp_path_factory.mktemp("plain"), stored.fill_plain)
 
 
 @pytest.fixture
@@ -49,19 +53,13 @@ def logbook(tmp_path: Path) -> Iterator[Logbook]:
 @pytest.fixture(scope="session")
 def sailed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a logbook with series and diagnostics, for the figures."""
-    folder = tmp_path_factory.mktemp("sailed")
-    with stored.logbook_at(folder) as logbook:
-        stored.fill_sailed(logbook)
-    return folder
+    return _filled(tmp_path_factory.mktemp("sailed"), stored.fill_sailed)
 
 
 @pytest.fixture(scope="session")
 def ranked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a logbook of the benchmark, for the figure of its ranks."""
-    folder = tmp_path_factory.mktemp("ranked")
-    with stored.logbook_at(folder) as logbook:
-        stored.fill_benchmark(logbook)
-    return folder
+    return _filled(tmp_path_factory.mktemp("ranked"), stored.fill_benchmark)
 
 
 Program = Callable[..., tuple[int, str, str]]
