@@ -21,7 +21,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 LOST = "worse_than_nominal"  # the finding of an axis
-ASTRAY = 2.0  # error over the spread of the motion: twice that of its mean
+RUNAWAY = 2.0  # error over the spread of the motion: twice that of its mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class TrainingPart(Blocks):
         return (self.problem.training,)
 
 
-class Astray(TrainingPart):
+class Runaway(TrainingPart):
     """Judges a regression: an axis is lost that is worse than the nominal model and runs away.
 
     A regression minimises the error of the force, so its free runs over the same part may be a
@@ -42,9 +42,9 @@ class Astray(TrainingPart):
     """
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
-        """The axes that are worse than a reference, and whose error is above ASTRAY."""
+        """The axes that are worse than a reference, and whose error is above RUNAWAY."""
         nrmse = dict(zip(self.axes, left_out.nrmse, strict=True))
-        return [k for k in super().lost(left_out, reference) if nrmse[k] > ASTRAY]
+        return [k for k in super().lost(left_out, reference) if nrmse[k] > RUNAWAY]
 
 
 def held_to_nominal(part: TrainingPart, result: Identified) -> Identified:

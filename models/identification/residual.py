@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks, best_of
-from seatrial.models.identification.guard import Astray, TrainingPart, held_to_nominal
+from seatrial.models.identification.guard import Runaway, TrainingPart, held_to_nominal
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -101,7 +101,7 @@ class ResidualOptions(Identifier):
     zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
     of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
     (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
-    about the believed one, damping dissipates, and an axis that goes astray in free runs (`Astray`)
+    about the believed one, damping dissipates, and an axis that runs away in free runs (`Runaway`)
     keeps its nominal equation (null: none of these). `refinement: free_run` refines the table by
     free runs over segments of `segment_s` [s]. `tune` maps options to values of which free runs
     over blocks left out choose one.
@@ -182,7 +182,7 @@ class ResidualOptions(Identifier):
         """
         if self.inertia_factor is None:
             return result
-        part = TrainingPart if self.refinement == "free_run" else Astray
+        part = TrainingPart if self.refinement == "free_run" else Runaway
         return held_to_nominal(part(problem, force=self.force), result)
 
     @abstractmethod
