@@ -60,7 +60,8 @@ class Method(NamedTuple):
 
 METHODS = {
     "iv": Method(
-        ("identifier=iv", "identifier.iterations=4", "identifier.orientation_terms=false"),
+        ("identifier=iv", "identifier.iterations=4", "identifier.orientation_terms=false",
+         "identifier.inertia_factor=null"),  # the regression as it is, not held to what is believed
         ZIGZAGS + CIRCLES, False,
     ),
     "auto": Method(("identifier=auto",), ZIGZAGS + CIRCLES, False),
