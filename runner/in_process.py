@@ -126,9 +126,9 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
     """Provide a Hydra of our own, and errors in one line; its state is as before afterwards."""
     for text in overrides:
         learn(text)
+    stop = StopSignals()
     signals = current_thread() is main_thread()
-    stop = StopSignals().listening(["SIGINT"]) if signals else nullcontext()
-    with _singletons_kept(), stop:
+    with _singletons_kept(), stop.listening(["SIGINT"]) if signals else nullcontext():
         import_from_working_folder()
         register(overrides)  # before Hydra looks for its sources
         with initialize_config_dir(str(CONF), job_name="seatrial", version_base="1.3"):
@@ -136,7 +136,10 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
             assert hydra is not None
             try:
                 yield hydra
-            except Exception as error:
+            except (Exception, StopSignal) as error:
+                # What a signal has interrupted may fail by any exception.
+                if stop.number is not None or isinstance(error, StopSignal):
+                    raise KeyboardInterrupt from None
                 # Before the start, any exception of Hydra is about the options; later it is a bug.
                 if call.started and not isinstance(error, EXPECTED):
                     raise
@@ -144,8 +147,6 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
                 if line == str(error) and isinstance(error, SeatrialError):
                     raise
                 raise ConfigurationError(line) from None
-            except StopSignal:
-                raise KeyboardInterrupt from None
 
 
 @contextmanager

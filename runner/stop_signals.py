@@ -1,8 +1,9 @@
 """SIGINT, SIGTERM and SIGHUP end the program once, by an exception in the main thread.
 
-An exception that is raised during an import leaves half a module behind, and libraries log one that
-is raised during their clean-up with its traceback; there the signal is sent again a moment later.
-So is a signal whose exception was dropped, as Python does in finalisers and callbacks.
+An exception that is raised during an import leaves half a module behind, one in the midst of a
+transaction a lock; libraries log one that is raised during their clean-up with its traceback, or
+raise another in its place. There the signal is sent again a moment later. So is a signal whose
+exception was dropped, as Python does in finalisers and callbacks.
 """
 
 import _thread
@@ -17,9 +18,9 @@ from types import FrameType
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_S = 0.05
-PATIENCE_S = 5.0  # with an import or a clean-up
+PATIENCE_S = 5.0  # with an import, a transaction or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
-DELICATE = ("importlib._bootstrap", "logging", "sqlalchemy.pool")
+DELICATE = ("importlib._bootstrap", "logging", "omegaconf", "sqlalchemy")
 
 
 class StopSignal(KeyboardInterrupt):

@@ -306,7 +306,7 @@ class SeatrialSweeper(Sweeper):
             with console.shown(url, sweep_id, job.compile_times, self.session.view):
                 try:
                     yield sweep
-                except KeyboardInterrupt:
+                except BaseException:  # what Ctrl-C has interrupted may fail by any exception
                     logbook.give_up_sweep(sweep_id)
                     raise
             logbook.end_sweep(sweep_id, sweep.planned)

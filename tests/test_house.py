@@ -4,6 +4,7 @@ import io
 import shutil
 import subprocess
 import tarfile
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,14 @@ def test_no_function_is_too_long(house: House) -> None:
 
 def test_no_function_but_a_kernel_has_too_many_arguments(house: House) -> None:
     assert [str(function) for function in house.too_many_arguments()] == []
+
+
+@pytest.mark.parametrize("package", ["", ".runner.database", ".runner.compare", ".runner.export"])
+def test_names_imported_at_first_use_are_there(package: str) -> None:
+    module = import_module(f"seatrial{package}")
+    assert module.__all__
+    for name in module.__all__:
+        getattr(module, name)
 
 
 def test_a_small_house_is_counted_right(tmp_path: Path) -> None:

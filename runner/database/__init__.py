@@ -54,6 +54,6 @@ else:
                 *("RunDetail", "RunStart", "RunSummary", "Series", "SeriesFile", "SweepStatus"),
                 *("SweepSummary", "Verification"),
             ],
-            "terminal": ["without_passwords"],
+            "mask": ["without_passwords"],
         },
     )

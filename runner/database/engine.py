@@ -10,7 +10,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import URL, make_url
+from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import (
     ArgumentError,
     DataError,
@@ -176,7 +177,36 @@ def _sqlite(connect: Callable[[], sqlite3.Connection], begin: str) -> Engine:
     def _begin(connection: Connection) -> None:
         connection.exec_driver_sql(begin)
 
+    _release_locks(engine)
     return engine
+
+
+def _release_locks(engine: Engine) -> None:
+    """Let `engine.dispose` end the transactions that are still open.
+
+    Ctrl-C within a transaction can leave a connection that nobody returns to the pool, or a SQLite
+    connection that is closed under a statement and keeps its lock until the statement is collected;
+    a session that goes on would wait for it.
+    """
+    opened: set[DBAPIConnection] = set()
+
+    def end_transaction(connection: DBAPIConnection) -> None:
+        with suppress(engine.dialect.loaded_dbapi.Error):  # the server is gone
+            connection.rollback()
+
+    @event.listens_for(engine, "connect")
+    def _opened(connection: DBAPIConnection, _: object) -> None:
+        opened.add(connection)
+
+    @event.listens_for(engine, "close")
+    def _closed(connection: DBAPIConnection, _: object) -> None:
+        opened.discard(connection)
+        end_transaction(connection)
+
+    @event.listens_for(engine, "engine_disposed")
+    def _disposed(_: Engine) -> None:
+        for connection in opened:
+            end_transaction(connection)
 
 
 def _open_to_write(path: Path, option: str, *, foreign_keys: bool) -> sqlite3.Connection:
@@ -277,4 +307,5 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
     wait_for_server(engine)
+    _release_locks(engine)
     return engine

@@ -66,18 +66,20 @@ class Logbook(Reader):
 
     def close(self) -> None:
         """Mark the runs that have not ended as interrupted, and close every connection."""
+        if self._began:
+            hurry(self.address.url)
+        self._heartbeat.stop()
+        super().close()
+        self._writer.dispose()  # ends a transaction that Ctrl-C left open
         try:
             if self._began:
-                hurry(self.address.url)
                 with self._writing() as connection:
                     for run_id in self._began:
                         give_up(connection, run_id, "the program ended before the run did")
         except LogbookError:
             pass  # without a heartbeat the runs count as interrupted anyway
         finally:
-            self._heartbeat.stop()
             self._began.clear()
-            super().close()
             self._writer.dispose()  # last: the last writer of a SQLite file removes its log
 
     @contextmanager

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 else:
     import lazy_loader
 
-    console = lazy_loader.load("seatrial.runner.console", suppress_warning=True)
     in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
 
 Choice = str | Path | Model | Sequence[str] | Mapping[str, object] | None

@@ -1,16 +1,19 @@
 """What goes into the logbook comes out of it."""
 
 import math
+import time
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import delete
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
 from seatrial.runner.database import Logbook, Metric, Reader, Results, Series
+from seatrial.runner.database.engine import BUSY_TIMEOUT_S
 from seatrial.runner.database.tables import Run
 from tests.runner.database.samples import make_results, make_start
 
@@ -174,6 +177,21 @@ def test_a_closed_logbook_gives_up_its_open_runs(url: str, results_dir: Path) ->
         assert summary.status == "interrupted"
         assert summary.error == "the program ended before the run did"
         assert logbook.begin_run(make_start()).state == "new"
+
+
+def test_a_closed_logbook_holds_no_lock(url: str, results_dir: Path) -> None:
+    """Also where Ctrl-C left a transaction that nobody ends."""
+    with Logbook.open(url, results_dir=results_dir) as interrupted:
+        interrupted.begin_run(make_start(1))
+        left = interrupted._writer.connect()
+        left.execute(delete(Run))
+    with Logbook.open(url, results_dir=results_dir) as logbook:
+        begun = time.monotonic()
+        logbook.begin_sweep("next", "python -m runner", [], 1)
+        assert time.monotonic() - begun < 0.5 * BUSY_TIMEOUT_S
+        assert [run.status for run in logbook.runs()] == ["interrupted"]
+    left.invalidate()
+    left.close()
 
 
 def test_passwords_are_not_stored(logbook: Logbook) -> None:
