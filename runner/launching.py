@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from functools import cache
 from threading import Event, Thread, current_thread, main_thread
 
 from hydra.core.utils import JobStatus
@@ -79,6 +78,9 @@ def launch(
         watch_the_queue()
     size = size or AT_ONCE.get(choice) or len(plans)
     shielded = shielded_workers() if choice == "joblib" else nullcontext()
+    if choice == "joblib":
+        ends = {"initializer": end_with, "initargs": (os.getpid(),)}
+        launcher.joblib = {**launcher.joblib, **ends}  # type: ignore[attr-defined]
     with _single_threaded_workers(), shielded:
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
@@ -193,11 +195,11 @@ def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
             signal.pthread_kill(main, signal.SIGURG)
 
 
-@cache
 def end_with(parent: int) -> None:
     """End this process soon after its parent, the process of the sweep, has ended.
 
-    A worker of joblib would wait in a pipe that the other workers keep open.
+    A worker of joblib would wait in a pipe that the other workers keep open, also one that has not
+    had a trial yet.
     """
     Thread(target=_end_with, args=(parent,), name="parent", daemon=True).start()
 

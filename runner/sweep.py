@@ -5,10 +5,9 @@ configured launcher, and ends with a summary from the logbook.
 """
 
 import logging
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from math import inf
 from pathlib import Path
@@ -43,7 +42,7 @@ from seatrial.runner.job import (
     prepare,
     shown,
 )
-from seatrial.runner.launching import LaunchResult, check, end_with, launch
+from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
@@ -202,12 +201,9 @@ class SweepJob:
     sweep_id: int
     provenance: Provenance
     compile_times: CompileTimes
-    pid: int = field(default_factory=os.getpid)  # of the sweep
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it."""
-        if os.getppid() == self.pid:
-            end_with(self.pid)
         self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:
