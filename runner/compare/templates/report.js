@@ -23,11 +23,11 @@ function sort(heading) {
   for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
   heading.setAttribute("aria-sort", down ? "descending" : "ascending");
 }
-// A table that is wider than the window says so, until its last column is seen.
+// A table or figure that is wider than the window says so, until its right edge is seen.
 function cue(box) {
   box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
 }
-for (const box of document.querySelectorAll("div.scroll:has(> table)")) {
+for (const box of document.querySelectorAll(".scroll")) {
   box.addEventListener("scroll", () => cue(box), { passive: true });
   new ResizeObserver(() => cue(box)).observe(box);
 }
