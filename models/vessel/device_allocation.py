@@ -11,6 +11,7 @@ nearer. The loss by inflow is left to the feedback. Fossen (2021), section 11.2.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -160,16 +161,23 @@ class DeviceAllocation:
 
     def limits(self, dofs: tuple[str, ...]) -> tuple[float, ...]:
         """Largest force on each axis alone, in both directions [N, Nm]."""
-        table = self.forces().table(dofs)
-        assert isinstance(table, PseudoInverse)
-        reach, applied = [], np.zeros(len(dofs))
-        for i, most in enumerate(table.reach):
-            both = []
-            for sign in (1.0, -1.0):
-                by_pseudo_inverse(table, sign * most * np.eye(len(dofs))[i], applied)
-                both.append(abs(applied[i]))
-            reach.append(float(min(both)))
-        return tuple(reach)
+        return _limits(self.devices, tuple(self.inputs.items()), dofs)
+
+
+@lru_cache(maxsize=64)  # the vessels of a sweep have the same thrusters
+def _limits(
+    devices: tuple[Thruster, ...], inputs: tuple[tuple[str, Input], ...], dofs: tuple[str, ...]
+) -> tuple[float, ...]:
+    table = DeviceAllocation(devices, dict(inputs)).forces().table(dofs)
+    assert isinstance(table, PseudoInverse)
+    reach, applied = [], np.zeros(len(dofs))
+    for i, most in enumerate(table.reach):
+        both = []
+        for sign in (1.0, -1.0):
+            by_pseudo_inverse(table, sign * most * np.eye(len(dofs))[i], applied)
+            both.append(abs(applied[i]))
+        reach.append(float(min(both)))
+    return tuple(reach)
 
 
 def device_allocation(
