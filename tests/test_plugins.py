@@ -58,6 +58,7 @@ def rows(folder: Path, query: str) -> list[tuple[object, ...]]:
         return database.execute(query).fetchall()
 
 
+@pytest.mark.slow
 def test_init_writes_an_identifier_and_a_test_that_pass(tmp_path: Path) -> None:
     out = run(tmp_path, "seatrial.runner", "init", "plugin", "my_fit")
     for name in ("my_fit.py", "conf/identifier/my_fit.yaml", "test_my_fit.py"):
@@ -157,6 +158,7 @@ def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> Non
     assert pie == "figure bars of pie is not used: seatrial.runner.compare.plots.bars has it"
 
 
+@pytest.mark.slow
 def test_an_installed_package_needs_no_variable(tmp_path: Path) -> None:
     """An entry point adds the options, the metrics and the figures of a package."""
     source, folder = written(tmp_path / "source"), tmp_path / "empty"
@@ -181,6 +183,7 @@ def test_an_installed_package_needs_no_variable(tmp_path: Path) -> None:
     assert "speeds.png" in run(folder, results, "plot", "speeds", **installed)
 
 
+@pytest.mark.slow
 def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
     folder = written(tmp_path)
     run(folder, "seatrial.runner", *SURGE, "identifier=fit")

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from tests.runner.programs import ROOT, ended, program
 
 PAGE = ROOT / "docs" / "howto" / "python.md"
@@ -25,6 +27,7 @@ def script() -> str:
     return "".join([*blocks, CHECKS])
 
 
+@pytest.mark.slow
 def test_the_code_of_the_guide_runs(tmp_path: Path) -> None:
     (tmp_path / "guide.py").write_text(script())
     code, out, err = ended(program("guide.py", folder=tmp_path))

@@ -85,6 +85,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_vessel_and_an_identifier_of_the_working_folder(tmp_path: Path) -> None:
     conf = tmp_path / "conf" / "identifier"
     conf.mkdir(parents=True)
@@ -142,6 +143,7 @@ for attempt in range(2):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
 def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: str) -> None:
     (tmp_path / "script.py").write_text(INTERRUPTED)

@@ -34,6 +34,7 @@ def test_every_map_has_a_file() -> None:
     assert all(len(text.splitlines()) <= 15 for text in MAPS.values())
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize("name", FILES)
 def test_map_of_the_page_has_no_problem(name: str, tmp_path: Path) -> None:

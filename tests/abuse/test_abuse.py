@@ -45,6 +45,7 @@ def test_the_law_tells_what_is_wrong(given: Answer, said: str | None) -> None:
     assert broken is None if said is None else said in (broken or "")
 
 
+@pytest.mark.slow
 def test_limits_end_a_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Endless work, endless waiting, too much memory, a crash: each is told from the others."""
 

@@ -146,6 +146,7 @@ def test_compiling_is_said_once(place: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_suspended_process_is_named_and_not_waited_for(place: Path, holder: Process) -> None:
     os.kill(holder.pid, signal.SIGSTOP)
     (place / "go").touch()
@@ -162,6 +163,7 @@ def test_a_suspended_process_is_named_and_not_waited_for(place: Path, holder: Pr
     assert Process(place, "report(slow)", 1.0).finish() == "result 7.0 misses 0\n"
 
 
+@pytest.mark.slow
 def test_a_live_process_is_waited_for_beyond_the_limit(place: Path, holder: Process) -> None:
     waiting = Process(place, "report(slow)", stalled_s=0.5)
     assert waiting.line().startswith("waiting for ")

@@ -73,6 +73,7 @@ def small(folder: Path, text: str = SMALL) -> None:
     (folder / "conf" / "benchmark" / "small.yaml").write_text(text)
 
 
+@pytest.mark.slow
 def test_cells_are_run_once_and_ranked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

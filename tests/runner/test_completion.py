@@ -98,6 +98,7 @@ def asked_of_results(folder: Path, words: str, shell: str = "bash") -> list[str]
     return answer.stdout.strip().splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["show", "model", "plot track --run"])
 def test_numbers_of_runs(home: Path, command: str) -> None:
     assert asked_of_results(home, f"{command} ") == []  # there is no logbook yet

@@ -66,6 +66,7 @@ def test_a_controller_of_the_helm_refuses_a_vessel_that_is_commanded_by_forces(
         trials.check(composed("vessel=cybership2", f"controller={controller}", *KEEPING))
 
 
+@pytest.mark.slow
 def test_cybership_from_its_paper_sails_with_every_controller(seatrial: Command) -> None:
     """A four-corner test in noise and wind: within half a length and five degrees on average."""
     answer = seatrial(

@@ -121,6 +121,7 @@ def test_a_comment_or_a_docstring_in_the_sources_does_not_matter(checkout: Path)
     assert digest(checkout) == source_digest()
 
 
+@pytest.mark.slow
 def test_every_file_that_computes_matters(checkout: Path) -> None:
     """A line of code in any file of models, or that `trial` loads, but for the storage."""
     package = trial.__name__.rpartition(".")[0]

@@ -161,6 +161,7 @@ def test_offset_of_a_clock_is_recovered_within_a_sample(
             pytest.fail(f"no offset of {topic}")
 
 
+@pytest.mark.slow
 @needs_data
 def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(tmp_path: Path) -> None:
     table = pd.read_csv(DATA / "beluga" / "sway-1.csv")

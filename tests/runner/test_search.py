@@ -71,6 +71,7 @@ def line_of(out: str, start: str) -> str:
     return line
 
 
+@pytest.mark.slow
 def test_it_finds_the_known_optimum(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     fake = Fake(monkeypatch)
     answer = seatrial(*SEARCH, *SPACE, "search.trials=40")
@@ -231,6 +232,7 @@ def test_the_figure_shows_the_best_so_far(
         draw("search", results, PlotRequest(sweep="7"), Path("figures"))
 
 
+@pytest.mark.slow
 def test_the_sweep_of_a_search_is_over_when_it_ends(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

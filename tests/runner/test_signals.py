@@ -124,6 +124,7 @@ def test_a_signal_is_neither_lost_nor_told_with_a_traceback(
     assert "Traceback" not in answer.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("launcher", ["basic", "joblib"])
 def test_a_program_that_is_stopped_ends_in_one_line(
@@ -169,6 +170,7 @@ def test_a_program_that_was_suspended_still_stops(tmp_path: Path) -> None:
     assert time.monotonic() - began < 10.0
 
 
+@pytest.mark.slow
 def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> None:
     code = (
         "import signal, sys, os; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
@@ -206,6 +208,7 @@ def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
     assert rows(tmp_path, RUNNING) == []
 
 
+@pytest.mark.slow
 def test_workers_end_after_the_sweep_was_killed(tmp_path: Path) -> None:
     variable = f"SEATRIAL_KILLED={secrets.token_hex(8)}"
     many = ("seed=range(0,4)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")

@@ -56,6 +56,7 @@ def test_linear_surge_with_a_population_of_100(identifier, make, signal, tau):
         assert found.std_error is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
 def test_quadratic_surge_with_a_population_of_1000(identifier, make, signal, tau, capsys):
     """|u|u, MAE, 60 generations, no polish: all three within 1 % on 10 of 10 seeds."""

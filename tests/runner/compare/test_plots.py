@@ -50,6 +50,7 @@ def axes_of(kind: str, results: Results, **options: object) -> list[Axes]:
     return drawing.figure.axes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", figures())
 def test_every_kind_writes_png_and_the_same_svg_twice(
     voyages: Results, tmp_path: Path, kind: str

@@ -27,6 +27,7 @@ def voyages(sailed: Path, ranked: Path, request: pytest.FixtureRequest) -> Itera
         yield opened
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "width"),
     [*((kind, "column") for kind in figures()), ("coefficients", "page"), ("wind", "page")],

@@ -36,6 +36,7 @@ def come_back_later(server: Postgres, seconds: float) -> Timer:
     return timer
 
 
+@pytest.mark.slow
 def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_dir: Path) -> None:
     url = server.new_database()
     with Logbook.open(url, results_dir=results_dir) as logbook:

@@ -23,6 +23,7 @@ def run_all(task: Callable[..., None], url: str, results_dir: Path) -> None:
         worker.finish()
 
 
+@pytest.mark.slow
 def test_eight_processes_write_a_thousand_runs(url: str, results_dir: Path) -> None:
     run_all(workers.write_own, url, results_dir)
     with Logbook.read(url, results_dir=results_dir) as reader:

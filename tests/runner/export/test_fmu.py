@@ -33,6 +33,7 @@ def file(tmp_path: Path, sailed: Path, program: Program, request: pytest.Fixture
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", [(FERRY, "plant")], indirect=True)
 def test_its_sources_compile_without_a_warning(file: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(file) as archive:

@@ -65,6 +65,7 @@ def test_every_coefficient_comes_back_to_the_last_digit(
     assert node["plant_scale"] == (config["plant_scale"] if model == "nominal" else 1.0)
 
 
+@pytest.mark.slow
 def test_a_run_and_its_file_are_sailed_alike(here: Path, program: Program) -> None:
     assert program("model", str(FERRY), "--to", "yaml", "-o", "ferry.yaml")[0] == 0
     (here / "vessels").mkdir()
