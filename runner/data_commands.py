@@ -20,7 +20,7 @@ from seatrial.runner.config import build_as
 from seatrial.runner.data_convert import convert
 from seatrial.runner.recording_map import options_of, read_map, reader_of
 from seatrial.runner.recording_page import page, sheets
-from seatrial.runner.recording_report import Report, report
+from seatrial.runner.recording_report import BRIDGED, Report, report
 
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
@@ -98,7 +98,7 @@ def proposed(file: Path, sources: Mapping[str, Source]) -> dict[str, object]:
     """A map from names and units, with what the correlations tell put into it."""
     node = propose(sources)
     if len(sources) > 1 or _has_gaps(file, node):
-        node |= {"resample_hz": _rate(file, node, sources), "at_gap": "split"}
+        node |= _grid(file, node, sources)
     for _ in range(MOST_CURES):
         try:
             reader = reader_of(file, _nested(node))
@@ -125,13 +125,16 @@ def _has_gaps(file: Path, node: dict[str, object]) -> bool:
     return False
 
 
-def _rate(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> float:
+def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> dict[str, object]:
+    """The rate of the source of the velocities; its ordinary steps are no gaps."""
     reader = reader_of(file, _nested(node))
     known = report(reader, sources, replace(reader.columns, velocity={}))
     column = next(iter(reader.columns.velocity.values()), None)
     name = str(getattr(column, "column", column)).rpartition(":")[0]
     sampling = known.samplings.get(name) or next(iter(known.samplings.values()))
-    return float(f"{sampling.rate_hz:.2g}")
+    grid: dict[str, object] = {"resample_hz": float(f"{sampling.rate_hz:.2g}"), "at_gap": "split"}
+    bridged = float(f"{BRIDGED / sampling.rate_hz:.2g}") if sampling.rate_hz > 0.0 else 0.0
+    return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
 
 
 def _cure(

@@ -135,8 +135,11 @@ def _ranges(recording: Recording) -> tuple[Range, ...]:
 def _offsets(
     recording: Recording, sources: Mapping[str, Source], columns: ColumnMap
 ) -> tuple[Offset, ...]:
-    """Clock offsets of the sources, by cross-correlation with pose and velocity."""
-    if len(sources) < 2:
+    """Clock offsets of the sources, by cross-correlation with pose and velocity.
+
+    There are none where most of the recording is in gaps: what is left says too little.
+    """
+    if len(sources) < 2 or _kept(recording) < KEPT:
         return ()
     poses = np.column_stack([recording.eta, recording.nu])
     names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
@@ -212,9 +215,8 @@ def _offset(
         if abs(rho[best]) >= SIMILAR - 0.4:
             sign = np.sign(rho[best])
             most = round(LONGEST_LAG_S / fine)
-            # Gaps stand still in what is known alone: in both they would agree at no offset.
             rate = known_rates[:, [best]]
-            behind = lag(sign * moving, inside[:, None] * rate, most) * fine
+            behind = lag(sign * moving, rate, most, inside) * fine
             moved = np.interp(grid[:-1] + behind, grid[:-1], moving[:, 0])[:, None]
             agreed = float(correlations(moved[inside], rate[inside])[0, 0])
             if abs(agreed) >= SIMILAR:
@@ -266,15 +268,19 @@ def _cures(samplings: Mapping[str, Sampling], why: str) -> tuple[str, ...]:
     return tuple(advice)
 
 
+def _kept(recording: Recording) -> float:
+    """The share of a recording that is not in gaps."""
+    return len(recording.t) * recording.period_s / float(recording.t[-1] - recording.t[0])
+
+
 def _bridges(samplings: Mapping[str, Sampling], recording: Recording) -> tuple[str, ...]:
     """Advice where ordinary steps of a slow source count as gaps, so that most is left out."""
-    kept = len(recording.t) * recording.period_s
-    whole = float(recording.t[-1] - recording.t[0])
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    if kept > KEPT * whole or not slowest.rate_hz > 0.0:
+    if _kept(recording) > KEPT or not slowest.rate_hz > 0.0:
         return ()
+    whole = float(recording.t[-1] - recording.t[0])
     return (
-        f"{kept:.0f} of {whole:.0f} s are kept, the rest is in gaps: "
+        f"{_kept(recording) * whole:.0f} of {whole:.0f} s are kept, the rest is in gaps: "
         f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of {name}",
     )
 

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.vessel.basis import Array
 
 CERTAIN = 3.0  # standard errors that make a difference of two correlations
+LEAST_ENERGY = 0.25  # of the largest, by which a part of a signal is normalised
 ALMOST_ONE = 0.999  # correlations above it are equal
 
 
@@ -92,23 +94,31 @@ def fisher(rho: Array) -> Array:
     return np.asarray(np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE)))
 
 
-def lag(observed: Array, expected: Array, most: int) -> float:
+def lag(
+    observed: Array, expected: Array, most: int, known: NDArray[np.bool_] | None = None
+) -> float:
     """By how many samples `observed` (N, k) is behind `expected` (N, k), to a fraction of one.
 
     The peak of the sum of the normalised cross-correlations of the columns, which must agree in
-    sign, within `most` samples to both sides; a parabola through its three largest values.
+    sign, within `most` samples to both sides; a parabola through its three largest values. Where
+    `expected` is not known everywhere, `known` (N,) says where; what is observed at these times,
+    after the shift, is normalised alone.
     """
-    a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
-    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
-    valid = size > 0.0
-    most = min(most, len(a) // 4)
-    if not np.any(valid) or most < 1:
+    most = min(most, len(observed) // 4)
+    if most < 1 or (known is not None and not np.any(known)):
         return 0.0
-    length = 1 << (2 * len(a) - 1).bit_length()
-    spectrum = np.fft.rfft(a[:, valid], length, axis=0) * np.conj(
-        np.fft.rfft(b[:, valid], length, axis=0)
-    )
-    sums = np.sum(np.fft.irfft(spectrum, length, axis=0) / size[valid], axis=1)
+    a = observed - np.mean(observed, axis=0)
+    b = expected - np.mean(expected if known is None else expected[known], axis=0)
+    energy = np.sum(a * a, axis=0, keepdims=True)
+    if known is not None:
+        b[~known] = 0.0
+        energy = _shifted(a * a, np.tile(known[:, None].astype(np.float64), a.shape[1]))
+        energy = np.maximum(energy, LEAST_ENERGY * np.max(energy, axis=0))
+    size = np.sqrt(energy * np.sum(b * b, axis=0))
+    valid = np.max(size, axis=0) > 0.0
+    if not np.any(valid):
+        return 0.0
+    sums = np.sum(_shifted(a[:, valid], b[:, valid]) / size[:, valid], axis=1)
     shifts = np.arange(-most, most + 1)
     values = sums[shifts]
     peak = int(np.argmax(values))
@@ -118,3 +128,10 @@ def lag(observed: Array, expected: Array, most: int) -> float:
     bend = before - 2.0 * top + after
     inside = 0.5 * float(before - after) / float(bend) if bend < 0.0 else 0.0
     return float(shifts[peak] + inside)
+
+
+def _shifted(a: Array, b: Array) -> Array:
+    """The sums of a[t + s] b[t] over t, at index s (negative from the end), shape (n, k)."""
+    n = 1 << (2 * len(a) - 1).bit_length()
+    spectrum = np.fft.rfft(a, n, axis=0) * np.conj(np.fft.rfft(b, n, axis=0))
+    return np.asarray(np.fft.irfft(spectrum, n, axis=0))

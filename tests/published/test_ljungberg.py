@@ -27,7 +27,7 @@ def test_instruments_forget_their_error_and_least_squares_does_not(
             "identifier.orientation_terms=true",
             f"identifier.wind_measurement={measured}",
         )
-        seeds = [run(*options, f"seed={seed}") for seed in range(4)]
+        seeds = [run(*options, f"seed={seed}") for seed in range(8)]
         return float(np.median([metric(one, "coefficient_error_median")["all"] for one in seeds]))
 
     short, long = (error(INSTRUMENTS, length) for length in (1000, 8000))
