@@ -8,15 +8,12 @@ The logbook holds the state of trials whose launcher has lost them, and prevents
 twice: a trial that is launched again while it is running remains with its process.
 """
 
-import _thread
 import os
-import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from threading import Event, Thread, current_thread, main_thread
 
 from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
@@ -24,6 +21,7 @@ from hydra.plugins.launcher import Launcher
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
+from seatrial.runner.joblib_workers import joblib_workers
 from seatrial.runner.vocabulary import ENDINGS
 
 POOL_LOST = (
@@ -77,11 +75,8 @@ def launch(
 
         watch_the_queue()
     size = size or AT_ONCE.get(choice) or len(plans)
-    shielded = shielded_workers() if choice == "joblib" else nullcontext()
-    if choice == "joblib":
-        ends = {"initializer": end_with, "initargs": (os.getpid(),)}
-        launcher.joblib = {**launcher.joblib, **ends}  # type: ignore[attr-defined]
-    with _single_threaded_workers(), shielded:
+    workers = joblib_workers(launcher) if choice == "joblib" else nullcontext()
+    with _single_threaded_workers(), workers:
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
             try:
@@ -149,62 +144,3 @@ def _single_threaded_workers() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def shielded_workers() -> Iterator[None]:
-    """Keep Ctrl-C and SIGHUP of the terminal from worker processes started in the block.
-
-    A terminal sends them to all processes at once, and a worker that is still importing prints a
-    traceback. The workers inherit a mask that blocks these signals; joblib ends them when this
-    process is interrupted. A thread passes the signals on to the handlers of this process.
-    """
-    if not hasattr(signal, "pthread_sigmask") or current_thread() is not main_thread():
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    from joblib.externals.loky.backend import resource_tracker as joblib_tracker
-
-    signals = {signal.SIGINT, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    resource_tracker.ensure_running()  # both now, since they unblock SIGINT after their start
-    joblib_tracker.ensure_running()
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    # A signal without effect, which ends a system call that the main thread waits in.
-    waking = signal.signal(signal.SIGURG, lambda number, frame: None)
-    stop = Event()
-    thread = Thread(target=_pass_on, args=(signals, stop), name="signals", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-        signal.signal(signal.SIGURG, waking)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
-    # Not sigtimedwait: after a suspension it returns signals that were not sent.
-    main = main_thread().ident or 0
-    while not stop.wait(0.1):
-        if signals & signal.sigpending():
-            number = signal.Signals(signal.sigwait(signals))
-            _thread.interrupt_main(number)  # does nothing where the signal is ignored
-            signal.pthread_kill(main, signal.SIGURG)
-
-
-def end_with(parent: int) -> None:
-    """End this process soon after its parent, the process of the sweep, has ended.
-
-    A worker of joblib would wait in a pipe that the other workers keep open, also one that has not
-    had a trial yet.
-    """
-    Thread(target=_end_with, args=(parent,), name="parent", daemon=True).start()
-
-
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(WAIT_S)
-    os._exit(1)

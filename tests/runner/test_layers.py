@@ -65,7 +65,7 @@ ONLY = {
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
-    *("__main__", "sweep", "launching", "composition", "overrides", "resolution"),
+    *("__main__", "sweep", "joblib_workers", "launching", "composition", "overrides", "resolution"),
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }

@@ -147,7 +147,7 @@ def test_a_program_that_is_stopped_ends_in_one_line(
 
 SHIELDED = """
 import time
-from seatrial.runner.launching import shielded_workers
+from seatrial.runner.joblib_workers import shielded_workers
 try:
     with shielded_workers():
         print("ready", flush=True)

@@ -62,6 +62,35 @@ def test_a_killed_worker_ends_the_sweep_with_one_line(tmp_path: Path) -> None:
     assert f"24 finished ({before} already in the logbook)" in out
 
 
+DIES = """
+import os, signal, sys, time
+from joblib.externals.loky import get_reusable_executor
+from seatrial.runner.joblib_workers import broken_if_stuck
+
+def half_a_result():
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    queue = frame.f_locals["result_queue"]
+    queue._wlock.acquire()
+    os.write(queue._writer.fileno(), bytes([0, 0, 16, 0, 1, 2, 3]))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+with broken_if_stuck():
+    pool = get_reusable_executor(max_workers=2)
+    waiting = [pool.submit(time.sleep, 0.5), pool.submit(half_a_result), pool.submit(time.sleep, 1)]
+    for future in waiting:
+        print(type(future.exception()).__name__)
+"""
+
+
+def test_a_worker_that_is_killed_while_it_sends_its_result(tmp_path: Path) -> None:
+    (tmp_path / "dies.py").write_text(DIES)
+    code, out, err = ended(program("dies.py", folder=tmp_path))
+    assert code == 0, err
+    assert "BrokenProcessPool" in out
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc for the workers")
 def test_workers_end_with_the_sweep_that_is_killed(tmp_path: Path) -> None:
     """Also those that had no trial: four workers, two trials."""
