@@ -13,7 +13,7 @@ from seatrial.runner.compare.grid import Cell, Grid, number_text, with_unit
 from seatrial.runner.invocation import trial_program
 
 COMPARED = ("auto", "none")  # entrants that the summary shows beside the first one
-SUMMARY = ("task", "cells", "first", "FIT [%]", "90 %", "not significantly worse")
+SUMMARY = ("task", "cells", "first", "score", "90 %", "not significantly worse")
 BOLD = (
     "bold: not significantly worse than the first, by ranks, or where there are too few cells by a"
     " paired bootstrap of the errors; mean_motion and persistence are left out"
@@ -37,17 +37,21 @@ def leaderboard(board: Board) -> Grid:
     headers = ["entrant", "rank", "FIT [%]", "90 %", *(f"{dof} FIT" for dof in task.outputs)]
     headers += [f"NRMSE {seconds:g} s" for seconds in task.horizons_s]
     if task.position_after_s is not None:
-        headers.append(f"position {task.position_after_s:g} s [m]")
+        headers.append(f"{_position(board)} [m]")
     headers += ["manoeuvre [%]"] if _has_manoeuvres(board) else []
     headers += ["diverged", "parameters", "training [s]"]
     notes = [
-        f"{len(ranked.losses)} cells that all entrants have run; rank: mean over them, 1 is best;"
+        f"{_cells(len(ranked.losses))} that all entrants have run; rank: mean over them, 1 is best;"
         " FIT and NRMSE: of the cells that did not diverge",
         BOLD,
     ]
     if not board.entries:
         notes = [f"no runs: {trial_program()} benchmark --task {board.name}"]
     return Grid(task.title, headers, rows, notes=notes)
+
+
+def _cells(number: int) -> str:
+    return f"{number} cell{'' if number == 1 else 's'}"
 
 
 def _has_manoeuvres(board: Board) -> bool:
@@ -71,7 +75,7 @@ def _row(board: Board, name: str, best: bool) -> list[Cell]:
         Cell(interval_text(board, name)),
         *(_number(value, 3) for value in fits),
         *(_number(value, 2) for value in after),
-        *([_number(_mean([e.loss for e in own]), 3)] if task.position_after_s is not None else []),
+        *([_number(score(board, name), 3)] if task.position_after_s is not None else []),
         *(_number(value, 2) for value in manoeuvre),
         Cell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
         _number(means[0], 3),
@@ -96,6 +100,16 @@ def fit(own: Sequence[Entry]) -> float:
     """Mean FIT [%] over the outputs of the pooled free runs; NaN if all diverge."""
     good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
     return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
+
+
+def score(board: Board, name: str) -> float:
+    """What a task ranks an entrant by: FIT [%], or the error of the position [m]."""
+    own = board.of(name)
+    return fit(own) if board.task.position_after_s is None else _mean([e.loss for e in own])
+
+
+def _position(board: Board) -> str:
+    return f"position {board.task.position_after_s:g} s"
 
 
 def interval_text(board: Board, name: str) -> str:
@@ -134,16 +148,19 @@ def summary(boards: Sequence[Board]) -> Grid:
     rows = []
     for board in (board for board in boards if board.entries):
         first, *others = board.rivals()
-        cells = [Cell(board.task.title), Cell(str(len(board.contest.losses))), Cell(first)]
-        cells += [_number(fit(board.of(first)), 3), Cell(interval_text(board, first))]
+        by_fit = board.task.position_after_s is None
+        title = board.task.title if by_fit else f"{board.task.title}: {_position(board)} [m]"
+        cells = [Cell(title), Cell(str(len(board.contest.losses))), Cell(first)]
+        cells.append(_number(score(board, first), 3))
+        cells.append(Cell(interval_text(board, first) if by_fit else "–"))
         cells.append(Cell(", ".join(others) or "–", prose=True))
         for name in COMPARED:
-            cells.append(_number(fit(board.of(name)), 3, name in (first, *others)))
+            cells.append(_number(score(board, name), 3, name in (first, *others)))
         rows.append(cells)
-    notes = [BOLD]
+    notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD]
     ranks = overall(boards)
     if ranks.ranks is not None and len(rows) > 1:
         order = ", ".join(f"{name} {ranks.mean_rank(name):.1f}" for name in ranks.order())
         notes.append(f"mean ranks over {len(ranks.losses)} cases of all tasks: {order}")
-    headers = [*SUMMARY, *(f"{name}: FIT [%]" for name in COMPARED)]
+    headers = [*SUMMARY, *COMPARED]
     return Grid("Benchmark", headers, rows, notes=notes)
