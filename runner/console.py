@@ -12,12 +12,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from threading import Event, Thread
+from functools import partial
+from threading import Event
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
+from seatrial.runner.background import in_background
 from seatrial.runner.database.mask import styled
 from seatrial.runner.database.terminal import error_line, visible
 from seatrial.runner.invocation import results_program, trial_program
@@ -217,15 +219,9 @@ def shown(
 
     The time that its processes spend compiling is not counted into the estimate of the time left.
     """
-    stop, pace = Event(), Pace(compile_times)
-    with make_view() as view:
-        thread = Thread(target=_watch, args=(url, sweep_id, view, pace, stop), daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            stop.set()
-            thread.join()
+    pace = Pace(compile_times)
+    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, pace)):
+        yield
 
 
 def duration(seconds: float) -> str:

@@ -6,9 +6,12 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from threading import Event, Thread, current_thread, main_thread
 
 from hydra.plugins.launcher import Launcher
+
+from seatrial.runner.background import in_background
 
 POLL_S = 0.5
 STUCK_S = 5.0  # after the loss of a worker: joblib notices it at once unless it waits for the rest
@@ -33,14 +36,8 @@ def broken_if_stuck() -> Iterator[None]:
     joblib waits for the rest of a message, and another worker for its turn, if a worker is killed
     while it sends a result. Without any process that could send it, the message ends.
     """
-    ended = Event()
-    thread = Thread(target=_break_if_stuck, args=(ended,), name="pool", daemon=True)
-    thread.start()
-    try:
+    with in_background(_break_if_stuck):
         yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 def _break_if_stuck(ended: Event) -> None:
@@ -83,14 +80,10 @@ def shielded_workers() -> Iterator[None]:
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     # A signal without effect, which ends a system call that the main thread waits in.
     waking = signal.signal(signal.SIGURG, lambda number, frame: None)
-    stop = Event()
-    thread = Thread(target=_pass_on, args=(signals, stop), name="signals", daemon=True)
-    thread.start()
     try:
-        yield
+        with in_background(partial(_pass_on, signals)):
+            yield
     finally:
-        stop.set()
-        thread.join()
         signal.signal(signal.SIGURG, waking)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

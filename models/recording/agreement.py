@@ -112,7 +112,7 @@ def lag(
     energy = np.sum(a * a, axis=0, keepdims=True)
     if known is not None:
         b[~known] = 0.0
-        energy = _shifted(a * a, np.tile(known[:, None].astype(np.float64), a.shape[1]))
+        energy = _shifted(a * a, known[:, None].astype(np.float64))
         energy = np.maximum(energy, LEAST_ENERGY * np.max(energy, axis=0))
     size = np.sqrt(energy * np.sum(b * b, axis=0))
     valid = np.max(size, axis=0) > 0.0

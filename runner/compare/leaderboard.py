@@ -109,7 +109,7 @@ def score(board: Board, name: str) -> float:
 
 
 def _position(board: Board) -> str:
-    return f"position {board.task.position_after_s:g} s"
+    return f"position error after {board.task.position_after_s:g} s"
 
 
 def interval_text(board: Board, name: str) -> str:

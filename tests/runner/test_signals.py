@@ -210,11 +210,13 @@ def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
 
 @pytest.mark.slow
 def test_workers_end_after_the_sweep_was_killed(tmp_path: Path) -> None:
+    """Also those that have had no trial: four workers, two trials."""
     variable = f"SEATRIAL_KILLED={secrets.token_hex(8)}"
-    many = ("seed=range(0,4)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    many = ("seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=4")
     name, _, value = variable.partition("=")
     with sweep(*LONG, *many, folder=tmp_path, **{name: value}) as process:
         wait(lambda: len(rows(tmp_path, RUNNING)) == 2 or process.poll() is not None)
+        assert sum("popen_loky" in command for _, command in children(process.pid)) == 4
         process.kill()
         assert process.wait() == -signal.SIGKILL
         wait(lambda: not belonging_to(variable))

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database.liveness import identity, is_gone
 from seatrial.runner.launching import THREADS
 from tests.runner.programs import (
     METRICS,
@@ -89,20 +88,6 @@ def test_a_worker_that_is_killed_while_it_sends_its_result(tmp_path: Path) -> No
     code, out, err = ended(program("dies.py", folder=tmp_path))
     assert code == 0, err
     assert "BrokenProcessPool" in out
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc for the workers")
-def test_workers_end_with_the_sweep_that_is_killed(tmp_path: Path) -> None:
-    """Also those that had no trial: four workers, two trials."""
-    arguments = ("seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=4")
-    process = sweep(*arguments, folder=tmp_path)
-    wait(lambda: rows(tmp_path, "SELECT id FROM run") or process.poll() is not None)
-    workers = [pid for pid, command in children(process.pid) if "popen_loky" in command]
-    assert len(workers) == 4
-    identities = [identity(pid) for pid in workers]
-    process.kill()
-    process.communicate()
-    wait(lambda: all(map(is_gone, identities)))
 
 
 def test_an_interrupted_sweep_is_completed_by_the_same_command(tmp_path: Path) -> None:
