@@ -1,9 +1,10 @@
 """SIGINT, SIGTERM and SIGHUP end the program once, by an exception in the main thread.
 
 An exception that is raised during an import leaves half a module behind, one in the midst of a
-transaction a lock; libraries log one that is raised during their clean-up with its traceback, or
-raise another in its place. There the signal is sent again a moment later. So is a signal whose
-exception was dropped, as Python does in finalisers and callbacks.
+transaction a lock, one between the claim of a run and its note a run that nobody ends; libraries
+log one that is raised during their clean-up with its traceback, or raise another in its place.
+There the signal is sent again a moment later. So is a signal whose exception was dropped, as Python
+does in finalisers and callbacks.
 """
 
 import _thread
@@ -20,7 +21,14 @@ ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_S = 0.05
 PATIENCE_S = 5.0  # with an import, a transaction or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
-DELICATE = ("importlib._bootstrap", "logging", "omegaconf", "sqlalchemy")
+DELICATE = (
+    "importlib._bootstrap",
+    "logging",
+    "omegaconf",
+    "seatrial.runner.database.liveness",
+    "seatrial.runner.database.logbook",
+    "sqlalchemy",
+)
 
 
 class StopSignal(KeyboardInterrupt):

@@ -138,9 +138,9 @@ class Heartbeat:
     def stop(self) -> None:
         """End the thread after the current heartbeat."""
         self._stopped.set()
-        if self._thread is not None:
+        if self._thread is not None and self._thread.is_alive():  # or Ctrl-C came as it started
             self._thread.join()
-            self._thread = None
+        self._thread = None
 
     def _beat(self) -> None:
         while not self._stopped.wait(HEARTBEAT_S):

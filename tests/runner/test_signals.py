@@ -10,13 +10,15 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import create_engine
 from sqlalchemy.pool import NullPool
 
 from seatrial.runner import stop_signals
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import Logbook, liveness, logbook
 from tests.runner.command import Command
 from tests.runner.programs import belonging_to, children, ended, program, rows, sweep, wait
 
@@ -122,6 +124,35 @@ def test_a_signal_is_neither_lost_nor_told_with_a_traceback(
     assert answer.code == CODES[number], answer.err
     assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
     assert "Traceback" not in answer.err
+
+
+def test_a_run_that_is_stopped_as_it_begins_is_interrupted(
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between its claim in the database and the note of it in the program."""
+
+    class Long(set[int]):
+        def __contains__(self, seed: object) -> bool:
+            time.sleep(10.0)
+            return False
+
+    def monotonic() -> float:
+        if rows(seatrial.folder, RUNNING):
+            _stop(signal.SIGINT)
+        return time.monotonic()
+
+    seatrial.pretend().interrupted = Long()
+    monkeypatch.setattr(logbook, "time", SimpleNamespace(monotonic=monotonic))
+    answer = seatrial("seed=3")
+    assert answer.code == 130
+    assert answer.err.splitlines()[-1].startswith("seatrial: interrupted: finished runs are")
+    assert rows(seatrial.folder, "SELECT status FROM run") == [("interrupted",)]
+
+
+def test_a_heartbeat_that_has_not_started_is_stopped() -> None:
+    heartbeat = liveness.Heartbeat(create_engine("sqlite://"))
+    heartbeat._thread = Thread()
+    heartbeat.stop()
 
 
 @pytest.mark.slow
