@@ -58,7 +58,8 @@ class Course(NamedTuple):
     start: Array  # (N, n_pose + n_dof) initial states, used where a prediction begins
     restart: Flags  # (N,) samples at which a prediction begins
     step_s: float
-    limit: float  # of eta_dot [m/s, rad/s] and nu_dot [m/s^2, rad/s^2]
+    limit: float  # of eta_dot [m/s, rad/s]
+    acceleration: float  # limit of nu_dot [m/s^2, rad/s^2]
 
     def with_offset(self, offset: Array) -> "Course":
         """The course with an offset of the initial states from the measured ones.
@@ -82,12 +83,14 @@ def course_of(
     horizon: int | None,
     limit: float,
     attitude: str = "quaternion",
+    acceleration: float | None = None,
 ) -> Course:
     """The recording for the kernels, with a new prediction every `horizon` samples.
 
     A new prediction also begins after missing samples. `attitude` (quaternion, euler) is the
-    integrated attitude in six degrees of freedom. `limit` bounds the rates [m/s, rad/s, per second
-    again]. Raises RecordingError when the recorded velocity exceeds the limit.
+    integrated attitude in six degrees of freedom. `limit` bounds the rates of the pose
+    [m/s, rad/s], `acceleration` those of the velocity (None: the same number, per second). Raises
+    RecordingError when the recorded velocity exceeds the limit.
     """
     fastest = float(np.max(np.abs(recording.nu)))
     if not fastest < limit:
@@ -107,8 +110,9 @@ def course_of(
     if recording.wind is not None:
         weather = weather._replace(wind_body=np.ascontiguousarray(recording.wind))
     return Course(
-        kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit
-    )
+        kinematics, acting, weather, measured, reached, reached, restart, recording.period_s, limit,
+        limit if acceleration is None else acceleration,
+    )  # fmt: skip
 
 
 def since(restart: Flags) -> NDArray[np.int64]:
@@ -177,7 +181,7 @@ def _follow(
         return
     step(
         course.kinematics, plant, course.acting[k - 1], eta, nu, course.weather, k - 1,
-        course.step_s, euler, course.limit, work,
+        course.step_s, euler, course.limit, course.acceleration, work,
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from seatrial.models.findings import Finding
 from seatrial.models.identification.attenuation import with_attenuation
 from seatrial.models.identification.free_parameters import FreeParameters
-from seatrial.models.identification.free_run import course_of, predicted_layout
+from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Identified, Problem
@@ -39,7 +39,7 @@ from seatrial.models.identification.uncertainty import (
     long_run_share,
     stationary_variance,
 )
-from seatrial.models.identification.validation import rate_limit
+from seatrial.models.identification.validation import bounded_course
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import HIGHEST, noise_floor
@@ -161,7 +161,7 @@ def segments(
     """The predictor of a recording in segments of `segment_s` [s]."""
     recording = with_smooth_angles(recording)
     table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
-    course = course_of(recording, lag, force, every, rate_limit(recording), table.attitude)
+    course = bounded_course(recording, lag, force, every, table.attitude)
     return Predictor(free, predicted_layout(table, free.support), course, "rk4")
 
 

@@ -7,21 +7,28 @@
    measured. Free runs over blocks left out choose among them (`blocked_free_run`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import (
     FreeParameters,
     free_parameters,
     nonzero_labels,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Needs,
+    Problem,
+    lack_of_fit,
+)
 from seatrial.models.identification.refinement import refined_by_segments
-from seatrial.models.identification.residual import ResidualOptions, thruster_of
+from seatrial.models.identification.residual import ResidualOptions, smoothed, thruster_of
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
@@ -32,6 +39,7 @@ WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")
 Choice = Literal["none", "ned_force", "windage", "both"]
 DISTURBANCES: tuple[Choice, ...] = ("none", "ned_force", "windage", "both")  # the simplest first
 FEWEST = 40  # samples
+SLIGHT = 0.1  # of the force that the nominal model needs: other forces moved the vessel
 
 
 @dataclass(frozen=True)
@@ -83,9 +91,19 @@ class Robust(ResidualOptions):
         }
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the table, refined if that is asked for."""
+        """Identify the table, refined if that is asked for.
+
+        Raises IdentificationError where the recorded force moved no axis.
+        """
         lag, findings = thruster_of(self, problem)
-        free, training = self.free(problem.nominal), problem.training
+        training, unexcited = problem.training, self.unexcited(problem)
+        if len(unexcited) == len(problem.nominal.dofs):
+            raise IdentificationError(
+                f"the recorded force is below {100.0 * SLIGHT:.0f} % of what the nominal model "
+                "needs for the motion on every axis: other forces moved the vessel, or its unit is "
+                "wrong"
+            )
+        free = self.free(problem.nominal, unexcited)
         smoothing = self.smoothing(training)
         samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
         model = structure(free, samples, training.nu, self.inertia_factor)
@@ -100,15 +118,39 @@ class Robust(ResidualOptions):
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)
+        findings += tuple(Finding("not_excited", dof, 1.0) for dof in unexcited)
         return Identified(problem.nominal + residual, residual, errors, findings)
 
-    def free(self, nominal: Vessel) -> FreeParameters:
-        """The free parameters, with those of the disturbance."""
+    def unexcited(self, problem: Problem) -> list[str]:
+        """Degrees of freedom whose motion was caused by other forces than the recorded one.
+
+        There the recorded force is far below what the nominal model needs for the motion, and the
+        smallest coefficients fit best. No force at all, as of a rudder ship in sway, says nothing.
+        """
+        training, nominal = problem.training, problem.nominal
+        if not nominal.forces_commanded:
+            return []
+        smoothing = self.smoothing(training)
+        filtered = training.lowpass(smoothing.signals_hz)
+        force = filtered.force(self.force)
+        both = force, force - lack_of_fit(filtered, nominal, self.force)
+        given, needed = (np.std(smoothed(filtered, each, smoothing), axis=0) for each in both)
+        slight = (given > 0.0) & (given < SLIGHT * needed)
+        return [nominal.dofs[k] for k in np.flatnonzero(slight)]
+
+    def free(self, nominal: Vessel, believed: Sequence[str] = ()) -> FreeParameters:
+        """The free parameters, with those of the disturbance.
+
+        Degrees of freedom that are `believed` keep their equations.
+        """
         terms = self.terms(nominal)
-        own = [label for label, term in nonzero_labels(nominal, "tied") if term in terms]
-        new = [
-            f"{dof}.{term}" for term in terms if term not in nominal.terms for dof in nominal.dofs
+        dofs = [dof for dof in nominal.dofs if dof not in believed]
+        own = [
+            label
+            for label, term in nonzero_labels(nominal, "tied")
+            if term in terms and label.partition(".")[0] in dofs
         ]
+        new = [f"{dof}.{term}" for term in terms if term not in nominal.terms for dof in dofs]
         windage = WINDAGE if self.disturbance in ("windage", "both") else ()
         labels = dict.fromkeys([*own, *new, *windage])
         ned_force = self.disturbance in ("ned_force", "both")

@@ -242,9 +242,21 @@ def _ahead(rest: Array, limited: float) -> Ahead:
     return Ahead(np.sqrt(np.mean(np.square(rest), axis=0)), limited, np.std(rest, axis=0))
 
 
-def rate_limit(recording: Recording) -> float:
-    """Limit of the rates [m/s, rad/s, per second again], beyond which a prediction has diverged."""
-    return max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
+def bounded_course(
+    recording: Recording,
+    thruster: SecondOrderLag | None,
+    force: str | None,
+    horizon: int | None,
+    attitude: str,
+) -> Course:
+    """The course of a recording; a prediction that exceeds the limits of its rates has diverged.
+
+    They are many times the largest velocity, and that velocity within one sample: a large force may
+    well accelerate a light model.
+    """
+    limit = max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
+    acceleration = max(limit, limit / recording.period_s)
+    return course_of(recording, thruster, force, horizon, limit, attitude, acceleration)
 
 
 def prediction(
@@ -260,7 +272,7 @@ def prediction(
     IdentificationError when a term needs a quantity that is not predicted, such as the heading in
     surge alone.
     """
-    course = course_of(recording, thruster, force, horizon, rate_limit(recording), model.attitude)
+    course = bounded_course(recording, thruster, force, horizon, model.attitude)
     try:
         plan = predicted_layout(model, model.theta != 0.0)
     except ConfigurationError as error:

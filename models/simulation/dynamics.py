@@ -422,15 +422,16 @@ def _weigh(
 @lean_kernel
 def step(
     kinematics: Kinematics, plant: PlantTable, force: Array, eta: Array, nu: Array,
-    weather: Weather, k: int, h: float, euler: bool, limit: float, work: Scratch,
-    known: bool = False,
+    weather: Weather, k: int, h: float, euler: bool, limit: float, acceleration: float,
+    work: Scratch, known: bool = False,
 ) -> None:  # fmt: skip
     """One step of pose and velocity, in place, under row k of the weather.
 
     Classical Runge-Kutta with stages at 0, h/2, h/2 and h, or forward Euler with one at 0; the
     force (3, n_dof) acts at the start, in the middle and at the end; for a steered vessel these are
-    the inputs, (3, n_inputs). Rates are limited to +-limit
-    [m/s, rad/s; m/s^2, rad/s^2] unless it is infinite; `work.limited` counts the limited rates.
+    the inputs, (3, n_inputs). The rates of the pose are limited to +-limit [m/s, rad/s], those of
+    the velocity to +-acceleration [m/s^2, rad/s^2] unless the first is infinite; `work.limited`
+    counts the limited rates.
     If the rates at the start are `known`, `work` holds them.
     """
     for stage in range(1 if euler else 4):
@@ -441,7 +442,7 @@ def step(
                 work.eta_dot, work.nu_dot,
             )  # fmt: skip
         count = _weigh(stage, h, euler, limit, eta, work.eta_dot, work.eta_sum, work.eta)
-        count += _weigh(stage, h, euler, limit, nu, work.nu_dot, work.nu_sum, work.nu)
+        count += _weigh(stage, h, euler, acceleration, nu, work.nu_dot, work.nu_sum, work.nu)
         if limit < np.inf:
             work.limited[0] += count
     normalise(kinematics, eta)
@@ -471,6 +472,6 @@ def advance(
             for i in range(thrust.shape[0]):
                 work.acting[instant, i] = thrust[i, 0]
         step(
-            kinematics, plant, work.acting, eta, nu, weather, k, h, euler, np.inf, work,
+            kinematics, plant, work.acting, eta, nu, weather, k, h, euler, np.inf, np.inf, work,
             known and part == 0,
         )  # fmt: skip

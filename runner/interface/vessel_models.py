@@ -166,9 +166,7 @@ class Model:
         known = recording.with_thruster(lag)
         validation.prediction(self.table, known, lag)  # raises for a model that cannot be simulated
         every = max(round(restart_s / known.period_s), 2)
-        course = free_run.course_of(
-            known, lag, None, every, validation.rate_limit(known), self.table.attitude
-        )
+        course = validation.bounded_course(known, lag, None, every, self.table.attitude)
         motion = free_run.free_run(self.table, course, "rk4")
         n = len(self.dofs)
         return _frame(known.t, self.dofs, motion[:, :n], motion[:, n:])

@@ -1,10 +1,12 @@
 """The robust identifier finds the plant and its disturbance, with intervals that cover."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.problem import Identified
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.table import Vessel
 from tests.trials import excited
 
@@ -48,6 +50,33 @@ def test_a_wind_is_chosen_and_recovered(identifier) -> None:
         assert expected != 0.0
         assert found.model.coefficient(dof, term) == pytest.approx(expected, rel=2e-3)
     np.testing.assert_allclose(np.diag(found.model.inertia), np.diag(truth.inertia), rtol=5e-3)
+
+
+@pytest.mark.parametrize("share", [0.02, 1.0])
+def test_an_axis_that_other_forces_moved_keeps_the_believed_equation(
+    make, calm, identifier, rng, share: float
+) -> None:
+    """Where most of the yaw moment is not recorded, no moment fits best: an inertia near zero."""
+    t = 0.1 * np.arange(3000)
+    tau = np.column_stack([300.0 * np.sin(0.05 * t), 200.0 * np.sin(0.08 * t), np.zeros_like(t)])
+    moment = 300.0 * rng.standard_normal(30).repeat(100)
+    moved = make.driven(calm.truth, tau + np.outer(moment, [0.0, 0.0, 1.0]), integrator="rk4")
+    tau[:, 2] = share * moment
+    recording = replace(moved, nu_dot=np.gradient(moved.nu, 0.1, axis=0), tau=tau, tau_actual=None)
+    problem = Problem(recording, recording, calm.problem.nominal, None)
+    options = {"disturbance": "none", "refinement": "none", "inertia_factor": None}
+    found = identifier("robust", **options).identify(problem, rng)
+    assert {f.dof for f in found.findings if f.name == "not_excited"} == (
+        {"yaw"} if share < 0.1 else set()
+    )
+
+
+def test_a_recording_that_other_forces_moved_says_so(calm, identifier, rng) -> None:
+    slight = replace(calm.problem.training, tau=1e-3 * calm.problem.training.tau)
+    slight = replace(slight, tau_filtered=None, tau_actual=None)
+    problem = replace(calm.problem, training=slight)
+    with pytest.raises(IdentificationError, match="below 10 % .* on every axis"):
+        identifier("robust", disturbance="none", thruster="none").identify(problem, rng)
 
 
 def test_without_refinement_it_is_the_regression(calm, identifier) -> None:

@@ -77,6 +77,16 @@ def test_a_model_that_runs_away_has_figures_and_says_so(make, signal):
     assert found.diverged
 
 
+def test_a_light_model_under_a_large_force_has_not_diverged(make, signal):
+    """Damping bounds its velocity by the force over it, however fast it gets there."""
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"), integrator="rk4")
+    strongest = float(np.max(np.abs(recording.tau)))
+    light = prediction(make.surge(1.0, 20.0), recording, None)
+    assert strongest > light.course.limit  # of the velocity, and so of an acceleration in a second
+    assert not light.over("free_run").diverged
+    assert np.nanmax(np.abs(light.motion()[:, 1])) < 1.01 * strongest / 20.0
+
+
 def test_the_time_that_a_free_run_held_is_that_of_the_exact_solution(make, signal):
     """m du/dt = d u grows as exp(d t / m); the rate of the position, u, reaches the limit first."""
     recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"))
