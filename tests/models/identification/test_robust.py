@@ -75,7 +75,7 @@ def test_a_recording_that_other_forces_moved_says_so(calm, identifier, rng) -> N
     slight = replace(calm.problem.training, tau=1e-3 * calm.problem.training.tau)
     slight = replace(slight, tau_filtered=None, tau_actual=None)
     problem = replace(calm.problem, training=slight)
-    with pytest.raises(IdentificationError, match="below 10 % .* on every axis"):
+    with pytest.raises(IdentificationError, match=r"below 10 % .* on every axis"):
         identifier("robust", disturbance="none", thruster="none").identify(problem, rng)
 
 
