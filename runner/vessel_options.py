@@ -27,6 +27,7 @@ else:
 
 INNER = (dict, list)  # nodes that hold others
 NULLABLE = ("tuning.windage", "thruster")  # of a vessel, where null is a value
+SHORTEST_S, LONGEST_S = 1e-9, 1e9
 
 
 class VesselOptions:
@@ -97,6 +98,10 @@ class _Numbers:
         period = self._sample_time_s
         if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
             raise ConfigurationError(f"sample_time_s must be positive, got {period}")
+        if not SHORTEST_S <= period <= LONGEST_S:  # or powers of it are no numbers any more
+            raise ConfigurationError(
+                f"sample_time_s: got {period:g} s, expected {SHORTEST_S:g} to {LONGEST_S:g}"
+            )
         try:
             return derivation.completed(vessel, period)
         except ConfigurationError as error:

@@ -82,6 +82,13 @@ def test_a_sweep_refuses_it_too(argument: str, seatrial: Command) -> None:
     assert fake.ran == []
 
 
+@pytest.mark.parametrize("seconds", ["1e300", "1e-300"])
+def test_a_sample_time_whose_powers_are_no_numbers(seconds: str, seatrial: Command) -> None:
+    """Some vessels derive weights from it before it is compared with the mission."""
+    said = seatrial.refuses("vessel=blueboat", f"sample_time_s={seconds}")
+    assert said.startswith(f"sample_time_s: got {float(seconds):g} s, expected 1e-09 to 1e+09")
+
+
 def test_a_flag_in_the_midst_of_options(seatrial: Command) -> None:
     said = seatrial.refuses("seed=1", "-m", "identifier=ls,none")
     assert said.startswith("unrecognized arguments: identifier=ls,none (flags come before")

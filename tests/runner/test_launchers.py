@@ -103,6 +103,7 @@ def ray_variables() -> Iterator[dict[str, str]]:
             "RAY_AUTH_MODE": "token",
             "RAY_AUTH_TOKEN_PATH": str(token),
             "RAY_USAGE_STATS_ENABLED": "0",
+            "RAY_raylet_start_wait_time_s": "120",  # 30 s are too short on a busy machine
         }
         wait(lambda: not belonging_to(f"RAY_TMPDIR={folder}"))
     finally:
