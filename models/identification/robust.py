@@ -20,15 +20,9 @@ from seatrial.models.identification.free_parameters import (
     free_parameters,
     nonzero_labels,
 )
-from seatrial.models.identification.problem import (
-    Identified,
-    Identifier,
-    Needs,
-    Problem,
-    lack_of_fit,
-)
+from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.refinement import refined_by_segments
-from seatrial.models.identification.residual import ResidualOptions, smoothed, thruster_of
+from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
@@ -96,16 +90,12 @@ class Robust(ResidualOptions):
         Raises IdentificationError where the recorded force moved no axis.
         """
         lag, findings = thruster_of(self, problem)
-        training, unexcited = problem.training, self.unexcited(problem)
-        if len(unexcited) == len(problem.nominal.dofs):
-            raise IdentificationError(
-                f"the recorded force is below {100.0 * SLIGHT:.0f} % of what the nominal model "
-                "needs for the motion on every axis: other forces moved the vessel, or its unit is "
-                "wrong"
-            )
-        free = self.free(problem.nominal, unexcited)
+        free, training = self.free(problem.nominal), problem.training
         smoothing = self.smoothing(training)
         samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
+        unexcited = unexcited_axes(samples, problem.nominal)
+        if unexcited:
+            free = self.free(problem.nominal, unexcited)
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
@@ -120,23 +110,6 @@ class Robust(ResidualOptions):
         findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)
         findings += tuple(Finding("not_excited", dof, 1.0) for dof in unexcited)
         return Identified(problem.nominal + residual, residual, errors, findings)
-
-    def unexcited(self, problem: Problem) -> list[str]:
-        """Degrees of freedom whose motion was caused by other forces than the recorded one.
-
-        There the recorded force is far below what the nominal model needs for the motion, and the
-        smallest coefficients fit best. No force at all, as of a rudder ship in sway, says nothing.
-        """
-        training, nominal = problem.training, problem.nominal
-        if not nominal.forces_commanded:
-            return []
-        smoothing = self.smoothing(training)
-        filtered = training.lowpass(smoothing.signals_hz)
-        force = filtered.force(self.force)
-        both = force, force - lack_of_fit(filtered, nominal, self.force)
-        given, needed = (np.std(smoothed(filtered, each, smoothing), axis=0) for each in both)
-        slight = (given > 0.0) & (given < SLIGHT * needed)
-        return [nominal.dofs[k] for k in np.flatnonzero(slight)]
 
     def free(self, nominal: Vessel, believed: Sequence[str] = ()) -> FreeParameters:
         """The free parameters, with those of the disturbance.
@@ -155,3 +128,22 @@ class Robust(ResidualOptions):
         labels = dict.fromkeys([*own, *new, *windage])
         ned_force = self.disturbance in ("ned_force", "both")
         return free_parameters(nominal, list(labels), "tied", ned_force, symmetric=True)
+
+
+def unexcited_axes(samples: Samples, nominal: Vessel) -> list[str]:
+    """Degrees of freedom whose motion was caused by other forces than the recorded one.
+
+    There the recorded force is far below what the nominal model needs for the motion, and the
+    smallest coefficients fit best. No force at all, as of a rudder ship in sway, says nothing.
+    Raises IdentificationError where these are all.
+    """
+    if not nominal.forces_commanded:
+        return []
+    given, needed = np.std([samples.force, samples.force - samples.epsilon], axis=1)
+    slight = (given > 0.0) & (given < SLIGHT * needed)
+    if np.all(slight):
+        raise IdentificationError(
+            f"the recorded force is below {100.0 * SLIGHT:.0f} % of what the nominal model needs "
+            "for the motion on every axis: other forces moved the vessel, or its unit is wrong"
+        )
+    return [nominal.dofs[k] for k in np.flatnonzero(slight)]
