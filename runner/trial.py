@@ -21,7 +21,6 @@ from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     FEWEST,
     Identified,
-    Identifier,
     Problem,
     check_needs,
     checked,
@@ -77,12 +76,14 @@ def check(trial: Trial) -> None:
     budget.check(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
+    nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
+    trial.identifier.check(nominal, thruster, isinstance(excitation, Reader))
     recording, period = None, trial.sample_time_s
     if isinstance(excitation, Reader):  # a damaged file is a configuration error
         recording = excitation.read(dofs)
         period = recording.period_s
         budget.check(trial, len(recording))
-        _check_samples(trial.identifier, excitation, recording)
+        _check_samples(trial, excitation, recording)
         recording_checks.refuse(excitation, dofs)
         if skipped(trial) is None:
             _check_evaluation(trial)
@@ -92,26 +93,20 @@ def check(trial: Trial) -> None:
     check_cutoff(needs.lowpass_hz, period)
     controller = trial.controller
     if controller is not None:
-        controller.build(commanded(trial.vessel.nominal(), controller), trial.sample_time_s)
+        controller.build(commanded(nominal, controller), trial.sample_time_s)
         check_periods(trial, controller, period if skipped(trial) is None else None)
-    thruster = trial.vessel.thruster
-    trial.identifier.check(trial.vessel.nominal(), thruster, recording is not None)
     check_needs(needs, trial.vessel.name, thruster, recording)
 
 
-def _check_samples(identifier: Identifier, file: Reader, recording: Recording) -> None:
+def _check_samples(trial: Trial, file: Reader, recording: Recording) -> None:
     """Check that a recording has enough samples to train and to test; raises RecordingError."""
     name = ", ".join(map(str, file.files().values())) or type(file).__name__
-    split, needs = file.split_of(recording), identifier.needs()
-    parts = (("training", split.train, needs.samples), ("testing", split.test, FEWEST))
-    for purpose, mask, fewest in parts:
-        count = int(np.count_nonzero(mask))
-        if count < fewest:
-            raise RecordingError(
-                f"{name}: got {count} samples for {purpose}, expected at least {fewest}"
-            )
+    split = file.split_of(recording)
+    if (count := int(np.count_nonzero(split.test))) < FEWEST:
+        raise RecordingError(f"{name}: got {count} samples for testing, expected at least {FEWEST}")
+    training, nominal = recording.part(split.train), trial.vessel.nominal()
     try:
-        recording.part(split.train).lowpass(needs.lowpass_hz)
+        trial.identifier.check_samples(training, nominal)
     except RecordingError as error:
         raise RecordingError(f"{name}: {error}") from error
 

@@ -80,6 +80,8 @@ class _Numbers:
     def _derived(self, path: str, key: str) -> object:
         if not isinstance(self._node, Mapping):
             raise ConfigurationError("vessel: got none, expected an option of the group")
+        if "_target_" not in self._node:
+            build_as(object, self._node, "vessel")  # it is refused before anything is derived
         if self._vessel is None:
             self._vessel = build_as(parameters.VesselParameters, self._node, "vessel")
         value = _at(self._vessel, path)

@@ -115,6 +115,13 @@ class Identifier(ABC):
         """Data of the vessel or the recording that the identifier needs."""
         return Needs()
 
+    def check_samples(self, training: Recording, nominal: Vessel) -> None:
+        """Raise RecordingError if the training part of a file is too short for the options."""
+        if len(training) < (fewest := self.needs().samples):
+            raise RecordingError(
+                f"got {len(training)} samples for training, expected at least {fewest}"
+            )
+
     def model_period_s(self, sample_time_s: float) -> float | None:
         """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None

@@ -27,7 +27,7 @@ import scipy
 from annotated_types import Gt
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks, best_of
 from seatrial.models.identification.guard import Runaway, TrainingPart, held_to_nominal
@@ -168,6 +168,19 @@ class ResidualOptions(Identifier):
         cutoff = None if self.lowpass_hz == "auto" else self.lowpass_hz
         return Needs(self.force, lag, cutoff)
 
+    def check_samples(self, training: Recording, nominal: Vessel) -> None:
+        """Raise RecordingError if the low-pass filters leave too few samples for the terms."""
+        super().check_samples(training, nominal)
+        smoothing, count = self.smoothing(training), len(self.regressed(nominal))
+        drop_s = DROP_S if smoothing.regressors_hz is None else 0.0
+        filtered = training.lowpass(smoothing.signals_hz, drop_s)
+        left = int(np.count_nonzero(kept(filtered, smoothing)))
+        if left <= count + 1:
+            raise RecordingError(
+                f"got {left} samples for training after the low-pass filters, "
+                f"expected at least {count + 2} for {count} terms"
+            )
+
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the alternative that predicts best if there are any."""
         if alternatives := self.alternatives(problem):
@@ -222,6 +235,10 @@ class ResidualOptions(Identifier):
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel."""
         return choose_basis(self.basis, self.extra_terms, nominal)
+
+    def regressed(self, nominal: Vessel) -> tuple[Term, ...]:
+        """The terms that the regression has."""
+        return self.terms(nominal)
 
     def smoothing(self, recording: Recording) -> Smoothing:
         """The low-pass filters for a recording."""

@@ -26,6 +26,7 @@ from seatrial.models.identification.residual import ResidualOptions, Samples, th
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
+from seatrial.models.vessel.basis import Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -66,6 +67,10 @@ class Robust(ResidualOptions):
     def needs(self) -> Needs:
         """The data of the residual, and enough samples for the folds."""
         return super().needs()._replace(samples=FEWEST)
+
+    def regressed(self, nominal: Vessel) -> tuple[Term, ...]:
+        """The terms of the nominal model and those of the basis."""
+        return self.free(nominal).nominal.terms
 
     def quick(self) -> Identifier:
         """This identifier without refinement."""

@@ -22,7 +22,10 @@ def sail(
 
 
 def rows(count: int) -> list[list[str]]:
-    return [[f"{0.1 * k:.1f}", f"{0.01 * k:.3f}", "0.1", str(k % 7)] for k in range(count)]
+    return [
+        [f"{0.1 * k:.1f}", f"{0.01 * k:.3f}", f"{0.1 * (-1) ** k:.1f}", str(k % 7)]
+        for k in range(count)
+    ]
 
 
 @pytest.fixture
@@ -57,6 +60,14 @@ def test_a_number_that_is(cell: str, seatrial: Command, path: Path) -> None:
         (3, ["identifier=none"], "got 1 samples for testing, expected at least 2"),
         (20, ["identifier=plsr"], "got 10 samples for training, expected at least 12"),
         (60, ["identifier=ls", "identifier.lowpass_hz=1.0"], "too few for a low-pass filter"),
+        (
+            4,
+            ["identifier=ls", "identifier.lowpass_hz=null"],
+            "got 2 samples for training after the low-pass filters, expected at least 4 for 2 terms",
+        ),
+        (4, ["identifier=ls"], "got 2 samples, too few for a low-pass filter"),
+        (40, ["identifier=iv"], "too few for a low-pass filter"),
+        (40, ["identifier=robust"], "got 20 samples for training, expected at least 40"),
         (
             40,
             ["identifier=none", "excitation.resample_hz=1e9"],
