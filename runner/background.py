@@ -10,9 +10,10 @@ def in_background(work: Callable[[Event], None]) -> Iterator[None]:
     """Run `work` while the block runs; it gets the event that the block has ended."""
     ended = Event()
     thread = Thread(target=work, args=(ended,), daemon=True)
-    thread.start()
     try:
+        thread.start()
         yield
     finally:
         ended.set()
-        thread.join()
+        if thread.is_alive():  # a signal can come before it has started
+            thread.join()

@@ -1,17 +1,15 @@
 """Worker processes of joblib: signals of the terminal, and the end of a sweep or of a worker."""
 
-import _thread
 import os
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from threading import Event, Thread, current_thread, main_thread
+from threading import Event, Thread
 
 from hydra.plugins.launcher import Launcher
 
 from seatrial.runner.background import in_background
+from seatrial.runner.stop_signals import shielded_children
 
 POLL_S = 0.5
 STUCK_S = 5.0  # after the loss of a worker: joblib notices it at once unless it waits for the rest
@@ -62,40 +60,17 @@ def _break_if_stuck(ended: Event) -> None:
 def shielded_workers() -> Iterator[None]:
     """Keep Ctrl-C and SIGHUP of the terminal from worker processes started in the block.
 
-    A terminal sends them to all processes at once, and a worker that is still importing prints a
-    traceback. The workers inherit a mask that blocks these signals; joblib ends them when this
-    process is interrupted. A thread passes the signals on to the handlers of this process.
+    joblib ends them when this process is interrupted.
     """
-    if not hasattr(signal, "pthread_sigmask") or current_thread() is not main_thread():
-        yield
-        return
     from multiprocessing import resource_tracker
 
     from joblib.externals.loky.backend import resource_tracker as joblib_tracker
 
-    signals = {signal.SIGINT, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    resource_tracker.ensure_running()  # both now, since they unblock SIGINT after their start
-    joblib_tracker.ensure_running()
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    # A signal without effect, which ends a system call that the main thread waits in.
-    waking = signal.signal(signal.SIGURG, lambda number, frame: None)
-    try:
-        with in_background(partial(_pass_on, signals)):
-            yield
-    finally:
-        signal.signal(signal.SIGURG, waking)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _pass_on(signals: set[signal.Signals], stop: Event) -> None:
-    # Not sigtimedwait: after a suspension it returns signals that were not sent.
-    main = main_thread().ident or 0
-    while not stop.wait(0.1):
-        if signals & signal.sigpending():
-            number = signal.Signals(signal.sigwait(signals))
-            _thread.interrupt_main(number)  # does nothing where the signal is ignored
-            signal.pthread_kill(main, signal.SIGURG)
+    with shielded_children() as shield:
+        resource_tracker.ensure_running()  # both now, since they unblock SIGINT after their start
+        joblib_tracker.ensure_running()
+        shield()
+        yield
 
 
 def end_with(parent: int) -> None:

@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
 from hydra.core.utils import JobStatus
@@ -22,6 +22,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.joblib_workers import joblib_workers
+from seatrial.runner.stop_signals import shielded_children
 from seatrial.runner.vocabulary import ENDINGS
 
 POOL_LOST = (
@@ -75,8 +76,7 @@ def launch(
 
         watch_the_queue()
     size = size or AT_ONCE.get(choice) or len(plans)
-    workers = joblib_workers(launcher) if choice == "joblib" else nullcontext()
-    with _single_threaded_workers(), workers:
+    with _single_threaded_workers(), _workers(choice, launcher):
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
             try:
@@ -89,6 +89,14 @@ def launch(
                 message = " ".join(str(error).split()) or type(error).__name__
                 raise ConfigurationError(f"hydra/launcher={choice}: {message}") from error
     return launched
+
+
+def _workers(choice: str, launcher: Launcher) -> AbstractContextManager[object]:
+    """Around the workers of a launcher on this machine: who gets signals, and what ends them."""
+    if choice == "joblib":
+        return joblib_workers(launcher)
+    # submitit starts a process for each trial, which gets signals, and one that waits for it
+    return shielded_children() if choice == "submitit_local" else nullcontext()
 
 
 def _launch_batch(

@@ -5,6 +5,9 @@ transaction a lock, one between the claim of a run and its note a run that nobod
 log one that is raised during their clean-up with its traceback, or raise another in its place.
 There the signal is sent again a moment later. So is a signal whose exception was dropped, as Python
 does in finalisers and callbacks.
+
+A terminal sends SIGINT and SIGHUP to all processes of a command at once. One that does not run this
+program's code, or does not yet, would print a traceback: it inherits a mask that blocks them.
 """
 
 import _thread
@@ -14,10 +17,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Lock
+from functools import partial
+from threading import Event, Lock, current_thread, main_thread
 from types import FrameType
 
+from seatrial.runner.background import in_background
+
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
+TERMINAL = {getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)}
 AGAIN_S = 0.05
 PATIENCE_S = 5.0  # with an import, a transaction or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
@@ -107,3 +114,41 @@ def _is_delicate(frame: FrameType | None) -> bool:
             return True
         frame = frame.f_back
     return False
+
+
+@contextmanager
+def shielded_children() -> Iterator[Callable[[], object]]:
+    """Keep SIGINT and SIGHUP of the terminal from processes that are started in the block.
+
+    They inherit a mask that blocks both, which the yielded function sets again. A thread passes the
+    signals on to the handlers of this process.
+    """
+    if not hasattr(signal, "pthread_sigmask") or current_thread() is not main_thread():
+        yield lambda: None
+        return
+    shield = partial(signal.pthread_sigmask, signal.SIG_BLOCK, TERMINAL)
+    before = shield()
+    # A signal without effect, which ends a system call that the main thread waits in.
+    waking = signal.signal(signal.SIGURG, lambda number, frame: None)
+    try:
+        with in_background(_pass_on):
+            yield shield
+    finally:
+        signal.signal(signal.SIGURG, waking)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _pass_on(ended: Event) -> None:
+    # Not sigtimedwait: after a suspension it returns signals that were not sent.
+    main = main_thread().ident or 0
+    while not ended.wait(0.1):
+        if TERMINAL & signal.sigpending():
+            number = signal.Signals(signal.sigwait(TERMINAL))
+            _thread.interrupt_main(number)  # does nothing where the signal is ignored
+            signal.pthread_kill(main, signal.SIGURG)
+
+
+def leave_shield() -> None:
+    """Let SIGINT and SIGHUP end this process, also those that came before."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)

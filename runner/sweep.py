@@ -5,6 +5,7 @@ configured launcher, and ends with a summary from the logbook.
 """
 
 import logging
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -46,6 +47,7 @@ from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
+from seatrial.runner.stop_signals import leave_shield
 
 if TYPE_CHECKING:  # what is slow to import
     from seatrial.runner import budget
@@ -204,6 +206,8 @@ class SweepJob:
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it."""
+        if "SUBMITIT_LOCAL_JOB_ID" in os.environ:
+            leave_shield()
         self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:

@@ -166,7 +166,8 @@ def suspended(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
             with entry.attempt(each[0], repeat):
                 each[1]()
 
-        with ThreadPoolExecutor(2) as pool:
+        tries.reverse()  # the long ones first
+        with ThreadPoolExecutor(4) as pool:  # they wait more than they work
             list(pool.map(attempt, tries))
     entry.seconds = time.monotonic() - began
     return [entry]

@@ -63,7 +63,7 @@ def test_a_number_that_is(cell: str, seatrial: Command, path: Path) -> None:
         (
             4,
             ["identifier=ls", "identifier.lowpass_hz=null"],
-            "got 2 samples for training after the low-pass filters, expected at least 4 for 2 terms",
+            "got 2 samples for training after the low-pass filters, expected at least 4",
         ),
         (4, ["identifier=ls"], "got 2 samples, too few for a low-pass filter"),
         (40, ["identifier=iv"], "too few for a low-pass filter"),

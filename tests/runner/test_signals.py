@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -24,6 +25,10 @@ from tests.runner.programs import belonging_to, children, ended, program, rows, 
 
 RUNNING = "SELECT id FROM run WHERE status = 'running'"
 LONG = ("excitation.interval_s=6000", "identifier=none", "evaluation=none")
+LAUNCHERS = {  # their processes, and options
+    "joblib": ("popen_loky_posix", ("hydra.launcher.n_jobs=2",)),
+    "submitit_local": ("submitit.local._local", ()),
+}
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 
 
@@ -178,9 +183,9 @@ def test_a_program_that_is_stopped_ends_in_one_line(
 
 SHIELDED = """
 import time
-from seatrial.runner.joblib_workers import shielded_workers
+from seatrial.runner.stop_signals import shielded_children
 try:
-    with shielded_workers():
+    with shielded_children():
         print("ready", flush=True)
         time.sleep(20.0)
 except KeyboardInterrupt:
@@ -216,14 +221,17 @@ def test_a_program_without_a_terminal_may_ignore_the_hangup(tmp_path: Path) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-@pytest.mark.parametrize("later_s", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize(
+    ("launcher", "later_s"),
+    [*product(("joblib",), (0.0, 1.0, 2.0)), *product(("submitit_local",), (0.0, 6.0))],
+)
 def test_a_signal_of_the_terminal_to_all_workers_is_one_line(
-    tmp_path: Path, number: signal.Signals, later_s: float
+    tmp_path: Path, number: signal.Signals, launcher: str, later_s: float
 ) -> None:
-    """Workers that are still importing print no traceback."""
-    many = ("seed=range(0,4)", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    """Workers that are still importing print no traceback, nor do those who wait for them."""
+    workers, options = LAUNCHERS[launcher]
+    many = ("seed=range(0,4)", f"hydra/launcher={launcher}", *options)
     process = sweep(*LONG, *many, "hydra.sweep.dir=.", folder=tmp_path)
-    workers = "popen_loky_posix"
     wait(
         lambda: (
             any(workers in command for _, command in children(process.pid))
