@@ -199,7 +199,9 @@ class StateSpace:
 
 
 def spectral_radius(A: Array) -> float:
-    """Largest magnitude of an eigenvalue."""
+    """Largest magnitude of an eigenvalue; inf where the entries have become too large."""
+    if not np.all(np.isfinite(A)):
+        return np.inf
     return float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
 
 
@@ -208,7 +210,8 @@ def zero_order_hold(A: Array, B: Array, period_s: float) -> tuple[Array, Array]:
     n = len(A)
     block = np.zeros((n + B.shape[1], n + B.shape[1]))
     block[:n, :n], block[:n, n:] = A, B
-    exact = expm(block * period_s)
+    with np.errstate(over="ignore", invalid="ignore"):  # a mode that grows at once
+        exact = expm(block * period_s)
     return exact[:n, :n], exact[:n, n:]
 
 

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.linearisation import linearise
-from seatrial.models.simulation.statespace import StateSpace, reachable_order, zero_order_hold
+from seatrial.models.simulation.statespace import (
+    StateSpace,
+    reachable_order,
+    spectral_radius,
+    zero_order_hold,
+)
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 
@@ -120,6 +125,11 @@ def test_the_zero_order_hold_of_a_damped_mass_is_the_exact_solution(
     np.testing.assert_allclose(model.A, [[1.0, travel], [0.0, decay]], rtol=1e-9, atol=1e-12)
     expected = [[(period_s - travel) / damping], [(1.0 - decay) / damping]]
     np.testing.assert_allclose(model.B, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_a_mode_that_grows_beyond_all_numbers_is_unstable() -> None:
+    A, _ = zero_order_hold(np.array([[1e6, 0.0], [0.0, -1.0]]), np.ones((2, 1)), 0.1)
+    assert spectral_radius(A) == np.inf
 
 
 @given(seeds, st.floats(0.01, 1.0))
