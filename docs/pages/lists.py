@@ -1,6 +1,7 @@
 """Lists of what the groups, the experiments and the benchmark hold, from their YAML files."""
 
 import re
+from itertools import takewhile
 from typing import Any
 
 import yaml
@@ -42,7 +43,8 @@ def benchmark() -> str:
 
 def _task(name: str, text: str) -> str:
     held: dict[str, Any] = yaml.safe_load(text)
-    head = text.partition("\n")[0].lstrip("# ")
+    comment = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    head = " ".join(line.lstrip("# ") for line in comment)
     source = held.get("source")
     facts = [
         ["trial", code(" ".join(held["trial"]))],
