@@ -68,7 +68,7 @@ def calm(bases: Databases, share: float) -> Calm:
 
 
 def storm(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
-    """Kill sweeps of each launcher on each database, two of them at a time."""
+    """Kill sweeps of each launcher on each database, three of them at a time."""
     with databases(folder) as bases:
         reference = calm(bases, share)
         tasks = [
@@ -91,7 +91,7 @@ def storm(folder: Path, seed: int, share: float = 1.0) -> list[Entry]:
             entry.seconds = time.monotonic() - since
             return entry
 
-        with ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(3) as pool:
             return list(pool.map(task, tasks))
 
 
