@@ -8,6 +8,7 @@ configuration of a trial holds the numbers that were used.
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from operator import is_
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
@@ -68,7 +69,7 @@ class _Numbers:
         self._node = node
         self._sample_time_s = sample_time_s
         self._vessel: parameters.VesselParameters | None = None
-        self._completed: parameters.VesselParameters | None = None  # with every derived number
+        self._completed: SimpleNamespace | None = None  # limits and tuning with derived numbers
 
     def of(self, path: str, key: str) -> object:
         """The number at a path of the vessel, for the option `key`."""
@@ -94,9 +95,7 @@ class _Numbers:
             )
         return value
 
-    def _complete(
-        self, vessel: "parameters.VesselParameters", key: str
-    ) -> "parameters.VesselParameters":
+    def _complete(self, vessel: "parameters.VesselParameters", key: str) -> SimpleNamespace:
         period = self._sample_time_s
         if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
             raise ConfigurationError(f"sample_time_s must be positive, got {period}")
@@ -105,7 +104,7 @@ class _Numbers:
                 f"sample_time_s: got {period:g} s, expected {SHORTEST_S:g} to {LONGEST_S:g}"
             )
         try:
-            return derivation.completed(vessel, period)
+            return SimpleNamespace(**derivation.derived(vessel, period))
         except ConfigurationError as error:
             raise ConfigurationError(f"{key}: cannot be derived from vessel {error}") from error
 

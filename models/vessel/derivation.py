@@ -53,8 +53,8 @@ WAVES, WAVES_DEG, WAVE_PERIOD = 0.01, 1.0, 4.0  # of L, and of sqrt(L / g)
 PROCESS_NOISE = 0.01  # of limit / M
 
 
-def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameters:
-    """The vessel with every number that it leaves out derived.
+def derived(vessel: VesselParameters, sample_time_s: float) -> dict[str, object]:
+    """Limits and tuning of a vessel, by name, with every number that it leaves out derived.
 
     `sample_time_s` is the period of the loop, of which the controllers' period is a multiple.
     Raises ConfigurationError if the vessel has neither `force_limits` nor `length_m`.
@@ -66,20 +66,18 @@ def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameter
     bands = Bandwidths(scales, 0.0 if lag is None else lag.delay_s)
     noise_and_wind = _weather(scales, given, vessel.planar)
     reference = _merged(given.reference, _reference(scales, bands))
-    derived = replace(
+    tuning = replace(
         noise_and_wind,
         pid=_pid(scales, bands, vessel),
         reference=reference,
         excitation=_excitation(scales, bands),
         control=_control(scales, bands, noise_and_wind.noise, sample_time_s),
     )
-    numbers = {"velocity_limits": speeds, "tuning": derived}
+    numbers = {"velocity_limits": speeds, "tuning": tuning}
     if not vessel.inputs or vessel.positioning:  # the limits of inputs are their own
         numbers["force_limits"] = limits
     rounded = {name: _rounded(value) for name, value in numbers.items()}
-    return replace(
-        vessel, **{name: _merged(getattr(vessel, name), value) for name, value in rounded.items()}
-    )
+    return {name: _merged(getattr(vessel, name), value) for name, value in rounded.items()}
 
 
 @dataclass(frozen=True, eq=False)

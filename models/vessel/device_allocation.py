@@ -191,7 +191,14 @@ def device_allocation(
     own = tuple(device for device in driven if isinstance(device, Thruster))
     if not own or len(own) < len(driven):
         return None
-    result = DeviceAllocation(own, inputs)
+    return _positioning(own, tuple(inputs.items()), dofs)
+
+
+@lru_cache(maxsize=64)
+def _positioning(
+    thrusters: tuple[Thruster, ...], inputs: tuple[tuple[str, Input], ...], dofs: tuple[str, ...]
+) -> DeviceAllocation | None:
+    result = DeviceAllocation(thrusters, dict(inputs))
     try:
         result.forces().matrix(dofs)
     except ConfigurationError:

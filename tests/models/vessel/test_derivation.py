@@ -10,7 +10,7 @@ from docs.vessels import parameters_of
 from seatrial.models.control.linear_design import design_model
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.vessel.derivation import completed
+from seatrial.models.vessel.derivation import derived
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.tuning import PidTuning, Tuning
 
@@ -59,6 +59,11 @@ FROUDE = {
     "control.mission.speed": (0.5, 0.5, -0.5),
     "control.mission.acceleration": (0.0, 0.0, -1.0),
 }  # fmt: skip
+
+
+def completed(vessel: VesselParameters, sample_time_s: float) -> VesselParameters:
+    numbers: dict[str, Any] = derived(vessel, sample_time_s)
+    return replace(vessel, **numbers)
 
 
 def ship(**changes: Any) -> VesselParameters:
