@@ -10,6 +10,8 @@ import pytest
 
 from seatrial.models.vessel.basis import Array
 
+VELOCITIES = tuple("uvwpqr")
+
 
 def oracle_file(name: str) -> Path:
     """A file of another program; the test is skipped where there is no outside data."""
@@ -37,6 +39,26 @@ def constants(name: str) -> dict[str, Any]:
 def columns(table: dict[str, Array], *names: str) -> Array:
     """Some columns as an array (N, n)."""
     return np.column_stack([table[name] for name in names])
+
+
+def accelerations(rows: dict[str, Array]) -> Array:
+    """Accelerations over ground, (N, 6)."""
+    return columns(rows, *(f"{name}dot" for name in VELOCITIES))
+
+
+def stream(rows: dict[str, Array]) -> Array:
+    """Velocity of the water along the axes of the vessel, (N, 3), by the heading alone."""
+    angle = rows["beta_c"] - rows["psi"]
+    down = rows.get("w_c", np.zeros_like(angle))
+    return np.column_stack([rows["V_c"] * np.cos(angle), rows["V_c"] * np.sin(angle), down])
+
+
+def through_water(rows: dict[str, Array]) -> tuple[Array, Array]:
+    """Velocity and acceleration through the water, (N, 6) each, in a uniform current."""
+    nu, nu_dot, water = columns(rows, *VELOCITIES), accelerations(rows), stream(rows)
+    nu_dot[:, :3] += np.cross(nu[:, 3:], water)
+    nu[:, :3] -= water
+    return nu, nu_dot
 
 
 def close(actual: Array, expected: Array, tolerance: float) -> None:

@@ -1,4 +1,4 @@
-"""Vessels with several thrusters or fins, and the devices they have, against MSS and by laws."""
+"""Vessels with several thrusters or fins, and the devices they have, by laws and recordings."""
 
 from collections.abc import Callable
 from csv import DictReader
@@ -12,112 +12,25 @@ import pytest
 from docs.vessels import parameters_of
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import coriolis
 from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.cross_flow import CrossFlow
 from seatrial.models.vessel.devices.device import Device, device_forces
 from seatrial.models.vessel.devices.fin import Fin
 from seatrial.models.vessel.devices.surge_drag import SurgeDrag
-from seatrial.models.vessel.kinematics import cross_matrix
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.steering import steady_speed
 from seatrial.models.vessel.table import Vessel
-from tests.models.vessel.oracles import close, columns, constants, oracle, oracle_file
+from tests.models.vessel.oracles import (
+    VELOCITIES,
+    accelerations,
+    close,
+    columns,
+    oracle,
+    oracle_file,
+)
 
 configured: Callable[[str], VesselParameters] = cache(parameters_of)
-VELOCITIES, PLANE, HELD = tuple("uvwpqr"), [0, 1, 5], [2, 3, 4]
-
-
-def through_water(rows: dict[str, Array]) -> tuple[Array, Array]:
-    """Velocity and acceleration through the water, (N, 6) each, in a uniform current."""
-    nu = columns(rows, *VELOCITIES)
-    nu_dot = columns(rows, *(f"{name}dot" for name in VELOCITIES))
-    stream, angle = np.zeros((len(nu), 3)), rows["beta_c"] - rows["psi"]
-    stream[:, 0], stream[:, 1] = rows["V_c"] * np.cos(angle), rows["V_c"] * np.sin(angle)
-    nu_dot[:, :3] += np.cross(nu[:, 3:], stream)
-    nu[:, :3] -= stream
-    return nu, nu_dot
-
-
-def held_motion(inertia: Array, nu: Array, nu_dot: Array) -> Array:
-    """Force in the plane (N, 3) [N, Nm] that heave, roll and pitch need beside its own."""
-    whole = coriolis(inertia, DOFS).inverse(nu_dot, nu)[:, PLANE]
-    plane = coriolis(inertia[np.ix_(PLANE, PLANE)], [DOFS[i] for i in PLANE])
-    beside = plane.inverse(nu_dot[:, PLANE], nu[:, PLANE])
-    return nu_dot[:, HELD] @ inertia[np.ix_(PLANE, HELD)].T + whole - beside
-
-
-def otter_with(mass_kg: float, x_m: float, y_m: float, z_m: float) -> tuple[Vessel, Array]:
-    """The Otter with another payload, and its inertia (6, 6), by the formulas of MSS."""
-    otter = configured("otter")
-    hull, place, g = (
-        np.array([0.2, 0.0, -0.2]),
-        np.array([x_m, y_m, z_m]),
-        constants("mss_otter_coeffs.json"),
-    )
-    mass = 55.0 + mass_kg
-    centre = (55.0 * hull + mass_kg * place) / mass
-
-    def turned(arm: Array) -> Array:
-        return arm @ arm * np.eye(3) - np.outer(arm, arm)
-
-    about = np.diag(55.0 * np.array([0.432, 0.5, 0.5]) ** 2)
-    about = about + 55.0 * turned(hull - centre) + mass_kg * turned(place - centre)
-    lever = mass * cross_matrix(centre)
-    body = np.block([[mass * np.eye(3), -lever], [lever, about + mass * turned(centre)]])
-    added = np.array([g["MA"][0][0], 82.5, 55.0, *np.array([0.2, 0.8, 1.7]) * np.diag(about)])
-    inertia = body + np.diag(added)
-    derivatives = {
-        **otter.derivatives, "Y_v": -inertia[1, 1], "N_r": -inertia[5, 5],
-        "N_|r|r": -10.0 * inertia[5, 5],
-    }  # fmt: skip
-    draught = mass / 1025.0 / (2.0 * 0.4 * 0.25 * 2.0)
-    drag = float(np.interp(0.25 / (2.0 * draught), HOERNER[0], HOERNER[1]))
-    flow = CrossFlow(2.0, draught, drag, rule="ends")
-    rows = tuple(tuple(row) for row in inertia[np.ix_(PLANE, PLANE)].tolist())
-    changed = replace(
-        otter, inertia=rows, derivatives=derivatives, devices={**otter.devices, "cross_flow": flow}
-    )
-    return changed.nominal(), inertia
-
-
-# Drag coefficient of a section over B / 2 T, as read from Hoerner's curve by MSS
-HOERNER = (
-    [0.0108623, 0.176606, 0.353025, 0.451863, 0.472838, 0.492877, 0.493252, 0.558473, 0.646401,
-     0.833589, 0.988002, 1.30807],
-    [1.96608, 1.96573, 1.89756, 1.78718, 1.58374, 1.27862, 1.21082, 1.08356, 0.998631, 0.87959,
-     0.828415, 0.759941],
-)  # fmt: skip
-
-
-def test_the_otter_accelerates_as_in_mss() -> None:
-    """In the plane, with the heave, roll and pitch that it has there, payloads and a current.
-
-    There the drag of cross flow is summed over 21 stations, of a hull longer by a strip.
-    """
-    rows = oracle("mss_otter_xdot.csv")
-    nu, nu_dot = through_water(rows)
-    limits = parameters_of("otter").inputs["n_1"]
-    n = np.clip(columns(rows, "n1", "n2") / (2.0 * np.pi), limits.low, limits.high)
-    payload = columns(rows, "mp", "rp_x", "rp_y", "rp_z")
-    found = np.empty((len(nu), 3))
-    for row in np.unique(payload, axis=0):
-        otter, inertia = otter_with(*row)
-        at = np.all(payload == row, axis=1)
-        beside = held_motion(inertia, nu[at], nu_dot[at])
-        found[at] = otter.forward(-beside, nu[at][:, PLANE], inputs=n[at])
-    close(found, nu_dot[:, PLANE], 1e-9)
-
-
-def test_the_otter_of_the_configuration_is_that_of_mss() -> None:
-    vessel, held = parameters_of("otter").nominal(), constants("mss_otter_coeffs.json")
-    inertia = np.array(held["M"])[np.ix_(PLANE, PLANE)]
-    np.testing.assert_allclose(vessel.inertia, inertia, rtol=1e-15)
-    changed, whole = otter_with(25.0, 0.05, 0.0, -0.35)
-    np.testing.assert_allclose(whole, held["M"], rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(changed.on(vessel.terms).theta, vessel.theta, rtol=1e-12)
-    flows = [each.devices["cross_flow"].values() for each in (changed, vessel)]
-    np.testing.assert_allclose(*flows, rtol=1e-12)
+PLANE = [0, 1, 5]
 
 
 def forces(device: Device, nu: Array, inputs: Array) -> Array:
@@ -253,41 +166,6 @@ def test_the_blueboat_reaches_its_recorded_speed() -> None:
     assert turned[0, 2] > 0.0  # the left one alone turns it to starboard
 
 
-def of_added_mass(added: Array, nu: Array, through: Array) -> Array:
-    """C_A(nu) nu_r - C_A(nu_r) nu_r in the plane, (N, 3), by Kirchhoff's momenta of `nu`."""
-    of, relative = nu @ added, through @ added
-    change = of - relative
-    linear = np.cross(through[:, 3:], change[:, :3])
-    angular = np.cross(through[:, 3:], change[:, 3:]) + np.cross(through[:, :3], change[:, :3])
-    return np.column_stack([linear, angular])[:, PLANE]
-
-
-def test_the_supply_vessel_with_azimuths_accelerates_as_in_mss() -> None:
-    """In the plane, with the heave, roll and pitch that it has there, but for three slips.
-
-    There the added mass has Coriolis forces of the velocity over ground, the strips are 21, and
-    astern the share of the quadratic drag is negative.
-    """
-    rows, osv = oracle("mss_osv_xdot.csv"), configured("osv")
-    held = constants("mss_osv_coeffs.json")["vessel"]
-    nu, nu_dot = through_water(rows)
-    flow = osv.devices["cross_flow"]
-    assert isinstance(flow, CrossFlow)
-    vessel = replace(osv, devices={**osv.devices, "cross_flow": replace(flow, rule="ends")})
-    n = columns(rows, "n1", "n2", "n3", "n4") / 60.0
-    inputs = np.column_stack([n, rows["alpha1"], rows["alpha2"]])
-    beside = held_motion(np.array(held["M"]), nu, nu_dot)
-    beside += of_added_mass(np.array(held["MA"]), columns(rows, *VELOCITIES), nu)
-    astern, u = nu[:, 0] < 0.0, nu[:, 0]
-    d_1, d_2, _ = osv.devices["drag"].values()
-    slip = np.where(astern, np.tanh(u / 2.0) * (d_1 * u - d_2 * np.abs(u) * u), 0.0)
-    own = np.where(astern, np.tanh(-u / 2.0) * (d_1 * u - d_2 * np.abs(u) * u), 0.0)
-    tau = -beside
-    tau[:, 0] += slip - own
-    found = vessel.nominal().forward(tau, nu[:, PLANE], inputs=inputs)
-    close(found, nu_dot[:, PLANE], 1e-9)
-
-
 def test_drag_ahead_is_linear_at_first_and_quadratic_in_the_end() -> None:
     """And as large astern as ahead."""
     speeds = np.array([1e-4, 20.0, -1e-4, -20.0])
@@ -312,7 +190,7 @@ def test_the_remus_accelerates_as_in_python_vehicle_simulator() -> None:
     inputs = np.clip(inputs, [each.low for each in limits], [each.high for each in limits])
     nu, attitude = columns(rows, *VELOCITIES), columns(rows, "phi", "theta", "psi")
     found = vessel.forward(np.zeros_like(nu), nu, attitude, inputs=inputs)
-    close(found, columns(rows, *(f"{name}dot" for name in VELOCITIES)), 1e-9)
+    close(found, accelerations(rows), 1e-9)
 
 
 def test_the_remus_makes_its_published_speed() -> None:
