@@ -27,6 +27,7 @@ from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track, turn
+from seatrial.models.simulation.manoeuvre_sheet import SHARE, interval
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import manoeuvring_basis
 from seatrial.models.vessel.devices.device import with_parameters
@@ -158,15 +159,12 @@ def identified(method: str, seed: int, truth: Vessel) -> Identified:
 
 def circles(result: Identified, truth: Vessel) -> list[Circle]:
     """The predicted turning circles to both sides, with the intervals of the drawn models."""
-    models, found = list(result.draws(DRAWS)), []
+    models, found = list(result.draws(DRAWS, SHARE)), []
     for helm in HELMS_DEG:
         true = tactical_diameter(truth, helm)
         drawn = np.array([_drawn(model, helm) for model in models]) / true
-        reached = drawn[np.isfinite(drawn)]
-        tails = (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL)
-        low, high = np.quantile(reached, tails) if len(reached) else (np.nan, np.nan)
         own = tactical_diameter(result.model, helm) / true
-        found.append(Circle(own, float(low), float(high)))
+        found.append(Circle(own, *interval(own, drawn, LEVEL)))
     return found
 
 

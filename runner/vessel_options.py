@@ -27,7 +27,7 @@ else:
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
 
 INNER = (dict, list)  # nodes that hold others
-NULLABLE = ("tuning.windage", "thruster")  # of a vessel, where null is a value
+NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where null is a value
 SHORTEST_S, LONGEST_S = 1e-9, 1e9
 
 

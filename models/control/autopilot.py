@@ -6,9 +6,10 @@ T r_dot + r = K delta of the believed model at the commanded speed. With omega a
     k_p = T omega^2 / K,  k_d = (2 zeta omega T - 1) / K,  k_i = omega k_p / 10
     delta = (T r_d' + r_d) / K + k_p e + k_d (r_d - r) + integral,   e = wrap(psi_d - psi)
 
-Speed: PI on du/dt = a u + b n, its poles at a fraction of omega. Commands keep the limits and rate
-limits of the inputs; the integrals follow the commands that are given (back-calculation), so that
-they do not wind up. Fossen (2021), sections 15.3.4 and 16.2.
+Speed: PI on du/dt = a u + b n, its poles at a fraction of omega. The helm is an input, such as a
+rudder, or the difference of two; the shaft is an input or the sum of two. Commands keep the limits
+and rate limits of the inputs; the integrals follow the commands that are given (back-calculation),
+so that they do not wind up. Fossen (2021), sections 15.3.4 and 16.2.
 """
 
 from dataclasses import dataclass
@@ -38,8 +39,8 @@ class AutopilotTable(NamedTuple):
     low: Array
     high: Array
     change: Array  # (n_inputs,) in an instant
-    helm: int
-    shaft: int  # -1: none
+    helm: Array  # (n_inputs,) change of the inputs by a unit of helm
+    shaft: Array  # zeros: none
     yaw: int
     surge: int
     kp: float
@@ -68,24 +69,31 @@ def _step(
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
     """state = (integral of the helm, of the shaft, last commands)."""
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = table.base[i]
-    h, error = table.helm, wrap_kernel(eta_d[table.yaw] - eta[table.yaw])
+    error, slow = wrap_kernel(eta_d[table.yaw] - eta[table.yaw]), table.speed - nu[table.surge]
     rate = nu_d[table.yaw]
-    order = table.kp * error + table.kd * (rate - nu[table.yaw]) + state[0]
-    tau_fb[h] = order
+    helm = feedback = table.kp * error + table.kd * (rate - nu[table.yaw]) + state[0]
     if table.feedforward:
-        order += (table.time_s * nu_dot_d[table.yaw] + rate) / table.gain
-    tau[h] = _limited(table, h, order, state[2 + h])
-    state[0] += table.period_s * (table.ki * error + table.track * (tau[h] - order))
-    if table.shaft >= 0:
-        s, slow = table.shaft, table.speed - nu[table.surge]
-        order = table.base[s] + table.speed_kp * slow + state[1]
-        tau[s] = _limited(table, s, order, state[2 + s])
-        tau_fb[s] = tau[s]
-        state[1] += table.period_s * (table.speed_ki * slow + table.track * (tau[s] - order))
+        helm += (table.time_s * nu_dot_d[table.yaw] + rate) / table.gain
+    shaft = table.speed_kp * slow + state[1]
     for i in range(tau.shape[0]):
-        state[2 + i] = tau[i]
+        order = table.base[i] + table.helm[i] * helm + table.shaft[i] * shaft
+        tau[i] = state[2 + i] = _limited(table, i, order, state[2 + i])
+    given = _along(table, table.shaft, tau)
+    for i in range(tau.shape[0]):
+        tau_fb[i] = table.base[i] + table.helm[i] * feedback + table.shaft[i] * given
+    state[0] += table.period_s * table.ki * error
+    state[0] += table.period_s * table.track * (_along(table, table.helm, tau) - helm)
+    state[1] += table.period_s * (table.speed_ki * slow + table.track * (given - shaft))
+
+
+@lean_kernel
+def _along(table: AutopilotTable, direction: Array, tau: Array) -> float:
+    """Helm or shaft that commands contain; zero without the direction."""
+    size = contained = 0.0
+    for i in range(tau.shape[0]):
+        size += direction[i] ** 2
+        contained += direction[i] * (tau[i] - table.base[i])
+    return float(contained / max(size, 1.0))
 
 
 CONTROLLERS[AutopilotTable] = _step
@@ -93,11 +101,14 @@ CONTROLLERS[AutopilotTable] = _step
 
 @dataclass(frozen=True, kw_only=True)
 class SteeringController(Controller):
-    """A controller of the heading by the input `helm`, on the model linearised ahead."""
+    """A controller of the heading by the input `helm`, on the model linearised ahead.
+
+    Two inputs steer by their difference, as two propellers side by side.
+    """
 
     commands_inputs: ClassVar[bool] = True
 
-    helm: str = "delta"
+    helm: Annotated[str | tuple[str, str], FromVessel("steered_by")] = "delta"
     speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
@@ -109,9 +120,25 @@ class SteeringController(Controller):
         check_ranges(self)
 
     @property
-    def index(self) -> int:
-        """Position of the helm among the inputs."""
-        return self.input_names.index(self.helm)
+    def helm_direction(self) -> Array:
+        """Change of the inputs by a unit of helm, shape (n_inputs,)."""
+        return self.direction("helm", self.helm, -1.0)
+
+    def direction(self, option: str, inputs: str | tuple[str, str], second: float) -> Array:
+        """1 for an input, or for the first of two and `second` for the other, (n_inputs,).
+
+        Raises ConfigurationError for one that the vessel does not have.
+        """
+        names = (inputs,) if isinstance(inputs, str) else inputs
+        if not {*names} <= {*self.input_names}:
+            raise ConfigurationError(
+                f"controller.{option}: got {', '.join(names)}, expected an input of the vessel, "
+                f"got {', '.join(self.input_names) or 'no inputs'}"
+            )
+        change = np.zeros(len(self.input_names))
+        for name, sign in zip(names, (1.0, second), strict=False):
+            change[self.input_names.index(name)] = sign
+        return change
 
     @property
     def base(self) -> Array:
@@ -121,11 +148,9 @@ class SteeringController(Controller):
     def steered(self, model: Model) -> SteeringModel:
         """The believed model linearised at the commanded speed."""
         table = table_of(model)
-        if self.helm not in self.input_names or "yaw" not in table.dofs:
+        if "yaw" not in table.dofs:
             raise ConfigurationError(
-                f"controller.helm: got {self.helm}, expected a vessel in yaw with that "
-                f"input, got {', '.join(self.input_names) or 'no inputs'} in "
-                f"{', '.join(table.dofs)}"
+                f"controller: got a vessel in {', '.join(table.dofs)}, expected one in yaw"
             )
         return steering_model(table, self.speed_m_s, self.base)
 
@@ -134,10 +159,10 @@ class SteeringController(Controller):
 class Autopilot(SteeringController):
     """Heading by the input `helm`, and speed by the input `shaft` where the vessel has it.
 
-    `bandwidth` is omega in units of U / L at the commanded speed.
+    Two inputs drive by their sum. `bandwidth` is omega in units of U / L at the commanded speed.
     """
 
-    shaft: str | None = "n"
+    shaft: Annotated[str | tuple[str, str] | None, FromVessel("driven_by")] = None
     bandwidth: Positive = 0.8
     damping: Positive = 1.0
     integral: bool = True
@@ -151,7 +176,7 @@ class Autopilot(SteeringController):
 
     def gains(self, linear: SteeringModel) -> tuple[float, float, float]:
         """Gains k_p, k_i, k_d of the heading by pole placement."""
-        gain, time = linear.nomoto(self.index)
+        gain, time = linear.along(self.helm_direction).nomoto(0)
         omega = self.omega
         kp = time * omega**2 / gain
         kd = (2.0 * self.damping * omega * time - 1.0) / gain
@@ -160,11 +185,10 @@ class Autopilot(SteeringController):
     def build(self, model: Model, period_s: float) -> tuple[AutopilotTable, Array]:
         """Parameters and initial state of the compiled step."""
         linear = self.steered(model)
-        helm, (kp, ki, kd) = self.index, self.gains(linear)
-        gain, time = linear.nomoto(helm)
-        steams = self.shaft in self.input_names and "surge" in linear.dofs
-        shaft = self.input_names.index(str(self.shaft)) if steams else -1
+        helm, (kp, ki, kd) = self.helm_direction, self.gains(linear)
+        gain, time = linear.along(helm).nomoto(0)
         surge = linear.dofs.index("surge") if "surge" in linear.dofs else 0  # not used without it
+        shaft = self._shaft_direction(linear)
         speed_kp, speed_ki = self._speed_gains(linear, shaft)
         rates = [np.inf if rate is None else rate for rate in self.input_rates]
         base = self.base
@@ -176,27 +200,33 @@ class Autopilot(SteeringController):
         )  # fmt: skip
         return table, np.concatenate([np.zeros(2), base])
 
-    def _speed_gains(self, linear: SteeringModel, shaft: int) -> tuple[float, float]:
-        """Gains of the speed by pole placement; zeros without a shaft that drives the vessel."""
-        if shaft < 0:
+    def _shaft_direction(self, linear: SteeringModel) -> Array:
+        """Change of the inputs by a unit of shaft; zeros without one that drives the vessel."""
+        none = np.zeros(len(self.input_names))
+        if self.shaft is None or "surge" not in linear.dofs:
+            return none
+        shaft = self.direction("shaft", self.shaft, 1.0)
+        return shaft if linear.along(shaft).surge(0)[1] > 0.0 else none
+
+    def _speed_gains(self, linear: SteeringModel, shaft: Array) -> tuple[float, float]:
+        """Gains of the speed by pole placement; zeros without a shaft."""
+        if not np.any(shaft):
             return 0.0, 0.0
-        a, b = linear.surge(shaft)
-        if b <= 0.0:
-            return 0.0, 0.0
+        a, b = linear.along(shaft).surge(0)
         omega = SPEED * self.omega
         return max(0.0, (2.0 * self.damping * omega + a) / b), omega**2 / b
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """Spectral radius of heading loop and linearised model, with the integral."""
-        linear = self.steered(model)
-        kp, ki, kd = self.gains(linear)
+        linear = self.steered(model).along(self.helm_direction)
+        kp, ki, kd = self.gains(self.steered(model))
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
-        n, helm = len(rows), self.index
+        n = len(rows)
         A = np.zeros((n + 2, n + 2))  # (velocities, heading, integral)
         A[:n, :n] = linear.A[np.ix_(rows, rows)]
         A[n, n - 1] = 1.0
         A[n + 1, n] = -ki
-        b = linear.B[rows, helm]
+        b = linear.B[rows, 0]
         A[:n, n - 1] -= kd * b
         A[:n, n] -= kp * b
         A[:n, n + 1] += b

@@ -35,7 +35,7 @@ class SteeredMpcTable(NamedTuple):
     """Parameters of the step; SI units, radians."""
 
     base: Array  # (n_inputs,)
-    helm: int
+    helm: Array  # (n_inputs,) change of the inputs by a unit of helm
     yaw: int
     moving: Codes  # indices of sway and yaw rate
     limit: float
@@ -75,8 +75,7 @@ def _step(
             past.share[:] = np.clip(past.share + z[:1], -1.0, 1.0)
         past.last[:] = now
         past.helm[:] = past.share + mpc.decay * (past.helm - past.share)
-    tau[:] = mpc.base
-    tau[mpc.helm] = mpc.limit * past.share[0]
+    tau[:] = mpc.base + mpc.helm * (mpc.limit * past.share[0])
     tau_fb[:] = tau
     past.instant[0] += 1
 
@@ -111,41 +110,51 @@ class SteeredMpc(SteeringController):
 
     @property
     def limit(self) -> float:
-        """Largest helm to both sides [rad]."""
-        low, high = self.input_low[self.index], self.input_high[self.index]
-        if not low < 0.0 < high:
+        """Largest helm to both sides from the start of its inputs [rad]."""
+        moved = self.helm_direction != 0.0
+        base, low, high = self.base[moved], self.input_low, self.input_high
+        reach = float(np.min([base - np.array(low)[moved], np.array(high)[moved] - base]))
+        if not reach > 0.0:
             raise ConfigurationError(
-                f"controller.helm: got limits from {low:.4g} to {high:.4g}, expected both sides"
+                f"controller.helm: got a start of {base} between its limits {low} and {high}, "
+                f"expected room to both sides"
             )
-        return min(-low, high)
+        return reach
 
     @property
     def lag_s(self) -> float | None:
         """Time constant of the helm [s]; None: it follows at once."""
-        return self.input_lags[self.index]
+        return self.input_lags[int(np.flatnonzero(self.helm_direction)[0])]
+
+    @property
+    def largest_rate(self) -> float:
+        """Largest change of the helm in a second [rad/s]; infinite: unlimited."""
+        moved = np.flatnonzero(self.helm_direction)
+        rates = [self.input_rates[i] for i in moved]
+        return min((rate for rate in rates if rate is not None), default=np.inf)
 
     def problem(self, model: Model, period_s: float) -> Horizon:
         """The optimal control problem at a loop period [s]."""
-        linear = self.steered(model)
+        linear = self.steered(model).along(self.helm_direction)
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
         n, own, lag = len(rows), self.command_rows(period_s) * period_s, self.lag_s
         states = n + 1 if lag is None else n + 2
         A, B = np.zeros((states, states)), np.zeros((states, 1))
-        by_helm = self.limit * linear.B[rows, self.index]
+        by_helm = self.limit * linear.B[rows, 0]
         A[:n, :n], A[n, n - 1] = linear.A[np.ix_(rows, rows)], 1.0
         if lag is None:
             B[:n, 0] = by_helm
         else:
             A[:n, n + 1], A[n + 1, n + 1], B[n + 1, 0] = by_helm, -1.0 / lag, 1.0 / lag
         heading, D = np.eye(states)[n : n + 1], np.zeros((1, 1))
-        continuous = StateSpace(A, B, heading, D, None, inputs=(self.helm,), outputs=("psi",))
+        continuous = StateSpace(A, B, heading, D, None, inputs=("helm",), outputs=("psi",))
         design = continuous.discretised(own).with_integral_action()
         rate_of = np.eye(states + 1)[n : n + 1] / own  # increment of the heading over a period
         damping_s = self.damping * self.length_m / self.speed_m_s
         Q = np.diag([1.0, damping_s**2]) / np.radians(self.error_deg) ** 2
         P = np.array([[1.0 / self.change**2]])
-        rate = self.input_rates[self.index]
-        largest = None if rate is None else np.array([rate * own / self.limit])
+        rate = self.largest_rate
+        largest = np.array([rate * own / self.limit]) if np.isfinite(rate) else None
         C = np.vstack([design.C, rate_of])
         return Horizon(design.A, design.B, C, Q, P, self.horizon, largest)
 
@@ -156,11 +165,11 @@ class SteeredMpc(SteeringController):
         every, lag = self.command_rows(period_s), self.lag_s
         decay = 0.0 if lag is None else float(np.exp(-every * period_s / lag))
         table = SteeredMpcTable(
-            self.base, self.index, linear.dofs.index("yaw"), np.array(rows), self.limit, decay,
-            self.horizon, every, Solver(increments(problem)),
+            self.base, self.helm_direction, linear.dofs.index("yaw"), np.array(rows), self.limit,
+            decay, self.horizon, every, Solver(increments(problem)),
         )  # fmt: skip
         counts = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        share = self.base[self.index : self.index + 1] / self.limit
+        share = np.zeros(1)
         states = len(rows) + (1 if lag is None else 2)
         return table, SteeredMemory(np.zeros(states), share, share.copy(), *counts)
 

@@ -160,7 +160,7 @@ class OutputError(PredictionOptions):
         spread = (
             ParameterSpread(problem.nominal, predictor.free, fit_result.point, covariance)
             if points is None
-            else ReplicateSpread(problem.nominal, predictor.free, points)
+            else ReplicateSpread(problem.nominal, predictor.free, fit_result.point, points)
         )
         return Identified(
             model, residual, errors, tuple(findings), device_errors=own, spread=spread

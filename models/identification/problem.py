@@ -48,8 +48,8 @@ class Spread(ABC):
     """The joint distribution of what was identified."""
 
     @abstractmethod
-    def draw(self, result: "Identified", rng: np.random.Generator) -> Vessel:
-        """A model drawn from the distribution about that of `result`."""
+    def draw(self, result: "Identified", rng: np.random.Generator, share: float = 1.0) -> Vessel:
+        """A model drawn about that of `result`, by a share of its deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +67,16 @@ class Identified:
     device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
     spread: Spread | None = None  # None: not estimated
 
-    def draws(self, count: int) -> Iterator[Vessel]:
-        """Models drawn from the spread, always by the same random numbers; none without one."""
+    def draws(self, count: int, share: float = 1.0) -> Iterator[Vessel]:
+        """Models drawn from the spread, always by the same random numbers; none without one.
+
+        `share` is that of the deviations of their parameters.
+        """
         if self.spread is None:
             return
         rng = np.random.default_rng(0)
         for _ in range(count):
-            yield self.spread.draw(self, rng)
+            yield self.spread.draw(self, rng, share)
 
 
 FEWEST = 2  # samples of a recording

@@ -28,13 +28,13 @@ class TableSpread(Spread):
     within: tuple[Array, ...]
     across: Array
 
-    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
         """The model with coefficients drawn from the distribution; fixed ones stay."""
         residual = result.residual
         assert result.std_error is not None
         z = rng.standard_normal((len(self.within[0]), len(self.across))) @ self.across.T
         units = np.stack([A @ z[:, k] for k, A in enumerate(self.within)], axis=1)
-        change = np.nan_to_num(result.std_error) * units
+        change = share * np.nan_to_num(result.std_error) * units
         return result.model + Vessel("drawn", residual.dofs, residual.terms, change)
 
 
@@ -47,10 +47,10 @@ class ParameterSpread(Spread):
     point: Array
     covariance: Array  # (m, m)
 
-    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
         """The model with parameters drawn from the distribution."""
         factor = factor_of(self.covariance)
-        drawn = self.point + factor @ rng.standard_normal(len(self.point))
+        drawn = self.point + share * factor @ rng.standard_normal(len(self.point))
         return self.free.model(self.nominal, drawn)
 
 
@@ -60,11 +60,13 @@ class ReplicateSpread(Spread):
 
     nominal: Vessel
     free: FreeParameters
+    point: Array
     points: Array
 
-    def draw(self, result: Identified, rng: np.random.Generator) -> Vessel:
+    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
         """The model of one of the replicates."""
-        return self.free.model(self.nominal, self.points[rng.integers(len(self.points))])
+        replicate = self.points[rng.integers(len(self.points))]
+        return self.free.model(self.nominal, self.point + share * (replicate - self.point))
 
 
 def table_spread(normal: Sequence[Array], rest: Array) -> TableSpread:

@@ -196,6 +196,30 @@ class VesselParameters:
         """The rudder angle `delta`, else the first input; empty without inputs."""
         return "delta" if "delta" in self.inputs else next(iter(self.inputs), "")
 
+    @cached_property
+    def steered_by(self) -> str | tuple[str, str]:
+        """The input that an autopilot turns the vessel with, or two, by their difference.
+
+        It is `delta`, else two inputs that drive the vessel ahead together, else the rudder
+        `delta_...` that turns it most.
+        """
+        rudders = [i for i, name in enumerate(self.inputs) if name.startswith("delta_")]
+        alone = "delta" in self.inputs or not (rudders or len(self.inputs) == 2)
+        if alone or self._ahead is None:
+            return "delta"
+        if self._ahead.differential:
+            first, second = self.inputs
+            return first, second
+        turning = np.abs(self._ahead.B[self.dofs.index("yaw")])
+        return self.input_names[max(rudders, key=lambda i: turning[i])] if rudders else "delta"
+
+    @property
+    def driven_by(self) -> str | tuple[str, str] | None:
+        """The input that an autopilot holds the speed with, `n`, or two, by their sum."""
+        if "n" in self.inputs:
+            return "n"
+        return None if isinstance(self.steered_by, str) else self.steered_by
+
     @property
     def input_start(self) -> tuple[float, ...]:
         """Values of the inputs before the first command."""

@@ -71,6 +71,18 @@ class SteeringModel(NamedTuple):
         i = self.dofs.index("surge")
         return float(self.A[i, i]), float(self.B[i, shaft])
 
+    def along(self, direction: Array) -> "SteeringModel":
+        """The model with one input, which changes all of them by a direction (n_inputs,)."""
+        return self._replace(B=self.B @ direction[:, None])
+
+    @property
+    def differential(self) -> bool:
+        """Whether two inputs drive it ahead together and turn it by their difference."""
+        if self.B.shape[1] != 2 or not {"surge", "yaw"} <= {*self.dofs}:
+            return False
+        ahead, turning = (self.B[self.dofs.index(dof)] for dof in ("surge", "yaw"))
+        return bool(np.min(ahead) > 0.0 and turning[0] * turning[1] < 0.0)
+
 
 def steering_model(vessel: Vessel, speed_m_s: float, inputs: Array) -> SteeringModel:
     """Linearise the acceleration ahead at a speed under inputs (n_inputs,), by differences."""

@@ -1,8 +1,8 @@
 """What the models of a trial predict of its manoeuvre, and of those in the files tested on.
 
-Every model carries out the manoeuvre of the excitation in calm water. The intervals are quantiles
-over models that are drawn from the joint distribution of what was identified; they hold as far as
-its standard errors do (finding `interval_of_estimate`).
+Every model carries out the manoeuvre of the excitation in calm water. The intervals are of first
+order: quantiles over models that are drawn from the joint distribution of what was identified, near
+it. They hold as far as its standard errors do (finding `interval_of_estimate`).
 
 The findings `recorded_manoeuvre_QUANTITY`, such as `recorded_manoeuvre_tactical_diameter`, have
 the file as i and as j one of `COMPARED`. There the models have the recorded helm, also in a
@@ -28,6 +28,7 @@ from seatrial.models.simulation.manoeuvre_measures import Track
 from seatrial.models.simulation.manoeuvre_sheet import (
     COMPARED,
     FINDING,
+    SHARE,
     Manoeuvre,
     Sheet,
     intervals,
@@ -104,10 +105,12 @@ def _intervals(
     calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
 ) -> list[Finding]:
     """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
-    tracks = list(_drawn(calm, mission, identified, length_m))
-    if len(tracks) < FEWEST:
+    sail = partial(_sailed_at_all, calm, mission, length_m)
+    own = sail(identified.model)
+    tracks = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
+    if own is None or len(tracks) < FEWEST:
         return []
-    bounds = intervals(tracks, lambda track: track, kind)
+    bounds = intervals(own, tracks, kind)
     return [
         Finding(name, "all", value, MEASURES[quantity], label=quantity)
         for quantity, both in bounds.items()
@@ -116,15 +119,14 @@ def _intervals(
     ]
 
 
-def _drawn(
-    calm: Trial, mission: SteeredMission, identified: Identified, length_m: float
-) -> Iterator[Track]:
-    """Yield the tracks of the drawn models that can be simulated."""
-    for model in identified.draws(DRAWS):
-        try:
-            yield sailed(calm, mission, model, length_m)
-        except UNABLE:
-            continue
+def _sailed_at_all(
+    calm: Trial, mission: SteeredMission, length_m: float, model: Vessel
+) -> Track | None:
+    """Return the track of a model; None if it cannot be simulated."""
+    try:
+        return sailed(calm, mission, model, length_m)
+    except UNABLE:
+        return None
 
 
 def manoeuvres(problem: Problem, identified: Identified, length_m: float | None) -> list[Finding]:
@@ -158,8 +160,8 @@ def _of_file(
     models = (problem.nominal, identified.model)
     tracks = [sail(model) for model in models]
     own = [sheet(track, measured.manoeuvre).entries if track else () for track in tracks]
-    drawn = [track for track in map(sail, identified.draws(DRAWS)) if track is not None]
-    bounds = intervals(drawn, lambda track: track, measured.manoeuvre)
+    drawn = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
+    bounds = intervals(tracks[1], drawn, measured.manoeuvre) if tracks[1] else {}
     for k, entry in enumerate(measured.entries):
         values = [entry.value, *(each[k].value if k < len(each) else None for each in own)]
         values += bounds.get(entry.quantity, ())

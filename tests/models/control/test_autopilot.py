@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from docs.vessels import parameters_of
 from seatrial.models.control.autopilot import Autopilot, AutopilotTable
 from seatrial.models.control.steered_mpc import SteeredMpc
 from seatrial.models.errors import ConfigurationError
@@ -43,8 +44,9 @@ def nomoto_ship(gain: float = GAIN, time_s: float = TIME_S) -> VesselParameters:
 
 
 def autopilot(ship: VesselParameters, **options: object) -> Autopilot:
+    options = {"shaft": ship.driven_by, "length_m": LENGTH, **options}
     return Autopilot(
-        speed_m_s=ship.approach_speed_m_s, length_m=LENGTH, input_names=ship.input_names,
+        speed_m_s=ship.approach_speed_m_s, input_names=ship.input_names,
         input_start=ship.input_start, input_low=ship.input_low, input_high=ship.input_high,
         input_rates=ship.input_rates, **options,  # type: ignore[arg-type]
     )  # fmt: skip
@@ -155,10 +157,37 @@ def test_no_wind_up_after_saturation() -> None:
     assert wound_up > 3.0 * max(large, 0.02)
 
 
+def test_two_propellers_steer_by_their_difference_and_drive_by_their_sum() -> None:
+    """Otter and BlueBoat keep heading and speed under a constant moment and resistance."""
+    for name, force, moment in (("otter", -20.0, 3.0), ("blueboat", -5.0, 1.0)):
+        boat = parameters_of(name)
+        pair = boat.input_names
+        assert boat.steered_by == boat.driven_by == pair
+        controller = autopilot(boat, helm=pair, shaft=pair, length_m=boat.length_m)
+        log = steered(boat, controller, np.radians(60.0), 120.0, moment, force).log
+        assert log.eta[-1, 2] == pytest.approx(np.radians(60.0), abs=np.radians(0.1))
+        assert log.nu[-1, 0] == pytest.approx(boat.approach_speed_m_s, rel=1e-3)
+        both = np.array([boat.input_low, boat.input_high])
+        assert np.all(both[0] <= log.tau) and np.all(log.tau <= both[1])  # noqa: PT018
+
+
+def test_the_helm_is_the_rudder_that_turns_the_vessel_most() -> None:
+    """Not the planes of an underwater vehicle; a ship has its `delta`."""
+    assert (parameters_of("remus100").steered_by, parameters_of("remus100").driven_by) == (
+        "delta_r", "n"
+    )  # fmt: skip
+    assert (parameters_of("mariner").steered_by, parameters_of("mariner").driven_by) == (
+        "delta", None
+    )  # fmt: skip
+    assert parameters_of("milliampere").steered_by == "delta"  # which it has not: refused
+
+
 def test_a_vessel_without_the_helm_is_refused() -> None:
     ship = nomoto_ship()
-    with pytest.raises(ConfigurationError, match="got fin, expected a vessel in yaw"):
+    with pytest.raises(ConfigurationError, match="got fin, expected an input of the vessel"):
         autopilot(ship, helm="fin").build(ship.nominal(), PERIOD_S)
+    with pytest.raises(ConfigurationError, match="got delta, screw, expected an input"):
+        autopilot(ship, shaft=("delta", "screw")).build(ship.nominal(), PERIOD_S)
 
 
 @cache

@@ -6,7 +6,9 @@ import pytest
 from seatrial.models.errors import RecordingError
 from seatrial.models.simulation.manoeuvre_measures import Track, stop, williamson
 from seatrial.models.simulation.manoeuvre_sheet import (
+    SHARE,
     Entry,
+    interval,
     intervals,
     manoeuvre_of,
     overshoot_limits,
@@ -131,16 +133,19 @@ def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
 
 
 def test_intervals_are_the_quantiles_of_the_draws() -> None:
-    """Circles of radius U / r with drawn rates: the diameter of a quantile is that of its rate."""
+    """Circles of radius U / r: the diameter deviates by dD = -D dr / r."""
     t = np.arange(0.0, 400.0, 0.1)
-    rates = np.random.default_rng(0).normal(0.1, 0.01, 200)
+    deviations = np.random.default_rng(0).normal(0.0, 0.01, 200)
 
     def sail(rate: float) -> Track:
         return track(t, np.maximum(t - 10.0, 0.0) * rate, np.radians(35.0) * (t > 9.95))
 
-    low, high = intervals(rates, sail, "turn")["steady diameter"]
-    expected = np.quantile(2.0 * 2.0 / rates / 10.0, [0.05, 0.95])
-    np.testing.assert_allclose((low, high), expected, rtol=1e-3)
+    draws = [sail(0.1 + SHARE * deviation) for deviation in deviations]
+    low, high = intervals(sail(0.1), draws, "turn")["steady diameter"]
+    diameter = 2.0 * 2.0 / 0.1 / 10.0
+    expected = diameter * (1.0 - np.quantile(deviations, [0.95, 0.05]) / 0.1)
+    np.testing.assert_allclose((low, high), expected, rtol=2e-2)
+    assert np.isnan(interval(diameter, np.array([np.nan]))[0])
 
 
 def test_a_helm_that_does_not_move_is_refused() -> None:
