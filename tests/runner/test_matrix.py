@@ -18,6 +18,9 @@ from tests.trials import CONF, composed
 ROWS = 20  # instants that are sailed
 KINDS = ("surge_linear", "milliampere", "kvlcc2", "mariner", "otter")
 WHOLE = "SEATRIAL_MATRIX"  # if set: all vessels, which takes a quarter of an hour
+EXCITATIONS = (
+    "rudder_zigzag", "rudder_prbs", "input_prbs", "multisine", "many_sine", "prbs",
+)  # fmt: skip
 REFUSED = ("dsrv", "beluga_diagonal", "beluga_full", "beluga_linear")  # by every controller
 
 
@@ -28,7 +31,7 @@ def options(group: str) -> list[str]:
 def base(vessel: str) -> Trial:
     """A trial with an excitation that suits the vessel, without controller and evaluation."""
     common = (f"vessel={vessel}", "identifier=none", "controller=none", "evaluation=none")
-    for excitation in ("rudder_zigzag", "rudder_prbs", "input_prbs", "multisine", "many_sine", "prbs"):
+    for excitation in EXCITATIONS:
         try:
             trial = composed(*common, f"excitation={excitation}")
             trials.check(trial)
