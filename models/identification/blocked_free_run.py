@@ -68,16 +68,12 @@ class LeftOut(NamedTuple):
         return mean, np.sqrt(variance * len(difference) / (len(difference) - 1))
 
     def exceeds(self, other: "LeftOut") -> bool:
-        """Whether the error is larger by more than one standard error, and by what matters.
-
-        It is if it is more than twice as large: one run that explodes has a standard error as
-        large as itself.
-        """
+        """Whether the error is larger by more than one standard error, and by what matters."""
         overall = LeftOut(np.mean(self.squares, axis=1, keepdims=True), self.samples)
         reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
         mean, error = overall.excess(reference)
-        uncertain = min(float(error[0]), other.error)
-        return float(mean[0]) > max(uncertain, SIMPLER * other.error, NEGLIGIBLE - other.error)
+        allowed = max(float(error[0]), SIMPLER * other.error, NEGLIGIBLE - other.error)
+        return float(mean[0]) > allowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +107,9 @@ class Blocks:
         return f"worse than the nominal model: NRMSE in {', '.join(lost)}" if lost else None
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
-        """The axes that are worse than a reference by more than one standard error, or twice."""
+        """The axes that are worse than a reference by more than one standard error."""
         mean, error = left_out.excess(reference)
-        squares = reference.nrmse**2
-        allowed = np.maximum(np.minimum(error, squares), SIMPLER * squares + NEGLIGIBLE)
+        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE)
         return [k for k, own, most in zip(self.axes, mean, allowed, strict=True) if own > most]
 
     def judge(self, identifier: Identifier) -> LeftOut:
