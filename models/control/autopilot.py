@@ -218,15 +218,15 @@ class Autopilot(SteeringController):
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """Spectral radius of heading loop and linearised model, with the integral."""
-        linear = self.steered(model).along(self.helm_direction)
-        kp, ki, kd = self.gains(self.steered(model))
+        linear = self.steered(model)
+        kp, ki, kd = self.gains(linear)
         rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
         n = len(rows)
         A = np.zeros((n + 2, n + 2))  # (velocities, heading, integral)
         A[:n, :n] = linear.A[np.ix_(rows, rows)]
         A[n, n - 1] = 1.0
         A[n + 1, n] = -ki
-        b = linear.B[rows, 0]
+        b = linear.along(self.helm_direction).B[rows, 0]
         A[:n, n - 1] -= kd * b
         A[:n, n] -= kp * b
         A[:n, n + 1] += b

@@ -105,7 +105,7 @@ def _intervals(
     calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
 ) -> list[Finding]:
     """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
-    sail = partial(_sailed_at_all, calm, mission, length_m)
+    sail = partial(_track_if_able, calm, mission, length_m)
     own = sail(identified.model)
     tracks = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
     if own is None or len(tracks) < FEWEST:
@@ -119,7 +119,7 @@ def _intervals(
     ]
 
 
-def _sailed_at_all(
+def _track_if_able(
     calm: Trial, mission: SteeredMission, length_m: float, model: Vessel
 ) -> Track | None:
     """Return the track of a model; None if it cannot be simulated."""

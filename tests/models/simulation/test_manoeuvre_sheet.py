@@ -133,7 +133,7 @@ def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
 
 
 def test_intervals_are_the_quantiles_of_the_draws() -> None:
-    """Circles of radius U / r: the diameter deviates by dD = -D dr / r."""
+    """Circles of radius U / r: quantiles of the diameters' deviations, over the share."""
     t = np.arange(0.0, 400.0, 0.1)
     deviations = np.random.default_rng(0).normal(0.0, 0.01, 200)
 
@@ -143,8 +143,11 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
     draws = [sail(0.1 + SHARE * deviation) for deviation in deviations]
     low, high = intervals(sail(0.1), draws, "turn")["steady diameter"]
     diameter = 2.0 * 2.0 / 0.1 / 10.0
-    expected = diameter * (1.0 - np.quantile(deviations, [0.95, 0.05]) / 0.1)
-    np.testing.assert_allclose((low, high), expected, rtol=2e-2)
+    drawn = 2.0 * 2.0 / (0.1 + SHARE * deviations) / 10.0
+    expected = diameter + np.quantile(drawn - diameter, [0.05, 0.95]) / SHARE
+    np.testing.assert_allclose((low, high), expected, rtol=1e-3)
+    first_order = diameter * (1.0 - np.quantile(deviations, [0.95, 0.05]) / 0.1)
+    np.testing.assert_allclose((low, high), first_order, rtol=2e-2)
     assert np.isnan(interval(diameter, np.array([np.nan]))[0])
 
 
