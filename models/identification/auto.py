@@ -25,7 +25,7 @@ from seatrial.models.identification.blocked_free_run import (
     error_findings,
     first_within,
 )
-from seatrial.models.identification.guard import with_nominal_axes
+from seatrial.models.identification.guard import LOST, with_nominal_axes
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -116,10 +116,17 @@ class Auto(Identifier):
         reasons: dict[str, str],
         rng: np.random.Generator,
     ) -> tuple[str, Identified]:
-        """Name and result of the best alternative that holds on the whole training part too."""
+        """Name and result of the best alternative that holds on the whole training part too.
+
+        One that keeps a believed equation there gives way to one that predicts about equally well.
+        """
+        held: tuple[str, Identified] | None = None
+        least = min(errors.values(), key=lambda left_out: left_out.error, default=None)
         while errors:
             name = first_within(errors)
-            del errors[name]
+            left_out = errors.pop(name)
+            if held and least and left_out.exceeds(least):
+                continue
             try:
                 result = alternatives[name].identify(blocks.problem, rng)
                 result = moving_axes_only(result, blocks)
@@ -127,8 +134,14 @@ class Auto(Identifier):
             except UNUSABLE as error:
                 reason = str(error)
             if reason is None:
-                return name, with_interval(alternatives[name], result)
+                found = name, with_interval(alternatives[name], result)
+                if not any(finding.name == LOST for finding in result.findings):
+                    return found
+                held, reason = held or found, "it keeps the believed equation of an axis"
             reasons[name] = f"on the whole training part: {reason}"
+        if held:
+            reasons.pop(held[0])
+            return held
         return NONE, _fallback(blocks.problem, "no candidate predicts the blocks left out better")
 
 

@@ -68,12 +68,16 @@ class LeftOut(NamedTuple):
         return mean, np.sqrt(variance * len(difference) / (len(difference) - 1))
 
     def exceeds(self, other: "LeftOut") -> bool:
-        """Whether the error is larger by more than one standard error, and by what matters."""
+        """Whether the error is larger by more than one standard error, and by what matters.
+
+        It is if it is more than twice as large: one run that explodes has a standard error as
+        large as itself.
+        """
         overall = LeftOut(np.mean(self.squares, axis=1, keepdims=True), self.samples)
         reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
         mean, error = overall.excess(reference)
-        allowed = max(float(error[0]), SIMPLER * other.error, NEGLIGIBLE - other.error)
-        return float(mean[0]) > allowed
+        uncertain = min(float(error[0]), other.error)
+        return float(mean[0]) > max(uncertain, SIMPLER * other.error, NEGLIGIBLE - other.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +102,11 @@ class Blocks:
         return list(range(len(self.problem.nominal.dofs)))
 
     def worse(self, left_out: LeftOut, reference: LeftOut) -> str | None:
-        """What is worse than a reference by more than one standard error; None: nothing."""
+        """What is worse than a reference, by a standard error or by itself; None: nothing."""
         lost = [
             f"{self.problem.nominal.dofs[k]} {own:.3g} instead of {other:.3g}"
             for k, own, other in zip(self.axes, left_out.nrmse, reference.nrmse, strict=True)
-            if k in self.lost(left_out, reference)
+            if k in self.lost(left_out, reference) or own**2 > 2.0 * other**2 + NEGLIGIBLE
         ]
         return f"worse than the nominal model: NRMSE in {', '.join(lost)}" if lost else None
 

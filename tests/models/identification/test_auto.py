@@ -8,6 +8,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto
 from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.guard import LOST, with_nominal_axes
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
@@ -39,6 +40,18 @@ class FailingOnAll(Given):
         if len(problem.training) >= self.samples:
             raise IdentificationError("too much of it")
         return super().identify(problem, rng)
+
+
+@dataclass(frozen=True)
+class HeldOnAll(Given):
+    """True on parts of the training data, with the believed surge on the whole of it."""
+
+    samples: int
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        result = super().identify(problem, rng)
+        whole = len(problem.training) >= self.samples
+        return with_nominal_axes(result, problem.nominal, [0] if whole else [], LOST)
 
 
 def identified(candidates, problem, budget_s: float | None = None) -> Identified:
@@ -102,6 +115,20 @@ def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
 def test_the_next_one_takes_the_place_of_one_that_fails_on_the_whole(calm) -> None:
     found = identified({"a": FailingOnAll(0.5, 3600), "b": Given(0.6)}, calm.problem)
     assert chosen(found) == "b"
+
+
+def test_one_that_keeps_a_believed_axis_gives_way_to_an_equal_one(calm) -> None:
+    """Not to a worse one, and not if there is no other."""
+    held = HeldOnAll(0.5, len(calm.problem.training))
+    found = identified({"held": held, "true": Given(0.5)}, calm.problem)
+    assert chosen(found) == "true"
+    assert any("keeps the believed equation" in reason for reason in left_out(found)), left_out(
+        found
+    )
+    for others in ({}, {"worse": Given(0.6)}):
+        found = identified({"held": held, **others}, calm.problem)
+        assert chosen(found) == "held"
+        assert not any("keeps the believed" in reason for reason in left_out(found))
 
 
 @pytest.mark.parametrize("dof", [0, 1, 2])

@@ -60,6 +60,16 @@ def test_the_first_within_one_standard_error_is_chosen() -> None:
     assert first_within(one | {"a": left_out(1.05)}) == "b"
 
 
+def test_one_run_that_explodes_is_no_matter_of_chance() -> None:
+    """Its mean excess is about its own standard error."""
+    steady, explodes = left_out(*[0.1] * 6), left_out(*[0.09] * 5, 400.0)
+    mean, error = explodes.excess(steady)
+    assert mean[0] == pytest.approx(error[0], rel=0.1)
+    assert explodes.exceeds(steady)
+    assert not left_out(0.05, 0.1, 0.2, 0.1, 0.1, 0.15).exceeds(steady)
+    assert first_within({"explodes": explodes, "steady": steady}) == "steady"
+
+
 def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
     blocks = Blocks(calm.problem)
     assert blocks.axes == [0, 1, 2]
