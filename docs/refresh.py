@@ -3,7 +3,8 @@
 `python docs/refresh.py WORD` updates only some of them.
 
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
-command; with a WORD, only blocks whose command contains it. The commands read the results of
+command; with a WORD, only blocks whose command contains it. Without one, a block whose results are
+not there stays as it is. The commands read the results of
 `make demo`, `make published`, `make bench`, `make robustness`, `make coverage`,
 `make manoeuvring` and `make benchmark`.
 """
@@ -32,7 +33,13 @@ def refreshed(text: str, word: str = "") -> str:
     def block(found: re.Match[str]) -> str:
         if word not in found["command"]:
             return found[0]
-        return f"{found[1]}\n{output(found['command'])}\n{found[3]}"
+        try:
+            return f"{found[1]}\n{output(found['command'])}\n{found[3]}"
+        except subprocess.CalledProcessError as error:
+            if word:
+                raise
+            print(f"{found['command']}: left as it is: {error.stderr.strip()}", file=sys.stderr)
+            return found[0]
 
     return BLOCK.sub(block, text)
 

@@ -23,6 +23,7 @@ from seatrial.models.identification.free_parameters import (
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
@@ -104,17 +105,19 @@ class Robust(ResidualOptions):
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
-        errors = None
+        errors, spread = None, None
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             if not problem.compared:
                 errors = free.std_error(refined.covariance)
+                point = free.values + change
+                spread = ParameterSpread(problem.nominal, free, point, refined.covariance)
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)
         findings += tuple(Finding("not_excited", dof, 1.0) for dof in unexcited)
-        return Identified(problem.nominal + residual, residual, errors, findings)
+        return Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
 
     def free(self, nominal: Vessel, believed: Sequence[str] = ()) -> FreeParameters:
         """The free parameters, with those of the disturbance.
