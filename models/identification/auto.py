@@ -121,7 +121,7 @@ class Auto(Identifier):
         One that keeps a believed equation there gives way to one that predicts about equally well.
         """
         held: tuple[str, Identified] | None = None
-        least = min(errors.values(), key=lambda left_out: left_out.error, default=None)
+        least = min(errors.values(), key=lambda one: one.error, default=None)
         while errors:
             name = first_within(errors)
             left_out = errors.pop(name)

@@ -36,6 +36,7 @@ FOLDS = 3
 SEED = 0  # of estimates on blocks, so that the choice draws nothing from the trial's stream
 SIMPLER = 0.04  # relative excess of the squared error that a simpler alternative may have
 NEGLIGIBLE = 1e-6  # mean squared error, over the variance, that cannot be told from none
+FAR = 2.0  # times the squared error of another, which is no matter of chance
 MOTION = 2.0  # least standard deviation of a velocity that moves, over that of its noise
 STILL = 1e-9  # [m/s, rad/s] standard deviation below which nothing moved
 UNUSABLE = (IdentificationError, ConfigurationError, RecordingError)  # what an alternative may say
@@ -70,13 +71,13 @@ class LeftOut(NamedTuple):
     def exceeds(self, other: "LeftOut") -> bool:
         """Whether the error is larger by more than one standard error, and by what matters.
 
-        It is if it is more than twice as large: one run that explodes has a standard error as
-        large as itself.
+        An error of more than FAR times the other is: one run that explodes has a standard error
+        as large as itself.
         """
         overall = LeftOut(np.mean(self.squares, axis=1, keepdims=True), self.samples)
         reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
         mean, error = overall.excess(reference)
-        uncertain = min(float(error[0]), other.error)
+        uncertain = min(float(error[0]), (FAR - 1.0) * other.error)
         return float(mean[0]) > max(uncertain, SIMPLER * other.error, NEGLIGIBLE - other.error)
 
 
@@ -102,13 +103,14 @@ class Blocks:
         return list(range(len(self.problem.nominal.dofs)))
 
     def worse(self, left_out: LeftOut, reference: LeftOut) -> str | None:
-        """What is worse than a reference, by a standard error or by itself; None: nothing."""
-        lost = [
+        """What is lost, or FAR worse than a reference; None: nothing."""
+        lost = self.lost(left_out, reference)
+        worse = [
             f"{self.problem.nominal.dofs[k]} {own:.3g} instead of {other:.3g}"
             for k, own, other in zip(self.axes, left_out.nrmse, reference.nrmse, strict=True)
-            if k in self.lost(left_out, reference) or own**2 > 2.0 * other**2 + NEGLIGIBLE
+            if k in lost or own**2 > FAR * other**2 + NEGLIGIBLE
         ]
-        return f"worse than the nominal model: NRMSE in {', '.join(lost)}" if lost else None
+        return f"worse than the nominal model: NRMSE in {', '.join(worse)}" if worse else None
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
         """The axes that are worse than a reference by more than one standard error."""

@@ -122,9 +122,7 @@ def test_one_that_keeps_a_believed_axis_gives_way_to_an_equal_one(calm) -> None:
     held = HeldOnAll(0.5, len(calm.problem.training))
     found = identified({"held": held, "true": Given(0.5)}, calm.problem)
     assert chosen(found) == "true"
-    assert any("keeps the believed equation" in reason for reason in left_out(found)), left_out(
-        found
-    )
+    assert any("keeps the believed equation" in reason for reason in left_out(found))
     for others in ({}, {"worse": Given(0.6)}):
         found = identified({"held": held, **others}, calm.problem)
         assert chosen(found) == "held"
