@@ -62,8 +62,7 @@ class Method(NamedTuple):
 METHODS = {
     "iv": Method(
         ("identifier=iv", "identifier.iterations=4", "identifier.orientation_terms=false",
-         # the regression as it is, not held to what is believed
-         "identifier.restart_s=null", "identifier.inertia_factor=null"),
+         "identifier.inertia_factor=null"),  # the regression as it is, not held to what is believed
         ZIGZAGS + CIRCLES, False,
     ),
     "auto": Method(("identifier=auto",), ZIGZAGS + CIRCLES, False),

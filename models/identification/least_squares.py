@@ -16,7 +16,6 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -26,6 +25,7 @@ from seatrial.models.identification.linear import (
     standard_errors,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,
