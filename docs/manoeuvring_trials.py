@@ -62,7 +62,8 @@ class Method(NamedTuple):
 METHODS = {
     "iv": Method(
         ("identifier=iv", "identifier.iterations=4", "identifier.orientation_terms=false",
-         "identifier.inertia_factor=null"),  # the regression as it is, not held to what is believed
+         # the regression as it is, not held to what is believed
+         "identifier.restart_s=null", "identifier.inertia_factor=null"),
         ZIGZAGS + CIRCLES, False,
     ),
     "auto": Method(("identifier=auto",), ZIGZAGS + CIRCLES, False),

@@ -33,6 +33,7 @@ from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.guard import guarded_by
 from seatrial.models.identification.kernel_posterior import (
     CHUNK,
@@ -44,7 +45,6 @@ from seatrial.models.identification.kernel_posterior import (
     of_velocities,
 )
 from seatrial.models.identification.problem import Identified, Needs, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     ResidualOptions,
     Samples,

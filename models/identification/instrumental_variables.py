@@ -19,6 +19,7 @@ with `instruments: none` (LS) or `simulated` (IV).
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -26,12 +27,12 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.constrained_table import finished
+from seatrial.models.identification.free_parameters import ned_forces
 from seatrial.models.identification.linear import qr
 from seatrial.models.identification.problem import Identified, Identifier, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     CONSTANT,
-    NED_COLUMNS,
     ResidualOptions,
     Samples,
     kept,
@@ -156,9 +157,10 @@ class Estimate:
 class InstrumentalVariables(ResidualOptions):
     """Instrumental variables on the lack of fit, with instruments from a simulated motion.
 
-    `orientation_terms` adds cos(psi), sin(psi), free in every degree of freedom (null: for a
-    vessel in surge, sway and yaw); `wind_measurement` adds the terms `wind_terms` of the measured
-    wind. The first instruments come from the nominal model, those of the `iterations` refinements
+    `orientation_terms` adds the terms of a force that is constant in NED, such as cos(psi) and
+    sin(psi), free in every degree of freedom; `wind_measurement` adds the terms `wind_terms` of the
+    measured wind (null: where the vessel moves in surge, sway and yaw and the recording has a
+    wind). The first instruments come from the nominal model, those of the `iterations` refinements
     from the last estimate. The simulation restarts at the measured state every `restart_s` [s].
     `bootstrap` is the number of block-bootstrap replicates for standard errors, all with the same
     instruments; null uses `errors`.
@@ -167,8 +169,8 @@ class InstrumentalVariables(ResidualOptions):
     instruments: Literal["none", "simulated"]
     iterations: NotNegativeInt
     restart_s: Positive | None
-    orientation_terms: bool | None
-    wind_measurement: bool
+    orientation_terms: bool
+    wind_measurement: bool | None
     wind_terms: tuple[str, ...]
     errors: ErrorKind
     bootstrap: int | None
@@ -200,19 +202,18 @@ class InstrumentalVariables(ResidualOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
-        for name in ("orientation_terms", "wind_measurement"):
-            if getattr(self, name) and nominal.dofs != PLANAR:
-                raise ConfigurationError(
-                    f"identifier.{name} needs a vessel in {', '.join(PLANAR)}, "
-                    f"got one in {', '.join(nominal.dofs)}"
-                )
+        if self.wind_measurement and nominal.dofs != PLANAR:
+            raise ConfigurationError(
+                f"identifier.wind_measurement needs a vessel in {', '.join(PLANAR)}, "
+                f"got one in {', '.join(nominal.dofs)}"
+            )
         if self.wind_measurement and measured:
             raise ConfigurationError(
                 "identifier.wind_measurement: got true, expected false: the recorded "
                 "file has no wind"
             )
         in_air = [str(term) for term in super().terms(nominal) if _in_air(term)]
-        if in_air and not self.wind_measurement:
+        if in_air and (self.wind_measurement is False or measured):
             raise ConfigurationError(
                 f"identifier.basis: term {in_air[0]} needs wind_measurement=true"
             )
@@ -224,12 +225,22 @@ class InstrumentalVariables(ResidualOptions):
         terms = super().terms(nominal)
         if self.wind_measurement:
             terms += tuple(t for t in basis.terms(self.wind_terms) if t not in terms)
-        if self.orientation_terms or (self.orientation_terms is None and nominal.dofs == PLANAR):
-            terms += tuple(t for t in NED_COLUMNS if t not in terms)
+        if self.orientation_terms:
+            forces = (table.terms for table in ned_forces(nominal.dofs).values())
+            terms += tuple(t for t in dict.fromkeys(chain(*forces)) if t not in terms)
         return terms
+
+    def with_wind(self, problem: Problem) -> "InstrumentalVariables":
+        """These options with the choice of the wind that they leave to the recording."""
+        if self.wind_measurement is not None:
+            return self
+        windy = problem.nominal.dofs == PLANAR and problem.training.wind is not None
+        return replace(self, wind_measurement=windy)
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors; findings describe the instruments."""
+        if self.wind_measurement is None:
+            return self.with_wind(problem).estimated(problem, rng)
         lag, findings = thruster_of(self, problem)
         estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)

@@ -16,6 +16,7 @@ import numpy as np
 from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
@@ -25,7 +26,6 @@ from seatrial.models.identification.linear import (
     standard_errors,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import (
     NED_COLUMNS,
     ResidualOptions,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
+from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import (
     Selection,
     check_folds,
@@ -27,7 +28,6 @@ from seatrial.models.identification.kernel_pls import (
     output_moment,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT

@@ -19,21 +19,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.findings import Finding
-from seatrial.models.identification.attenuation import with_attenuation
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.residual import ResidualOptions, Samples
-from seatrial.models.identification.spread import ParameterSpread
-from seatrial.models.identification.structured import (
-    Structure,
-    entries_of,
-    inflation,
-    structure,
-)
+from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import (
     clustered_variance,
     long_run_share,
@@ -315,48 +306,3 @@ def _residual_variance(gains: Array, rest: Array, begin: NDArray[np.int64]) -> A
         return short
     influence = np.einsum("ndm,nd->nm", gains, rest)
     return np.asarray(np.max([short, total(length), clustered_variance(influence, begin)], axis=0))
-
-
-def finished(
-    options: ResidualOptions,
-    problem: Problem,
-    lag: SecondOrderLag | None,
-    samples: Samples,
-    result: Identified,
-) -> Identified:
-    """An estimated table after the physical constraints and the refinement that are asked for.
-
-    A table that meets the constraints is not changed by them. `samples` are those of the estimate.
-    """
-    result = with_attenuation(options, problem, lag, samples, result)
-    if options.inertia_factor is None and options.refinement == "none":
-        return result
-    free, training = entries_of(result.residual, problem.nominal), problem.training
-    terms = free.nominal.terms
-    if terms == problem.nominal.terms and {*terms} <= {*samples.terms}:  # the same lack of fit
-        samples = samples.on(terms)
-    else:
-        samples = options.samples(training, free.nominal, lag, terms=terms)
-    model = structure(free, samples, training.nu, options.inertia_factor)
-    change, broken = model.nearest(result.residual.on(terms).theta)
-    if options.refinement == "none" and not broken:
-        return result
-    errors, spread = result.std_error, result.spread
-    if options.refinement == "free_run":
-        refined = refined_by_segments(options, training, lag, model, change, 1.0)
-        change, broken = refined.change, refined.active
-        rows = [terms.index(term) for term in result.residual.terms]
-        if not problem.compared:
-            errors = free.std_error(refined.covariance)[rows]
-            point, nominal = free.values + change, problem.nominal
-            spread = ParameterSpread(nominal, free, point, refined.covariance)
-    residual = free.residual(free.values + change).on(result.residual.terms)
-    active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
-    return replace(
-        result,
-        model=problem.nominal + residual,
-        residual=residual,
-        std_error=errors,
-        findings=(*result.findings, *active),
-        spread=spread,
-    )

@@ -27,10 +27,10 @@ from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.guard import guarded
 from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.ranges import NotNegative, Positive

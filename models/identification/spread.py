@@ -63,6 +63,11 @@ class ReplicateSpread(Spread):
     point: Array
     points: Array
 
+    @property
+    def std_error(self) -> Array:
+        """Standard errors of the table (n_terms, n_dof), NaN where nothing is free."""
+        return self.free.std_error(np.cov(self.points, rowvar=False))
+
     def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
         """The model of one of the replicates."""
         replicate = self.points[rng.integers(len(self.points))]

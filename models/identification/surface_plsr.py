@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
+from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import (
     Pair,
     Selection,
@@ -39,7 +40,6 @@ from seatrial.models.identification.kernel_pls import (
 )
 from seatrial.models.identification.plsr import PartialLeastSquares
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.refinement import finished
 from seatrial.models.identification.residual import Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array

@@ -90,7 +90,7 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
 @pytest.mark.parametrize(
     ("identifier", "options", "message"),
     [
-        ("iv", ["orientation_terms=true"], "orientation_terms needs a vessel in surge, sway, yaw"),
+        ("iv", ["wind_measurement=true"], "wind_measurement needs a vessel in surge, sway, yaw"),
         ("ls", ["ned_force=true"], "ned_force needs a vessel in surge, sway, yaw"),
         ("ls", ["force=actual"], "force: got actual, but it is not recorded"),
         ("least_squares", ["force=filtered"], "force: got filtered, but surge_linear has no"),

@@ -1,0 +1,85 @@
+"""An estimated table after the physical constraints and the refinement by free runs.
+
+A table that violates a constraint is moved to the nearest one that does not. So are tables drawn
+about it, where its standard errors are to be those of the coefficients: a constraint that binds
+narrows the distribution, and what is tied to it moves too.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from seatrial.models.findings import Finding
+from seatrial.models.identification.attenuation import with_attenuation
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.refinement import refined_by_segments
+from seatrial.models.identification.residual import ResidualOptions, Samples
+from seatrial.models.identification.spread import ParameterSpread, ReplicateSpread
+from seatrial.models.identification.structured import Structure, entries_of, structure
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+DRAWN = 100  # tables about one that was moved
+
+
+def finished(
+    options: ResidualOptions,
+    problem: Problem,
+    lag: SecondOrderLag | None,
+    samples: Samples,
+    result: Identified,
+) -> Identified:
+    """The table after the physical constraints and the refinement that are asked for.
+
+    A table that meets the constraints is not changed by them. `samples` are those of the estimate.
+    """
+    result = with_attenuation(options, problem, lag, samples, result)
+    if options.inertia_factor is None and options.refinement == "none":
+        return result
+    free, training = entries_of(result.residual, problem.nominal), problem.training
+    terms = free.nominal.terms
+    if terms == problem.nominal.terms and {*terms} <= {*samples.terms}:  # the same lack of fit
+        samples = samples.on(terms)
+    else:
+        samples = options.samples(training, free.nominal, lag, terms=terms)
+    model = structure(free, samples, training.nu, options.inertia_factor)
+    change, broken = model.nearest(result.residual.on(terms).theta)
+    if options.refinement == "none" and not broken:
+        return result
+    errors, spread = result.std_error, result.spread
+    rows = [terms.index(term) for term in result.residual.terms]
+    if options.refinement == "free_run":
+        refined = refined_by_segments(options, training, lag, model, change, 1.0)
+        change, broken = refined.change, refined.active
+        if not problem.compared:
+            errors = free.std_error(refined.covariance)[rows]
+            point, nominal = free.values + change, problem.nominal
+            spread = ParameterSpread(nominal, free, point, refined.covariance)
+    elif options.interval_covers and spread is not None:
+        moved = moved_spread(problem, model, change, result)
+        errors, spread = moved.std_error[rows], moved
+    residual = free.residual(free.values + change).on(result.residual.terms)
+    active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
+    return replace(
+        result,
+        model=problem.nominal + residual,
+        residual=residual,
+        std_error=errors,
+        findings=(*result.findings, *active),
+        spread=spread,
+    )
+
+
+def moved_spread(
+    problem: Problem, model: Structure, change: Array, result: Identified
+) -> ReplicateSpread:
+    """The distribution of a table that was moved by `change` (m,) from the believed one.
+
+    It is that of tables drawn about the estimate, each moved as the estimate was.
+    """
+    free, terms = model.free, model.free.nominal.terms
+    points = [
+        free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
+        for drawn in result.draws(DRAWN)
+    ]
+    return ReplicateSpread(problem.nominal, free, free.values + change, np.array(points))
