@@ -300,12 +300,12 @@ def effective(model: Vessel) -> np.ndarray:
 
 
 def predictor(name: str) -> Any:
-    """LS1 to LS3 and IV1 to IV3."""
+    """LS1 to LS3 and IV1 to IV3: one simulation, as restarts let measured noise into it."""
     orientation, wind = PREDICTORS[name[-1]]
     return of_conf(
         "identifier", "iv", basis=list(TERMS), iterations=1, orientation_terms=orientation,
         wind_measurement=wind, instruments="none" if name.startswith("LS") else "simulated",
-        lowpass_hz=None, inertia_factor=None,
+        lowpass_hz=None, inertia_factor=None, restart_s=None,
     )  # fmt: skip
 
 
