@@ -3,7 +3,7 @@
 It prints `results/coverage.json`. `python -m docs.coverage --seeds 100 --write` computes it again:
 every identifier with standard errors identifies the same recordings, and the share of the true
 coefficients within 1.96 standard errors of their estimates is counted. Without --write the table is
-printed only; with --vessel or --identifier the rest of the file is kept.
+printed only; with --vessel, --disturbance or --identifier the rest of the file is kept.
 """
 
 import json
@@ -58,6 +58,7 @@ IDENTIFIERS = {
     "ridge": ("identifier=ridge", "identifier.basis=physical"),
     "plsr": ("identifier=plsr", "identifier.basis=physical"),
 }
+CHOICES = {"vessel": VESSELS, "disturbance": DISTURBANCES, "identifier": IDENTIFIERS}
 UNUSABLE = (IdentificationError, ConfigurationError, RecordingError)
 
 
@@ -73,6 +74,12 @@ class Count(NamedTuple):
 
     inertia: tuple[int, int]
     damping: tuple[int, int]
+
+    @property
+    def every(self) -> tuple[int, int]:
+        """Of all coefficients."""
+        (a, n), (b, m) = self
+        return a + b, n + m
 
 
 @dataclass(frozen=True)
@@ -223,13 +230,14 @@ def shown(shares: Sequence[Share]) -> str:
             share.case.disturbance.strip("[]").replace(",", " + "),
             f"`{share.identifier}`",
             "coefficient" if share.covers else "of the estimate",
-            *map(proportion, share.count),
+            *map(proportion, (*share.count, share.count.every)),
             str(share.seeds),
             str(share.failed),
         ]
         for share in shares
     ]
-    headers = ("vessel", "disturbance", "identifier", "interval", *Count._fields, "seeds", "failed")
+    headers = ("vessel", "disturbance", "identifier", "interval", *Count._fields, "all",
+               "seeds", "failed")  # fmt: skip
     return table(list(headers), rows)
 
 
@@ -274,14 +282,15 @@ def main() -> None:
     parser = ArgumentParser(description="Coverage of 95 % intervals.")
     parser.add_argument("--seeds", type=int, help="compute it over so many seeds")
     parser.add_argument("--write", action="store_true", help="write results/coverage.json")
-    parser.add_argument("--vessel", choices=VESSELS, help="only this one")
-    parser.add_argument("--identifier", choices=IDENTIFIERS, help="only this one")
+    for name, choices in CHOICES.items():
+        parser.add_argument(f"--{name}", choices=choices, action="append", help="only these")
     options = parser.parse_args()
     if options.seeds is None:
         shares = read(FILE)
     else:
-        chosen = [case for case in cases() if options.vessel in (None, case.vessel)]
-        names = [name for name in IDENTIFIERS if options.identifier in (None, name)]
+        vessels, disturbances = options.vessel or VESSELS, options.disturbance or DISTURBANCES
+        chosen = [c for c in cases() if c.vessel in vessels and c.disturbance in disturbances]
+        names = [name for name in IDENTIFIERS if name in (options.identifier or IDENTIFIERS)]
         shares = computed(options.seeds, chosen, names)
         if options.write:
             write(shares, FILE)

@@ -6,10 +6,11 @@ Errors are relative to the spread of each velocity over the training part; per a
 
     NRMSE = rms(nu_simulated - nu) / std(nu),    FIT = 100 (1 - NRMSE) %.
 
-Alternatives are compared by the mean of NRMSE^2 over the axes, and paired over the free runs, since
+Identifiers are compared by the mean of NRMSE^2 over the axes, and paired over the free runs, since
 the blocks are the same for all. Of those that exceed the least by no more than one standard error
 of the difference, or by hardly anything, the first one listed is chosen: Hastie, Tibshirani and
-Friedman (2009), section 7.10.
+Friedman (2009), section 7.10. Of alternatives of one identifier by itself it is the first one that
+exceeds the least by hardly anything.
 
 One-step errors of the force, by which orders and penalties are usually chosen, do not see whether a
 model runs away; an order or a method chosen on the test part is evaluated on the data that chose
@@ -180,6 +181,17 @@ def first_within(errors: dict[str, LeftOut]) -> str:
     return next(name for name in errors if not errors[name].exceeds(errors[best]))
 
 
+def first_equal(errors: dict[str, LeftOut]) -> str:
+    """The first name whose error is hardly above the least one, whatever chance may explain.
+
+    For choices of terms of one model: under a force without its term every free run is poor, and
+    the few in which a model with it goes astray make the standard error as large as the gain.
+    """
+    least = min(left_out.error for left_out in errors.values())
+    most = (1.0 + SIMPLER) * least + NEGLIGIBLE
+    return next(name for name, left_out in errors.items() if left_out.error <= most)
+
+
 @dataclass(frozen=True, eq=False)
 class Contest:
     """Candidates compared by free runs over blocks left out, each with its best alternative.
@@ -248,7 +260,7 @@ def best_of(
     if not errors:
         name, reason = next(iter(reasons.items()))
         raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")
-    chosen = first_within(errors)
+    chosen = first_equal(errors)
     result = alternatives[chosen].identify(blocks.problem, rng)
     return replace(result, findings=(*result.findings, *error_findings(errors, blocks, chosen)))
 

@@ -5,8 +5,8 @@ is integrated with the recorded force and the wind measured aboard, by Euler, Ho
 eq. (6.2), or by RK4 at the sample time. All rates are limited at every stage, as in section 6.4, so
 that no candidate overflows; the number of limited rates is counted.
 
-`predict` stores the states of one model. `prediction_errors` takes candidates in packs
-(`seatrial.models.packs`) and sums their errors without storing trajectories.
+`predict` stores the states of one model. `predict_many` and `prediction_errors` take candidates in
+packs (`seatrial.models.packs`); the latter sums their errors without storing trajectories.
 """
 
 from typing import Literal, NamedTuple
@@ -67,13 +67,17 @@ class Course(NamedTuple):
         `offset` (n, 2 n_dof) is added to the initial states of the n predictions; attitudes are
         offset by a rotation vector.
         """
+        start = self.reached.copy()
+        start[self.restart] = self.starts(offset)
+        return self._replace(start=start)
+
+    def starts(self, offset: Array) -> Array:
+        """The initial states (n, n_pose + n_dof) with an offset; see `with_offset`."""
         n_dof = offset.shape[1] // 2
         n_pose = self.reached.shape[1] - n_dof
         states = self.reached[self.restart]
         pose = displaced(self.kinematics, states[:, :n_pose], offset[:, :n_dof])
-        start = self.reached.copy()
-        start[self.restart] = np.hstack([pose, states[:, n_pose:] + offset[:, n_dof:]])
-        return self._replace(start=start)
+        return np.hstack([pose, states[:, n_pose:] + offset[:, n_dof:]])
 
 
 def course_of(
@@ -281,6 +285,77 @@ def _aligned(rows: int) -> Array:
     return buffer[first : first + rows * WIDTH].reshape((rows, WIDTH))
 
 
+class _Lanes(NamedTuple):
+    """WIDTH candidates side by side: the numbers of their tables, and the same seen as packs."""
+
+    entries: Array  # (n_entries, WIDTH)
+    inverse: Array  # (n_dof, n_dof, WIDTH)
+    parameters: Array  # (n_parameters, WIDTH)
+    states: Array  # (n_pose + n_dof, WIDTH)
+    plant: PlantTable
+    state: Array  # (n_pose + n_dof,) packs
+    work: Scratch
+
+
+@register_jitable
+def _lanes(structure: PlantTable, n_entries: int, n_parameters: int, n_dof: int, n_pose: int) -> _Lanes:
+    """Buffers for the candidates of a structure."""
+    entries, parameters = _aligned(n_entries), _aligned(n_parameters)
+    inverse = _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH))
+    plant = PlantTable(
+        structure.codes, structure.term, structure.first, as_packs(entries),
+        as_packs(inverse), structure.coupled, structure.velocity_index,
+        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
+        structure.sideslip,
+        structure.inputs, structure.axes, structure.devices, as_packs(parameters),
+    )  # fmt: skip
+    n_terms = structure.codes.shape[0]
+    vectors = _aligned(scratch_size(n_terms, n_dof, n_pose))
+    matrices = _aligned(72).reshape((*MATRICES, WIDTH))
+    work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
+    states = _aligned(n_pose + n_dof)
+    return _Lanes(entries, inverse, parameters, states, plant, as_packs(states), work)
+
+
+@register_jitable
+def _load(lanes: _Lanes, entries: Array, inverse: Array, parameters: Array, begin: int) -> int:
+    """Take the candidates from number `begin` on; return how many there are."""
+    size = min(WIDTH, inverse.shape[2] - begin)
+    lanes.entries[:, :size] = entries[:, begin : begin + size]
+    lanes.inverse[:, :, :size] = inverse[:, :, begin : begin + size]
+    lanes.parameters[:, :size] = parameters[:, begin : begin + size]
+    return size
+
+
+@kernel
+def predict_many(
+    structure: PlantTable, entries: Array, inverse: Array, parameters: Array, course: Course,
+    starts: Array, euler: bool, states: Array,
+) -> None:  # fmt: skip
+    """Write the states (n, N, n_pose + n_dof) that n candidates predict.
+
+    entries, inverse and parameters are those of `prediction_errors`; starts
+    (n_starts, n_pose + n_dof, n) are the initial states of each prediction.
+    """
+    n_dof, n = inverse.shape[0], inverse.shape[2]
+    n_state = states.shape[2]
+    n_pose = n_state - n_dof
+    lanes = _lanes(structure, entries.shape[0], parameters.shape[0], n_dof, n_pose)
+    eta, nu = lanes.state[:n_pose], lanes.state[n_pose:]
+    for begin in range(0, n, WIDTH):
+        size = _load(lanes, entries, inverse, parameters, begin)
+        piece = -1
+        for k in range(states.shape[1]):
+            if course.restart[k]:
+                piece += 1
+                lanes.states[:, :size] = starts[piece, :, begin : begin + size]
+            else:
+                _follow(lanes.plant, course, k, euler, eta, nu, lanes.work)
+            for m in range(size):
+                for i in range(n_state):
+                    states[begin + m, k, i] = lanes.states[i, m]
+
+
 @kernel
 def prediction_errors(
     structure: PlantTable, entries: Array, inverse: Array, parameters: Array, course: Course,
@@ -291,41 +366,24 @@ def prediction_errors(
     entries (n_entries, n) and inverse (n_dof, n_dof, n) are the candidates' tables, parameters
     (n_parameters, n) those of their devices. The metric `mean_error` is the magnitude of the mean.
     """
-    n_entries, n_dof, n = entries.shape[0], inverse.shape[0], inverse.shape[2]
-    n_pose, n_terms = course.reached.shape[1] - n_dof, structure.codes.shape[0]
-    own_entries, own_inverse = (
-        _aligned(n_entries),
-        _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH)),
-    )
-    own_parameters = _aligned(parameters.shape[0])
-    plant = PlantTable(
-        structure.codes, structure.term, structure.first, as_packs(own_entries),
-        as_packs(own_inverse), structure.coupled, structure.velocity_index,
-        structure.magnitudes, structure.aerodynamic, structure.turning, structure.speed,
-        structure.sideslip,
-        structure.inputs, structure.axes, structure.devices, as_packs(own_parameters),
-    )  # fmt: skip
-    size = scratch_size(n_terms, n_dof, n_pose)
-    vectors, matrices = _aligned(size), _aligned(72).reshape((*MATRICES, WIDTH))
-    work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
+    n_dof, n = inverse.shape[0], inverse.shape[2]
+    n_pose = course.reached.shape[1] - n_dof
+    lanes = _lanes(structure, entries.shape[0], parameters.shape[0], n_dof, n_pose)
+    eta, nu = lanes.state[:n_pose], lanes.state[n_pose:]
     sums = _aligned(2 * n_dof + 1)
-    total, state = as_packs(sums), as_packs(_aligned(n_pose + 2 * n_dof))
-    eta, nu, e = state[:n_pose], state[n_pose : n_pose + n_dof], state[n_pose + n_dof :]
+    total, e = as_packs(sums), as_packs(_aligned(n_dof))
     for begin in range(0, n, WIDTH):
-        size = min(WIDTH, n - begin)
-        own_entries[:, :size] = entries[:, begin : begin + size]
-        own_inverse[:, :, :size] = inverse[:, :, begin : begin + size]
-        own_parameters[:, :size] = parameters[:, begin : begin + size]
+        size = _load(lanes, entries, inverse, parameters, begin)
         sums[:] = 0.0
-        work.limited[0] = 0.0
+        lanes.work.limited[0] = 0.0
         for k in range(course.measured.shape[0]):
-            _follow(plant, course, k, euler, eta, nu, work)
+            _follow(lanes.plant, course, k, euler, eta, nu, lanes.work)
             deviation(course.kinematics, course.reached[k], eta, e)
             for i in range(n_dof):
                 total[i] += _error(course.measured[k, i], e[i], metric)
                 y = course.measured[k, n_dof + i]
                 total[n_dof + i] += _error(y, nu[i] - y, metric)
-        total[2 * n_dof] = work.limited[0]
+        total[2 * n_dof] = lanes.work.limited[0]
         for m in range(size):
             limited[begin + m] = sums[2 * n_dof, m]
             for i in range(2 * n_dof):

@@ -28,6 +28,7 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import Course
 from seatrial.models.identification.free_run import deviations as state_deviations
+from seatrial.models.identification.linear import triangle, turns
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structured import inflation
 from seatrial.models.identification.uncertainty import (
@@ -110,12 +111,19 @@ class Misfit:
         If the inertia after a forward step is not positive definite, a backward step is used.
         Raises IdentificationError when neither is.
         """
-        columns = []
-        for i in range(len(x)):
-            column = self._slope(x, i, start, rest, STEP)
-            ahead = np.isfinite(column[0, 0])
-            columns.append(column if ahead else self._slope(x, i, start, rest, -STEP))
-        jacobian = np.stack(columns, axis=2)
+        sizes = STEP * np.maximum(np.abs(x), 1.0)
+        points = x + np.diag(sizes)
+        after = self._rests(points, start)
+        refused = np.flatnonzero(~np.isfinite(after[:, 0, 0]))
+        if len(refused):
+            sizes[refused] *= -1.0
+            points[refused, refused] = x[refused] + sizes[refused]
+            after[refused] = self._rests(points[refused], start)
+        moved = np.diag(points) - x
+        jacobian = np.stack(
+            [self._change(rest, own) / size for own, size in zip(after, moved, strict=True)],
+            axis=2,
+        )
         if not np.all(np.isfinite(jacobian)):
             raise IdentificationError(
                 "the fit has reached an inertia that is hardly positive definite: use fewer "
@@ -126,13 +134,13 @@ class Misfit:
             jacobian -= slopes @ self._project(slopes, jacobian)[self.group]
         return np.asarray(jacobian.reshape(rest.size, -1))
 
-    def _slope(self, x: Array, i: int, start: Array, rest: Array, step: float) -> Array:
-        moved = x.copy()
-        moved[i] += step * max(abs(x[i]), 1.0)
-        return np.asarray(self._change(rest, self._rest(moved, start)) / (moved[i] - x[i]))
-
     def _rest(self, x: Array, start: Array) -> Array:
         return np.asarray(-self.predictor.mismatch(x * self.size, start) / self.sigma)
+
+    def _rests(self, points: Array, starts: Array) -> Array:
+        """`_rest` of scaled parameters (n, m), with starts of all or of each; (n, N, n_outputs)."""
+        starts = np.broadcast_to(starts, (len(points), *starts.shape[-2:]))
+        return np.asarray(-self.predictor.mismatches(points * self.size, starts) / self.sigma)
 
     def _change(self, rest: Array, moved: Array) -> Array:
         """moved - rest, corrected for rotation vectors that jump at half a turn."""
@@ -147,11 +155,10 @@ class Misfit:
 
     def _slopes(self, x: Array, start: Array, rest: Array) -> Array:
         """Derivative of `rest` by the initial states, shape (N, n, 2 n_dof)."""
-        slopes = []
-        for j, spread in enumerate(self.predictor.spread):
-            moved = start.copy()
-            moved[:, j] += STEP * spread
-            slopes.append(self._change(rest, self._rest(x, moved)) / (STEP * spread))
+        sizes = STEP * self.predictor.spread
+        starts = start + np.diag(sizes)[:, None, :]
+        after = self._rests(np.tile(x, (len(sizes), 1)), starts)
+        slopes = [self._change(rest, own) / size for own, size in zip(after, sizes, strict=True)]
         return np.stack(slopes, axis=2)
 
     def _project(self, slopes: Array, values: Array) -> Array:
@@ -249,8 +256,8 @@ def _solve(
         if np.any(misfit.prior):
             own = np.column_stack([misfit.prior * (x - believed), np.diag(misfit.prior)])
             columns = np.vstack([columns, own])
-        triangle = np.asarray(np.linalg.qr(columns, mode="r"))
-        return np.asarray(triangle[:, 1:] * np.copysign(1.0, triangle[0, 0]))
+        R = triangle(columns[rows] for rows in turns(len(columns)))
+        return np.asarray(R[:, 1:] * np.copysign(1.0, R[0, 0]))
 
     return scipy.optimize.least_squares(
         residuals, x, jacobian, box, x_scale="jac", ftol=tolerance, xtol=tolerance,

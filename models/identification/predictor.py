@@ -24,6 +24,7 @@ from seatrial.models.identification.free_run import (
     course_of,
     deviations,
     predict,
+    predict_many,
     predicted_layout,
     prediction_errors,
     spread,
@@ -100,6 +101,23 @@ class Predictor:
         predict(plant, course, self.integrator == "euler", predicted)
         return predicted
 
+    def predict_many(self, points: Array, offsets: Array) -> Array:
+        """States of n design points (n, m), shape (n, N, n_pose + n_dof); see `predict`.
+
+        `offsets` (n, n_starts, 2 n_dof) are those of each point.
+        """
+        tables = self.free.tables(points)
+        inverses, realistic = self.plan.inverse_inertia(tables)
+        starts = np.stack([self.course.starts(offset) for offset in offsets], axis=2)
+        predicted = np.empty((len(points), *self.course.reached.shape))
+        predict_many(
+            self.plan.structure, self.plan.entries(tables), inverses,
+            self.free.device_parameters(points), self.course, starts,
+            self.integrator == "euler", predicted,
+        )  # fmt: skip
+        predicted[~realistic] = np.nan
+        return predicted
+
     def deviation(self, point: Array, offset: Array | None = None) -> Array:
         """Predicted - measured, attitudes by rotation vectors, shape (N, 2 n_dof)."""
         predicted = self.predict(point, offset)
@@ -107,7 +125,14 @@ class Predictor:
 
     def mismatch(self, point: Array, offset: Array | None = None) -> Array:
         """Predicted - measured of what is compared, shape (N, n)."""
-        predicted = self.predict(point, offset)
+        return self._compared(self.predict(point, offset), point)
+
+    def mismatches(self, points: Array, offsets: Array) -> Array:
+        """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
+        predicted = self.predict_many(points, offsets)
+        return np.array([self._compared(own, p) for own, p in zip(predicted, points, strict=True)])
+
+    def _compared(self, predicted: Array, point: Array) -> Array:
         errors = deviations(self.course.kinematics, self.course.reached, predicted)
         if self.outputs is None:
             return errors

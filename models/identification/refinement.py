@@ -86,18 +86,28 @@ class _Segments:
 
     def _slopes(self, point: _Point) -> tuple[Array, Array]:
         """If the inertia after a forward step is not positive definite, a backward one is used."""
-        by_parameter = np.empty((*point.rest.shape, len(point.change)))
-        for j, size in enumerate(STEP * self.deviation):
-            step = np.where(np.arange(len(point.change)) == j, size, 0.0)
-            ahead = self.point(point.change + step, point.start).rest
-            if not np.isfinite(ahead[0, 0]):
-                size, ahead = -size, self.point(point.change - step, point.start).rest
-            by_parameter[..., j] = (point.rest - ahead) / size
-        by_start = np.empty((*point.rest.shape, self.n_dof))
-        for j, size in enumerate(STEP * self.spread):
-            start = point.start + np.where(np.arange(self.n_dof) == j, size, 0.0)
-            by_start[..., j] = (point.rest - self.point(point.change, start).rest) / size
-        return by_parameter, by_start
+        sizes = np.concatenate([STEP * self.deviation, STEP * self.spread])
+        ahead = self._after(point, sizes)
+        refused = np.flatnonzero(~np.isfinite(ahead[:, 0, 0]))
+        if len(refused):
+            sizes[refused] *= -1.0
+            ahead[refused] = self._after(point, sizes, refused)
+        slopes = (point.rest - ahead) / sizes[:, None, None]
+        m = len(point.change)
+        return slopes[:m].transpose(1, 2, 0), slopes[m:].transpose(1, 2, 0)
+
+    def _after(self, point: _Point, sizes: Array, chosen: NDArray[np.int64] | None = None) -> Array:
+        """Residuals (n, N, n_dof) after a step of each size (m + n_dof,), or of those `chosen`."""
+        m = len(point.change)
+        chosen = np.arange(len(sizes)) if chosen is None else chosen
+        steps = np.diag(sizes)[chosen]
+        points = self.predictor.free.values + point.change + steps[:, :m]
+        starts = point.start + steps[:, None, m:]
+        self.evaluations += len(chosen)
+        offsets = np.concatenate([np.zeros_like(starts), starts], axis=2)
+        measured = self.predictor.course.measured[:, self.n_dof :]
+        states = self.predictor.predict_many(points, offsets)
+        return np.asarray(measured - states[:, :, -self.n_dof :])
 
     def project(self, by_start: Array, values: Array) -> tuple[Array, Array]:
         """Values (N, n_dof, c) without what the starts explain, as (N n_dof, c), and the starts.

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -73,12 +74,8 @@ class SecondOrderLag:
 
     def exact(self, step_s: float) -> tuple[Array, Array]:
         """Matrices a (2, 2), b (2,) of a step [s], exact for a piecewise constant command."""
-        w, d = self.natural_frequency_rad_s, self.damping
-        block = np.zeros((3, 3))
-        block[:2, :2] = [[0.0, 1.0], [-w * w, -2.0 * d * w]]
-        block[1, 2] = w * w
-        exact = expm(block * step_s)
-        return np.ascontiguousarray(exact[:2, :2]), exact[:2, 2].copy()
+        exact = _exact(self.natural_frequency_rad_s, self.damping, step_s)
+        return exact[:2, :2].copy(), exact[:2, 2].copy()
 
     def table(self, step_s: float, n: int) -> LagTable:
         """The lag of n axes for a step [s]; a limit that is not configured is infinite."""
@@ -89,6 +86,15 @@ class SecondOrderLag:
             np.tile(a, (n, 1, 1)), np.tile(b, (n, 1)), np.zeros(n, dtype=np.bool_), self.limited,
             -amplitude, amplitude, change, step_s,
         )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _exact(w: float, d: float, step_s: float) -> Array:
+    """Force, its rate and the command, (3, 3), after a step [s] of a second-order lag."""
+    block = np.zeros((3, 3))
+    block[:2, :2] = [[0.0, 1.0], [-w * w, -2.0 * d * w]]
+    block[1, 2] = w * w
+    return np.asarray(expm(block * step_s))
 
 
 @dataclass(frozen=True)
