@@ -298,7 +298,9 @@ class _Lanes(NamedTuple):
 
 
 @register_jitable
-def _lanes(structure: PlantTable, n_entries: int, n_parameters: int, n_dof: int, n_pose: int) -> _Lanes:
+def _lanes(
+    structure: PlantTable, n_entries: int, n_parameters: int, n_dof: int, n_pose: int
+) -> _Lanes:
     """Buffers for the candidates of a structure."""
     entries, parameters = _aligned(n_entries), _aligned(n_parameters)
     inverse = _aligned(n_dof * n_dof).reshape((n_dof, n_dof, WIDTH))
