@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from sqlalchemy import URL, Dialect, Engine, ExceptionContext, event
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.pool import ConnectionPoolEntry
 
 from seatrial.models.errors import LogbookError
@@ -44,10 +44,22 @@ def repeated(task: Callable[[], T]) -> T:
         try:
             return task()
         except DBAPIError as error:
-            if not error.connection_invalidated:
+            if not (error.connection_invalidated or is_loss(error)):
                 raise
         time.sleep(wait_s)
     return task()
+
+
+def is_loss(error: DBAPIError) -> bool:
+    """Whether the connection to the server is lost.
+
+    Its farewell can be read before the connection is seen to be closed. An operational error of
+    psycopg without a state is one of the connection: what the server refuses has a state.
+    """
+    state = getattr(error.orig, "sqlstate", "")  # SQLite's errors have none
+    if state is None:
+        return isinstance(error, OperationalError)
+    return state in SHUTDOWN_STATES or state.startswith("08")
 
 
 def wait_for_server(engine: Engine) -> None:
@@ -71,9 +83,8 @@ def wait_for_server(engine: Engine) -> None:
 
     @event.listens_for(engine, "handle_error")
     def _lost(context: ExceptionContext) -> None:
-        # The server's farewell can be read before the connection is seen to be closed.
-        state = getattr(context.original_exception, "sqlstate", None) or ""
-        if state in SHUTDOWN_STATES or state.startswith("08"):
+        error = context.sqlalchemy_exception
+        if isinstance(error, DBAPIError) and is_loss(error):
             context.is_disconnect = True
 
 

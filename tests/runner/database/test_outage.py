@@ -8,9 +8,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from threading import Timer
 
+import psycopg
 import pytest
 from sqlalchemy import event, update
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, OperationalError
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import Logbook, engine, outage
@@ -113,6 +114,21 @@ def test_a_farewell_counts_as_an_outage_before_the_connection_closes(postgres: P
     with pytest.raises(DBAPIError, match="terminating connection"):
         outage.repeated(task)
     writer.dispose()
+
+
+def test_a_connection_that_breaks_while_an_answer_is_read_counts_as_an_outage() -> None:
+    message = "consuming input failed: server closed the connection unexpectedly"
+    errors = [psycopg.OperationalError(message), psycopg.errors.AdminShutdown("terminating")]
+
+    def task() -> str:
+        if errors:
+            raise OperationalError("SELECT 1", {}, errors.pop())
+        return "done"
+
+    assert outage.repeated(task) == "done"
+    errors.append(psycopg.errors.LockNotAvailable("could not obtain lock"))
+    with pytest.raises(OperationalError, match="could not obtain lock"):
+        outage.repeated(task)
 
 
 def lose_answer_of_commit(logbook: Logbook) -> list[str]:
