@@ -255,6 +255,24 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
     assert found.model.coefficient("sway", "V_qv_q") == pytest.approx(15.0, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "option", "forces"),
+    [
+        ("beluga_diagonal", None, {"north", "east"}),
+        ("milliampere", None, {"north", "east"}),
+        ("milliampere", False, set()),
+        ("surge_linear", None, set()),
+        ("surge_linear", True, {"north"}),
+        ("kvlcc2", None, set()),
+    ],
+)
+def test_a_constant_force_is_free_where_several_axes_are_commanded(
+    identifier, vessel, name, option, forces
+):
+    free = identifier("least_squares", ned_force=option).unknowns(vessel(name))
+    assert {label for label in free.labels if "." not in label} == forces
+
+
 def test_jacobian_without_what_the_initial_states_explain(identifier, make, signal):
     """Against scipy's finite differences of the residual from the best initial states."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
@@ -346,7 +364,6 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
         ({"bound_factor": 1.0}, "bound_factor must be above 1"),
         ({"derivative_limit": 0.0}, "derivative_limit must be positive"),
         ({"parameters": ["yaw.r"]}, "expected one of the degrees of freedom surge"),
-        ({"ned_force": True}, "ned_force needs a vessel in surge, sway, yaw"),
         ({"force": "measured"}, "force: got 'measured'"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
     ],
