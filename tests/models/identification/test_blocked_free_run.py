@@ -11,6 +11,7 @@ from seatrial.models.identification.blocked_free_run import (
     Contest,
     LeftOut,
     best_of,
+    first_equal,
     first_within,
 )
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
@@ -37,6 +38,15 @@ def test_nrmse_is_weighted_by_samples() -> None:
     errors = LeftOut(np.array([[1.0, 4.0], [0.0, 1.0]]), np.array([300.0, 100.0]))
     np.testing.assert_allclose(errors.nrmse, np.sqrt([0.75, 3.25]))
     assert errors.error == pytest.approx(2.0)
+
+
+def test_a_force_without_its_term_is_no_matter_of_chance() -> None:
+    """Without the term every free run is as poor as the mean motion; with it one goes astray."""
+    errors = {"none": left_out(*[1.1] * 9), "ned_force": left_out(*[0.2] * 8, 6.0)}
+    assert first_within(errors) == "none"
+    assert first_equal(errors) == "ned_force"
+    equal = {"none": left_out(1.03, 1.03), "ned_force": left_out(1.0, 1.0)}
+    assert first_equal(equal) == "none"
 
 
 def test_one_standard_error_is_that_of_the_paired_difference() -> None:

@@ -104,6 +104,21 @@ def test_population_equals_one_at_a_time(example, name, integrator, metric):
     np.testing.assert_allclose(errors, expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["surge", "ferry", "tumbling beluga"])
+def test_states_of_many_equal_one_at_a_time(example, name):
+    """Models and initial states of their own; one whose inertia is impossible touches no other."""
+    one = predictor(*example(name), "rk4", horizon=150)
+    rng = np.random.default_rng(2)
+    points = one.free.values * rng.uniform(0.8, 1.25, (WIDTH + 3, len(one.free)))
+    points[4] *= -1.0
+    begin = np.count_nonzero(one.course.restart)
+    offsets = 0.01 * rng.standard_normal((len(points), begin, 2 * len(one.free.nominal.dofs)))
+    states = one.predict_many(points, offsets)
+    expected = [one.predict(point, own) for point, own in zip(points, offsets, strict=True)]
+    np.testing.assert_allclose(states, expected, rtol=1e-12, atol=1e-12)
+    assert np.all(np.isnan(states[4]))
+
+
 def test_limited_rates_are_counted_alike(make, signal):
     one = predictor(make.surge(60.0, 20.0, "uu", 2.0), make.forced(signal("many_sine"), ("surge",)),
                     "euler")  # fmt: skip
