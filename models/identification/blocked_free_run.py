@@ -2,7 +2,9 @@
 
 Every alternative is identified without one block of the training part at a time, and predicts that
 block: free runs under the recorded force that begin again at the measured state every `horizon_s`.
-Errors are relative to the spread of each velocity over the training part; per axis
+White noise of the measured velocities is smoothed first: a run that begins at a single noisy sample
+may leave the motion that was identified, and what no model predicts hides how they differ. Errors
+are relative to the spread of each velocity over the training part; per axis
 
     NRMSE = rms(nu_simulated - nu) / std(nu),    FIT = 100 (1 - NRMSE) %.
 
@@ -30,6 +32,7 @@ from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.validation import RESTART_S, prediction
 from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.smoothing import smoothing_for
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
@@ -69,8 +72,8 @@ class LeftOut(NamedTuple):
         variance = np.einsum("r,rk->k", share**2, (difference - mean) ** 2)
         return mean, np.sqrt(variance * len(difference) / (len(difference) - 1))
 
-    def exceeds(self, other: "LeftOut") -> bool:
-        """Whether the error is larger by more than one standard error, and by what matters.
+    def exceeds(self, other: "LeftOut", deviations: float = 1.0) -> bool:
+        """Whether the error is larger by more than `deviations` standard errors and what matters.
 
         An error of more than FAR times the other is: one run that explodes has a standard error
         as large as itself.
@@ -78,7 +81,7 @@ class LeftOut(NamedTuple):
         overall = LeftOut(np.mean(self.squares, axis=1, keepdims=True), self.samples)
         reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
         mean, error = overall.excess(reference)
-        uncertain = min(float(error[0]), (FAR - 1.0) * other.error)
+        uncertain = min(deviations * float(error[0]), (FAR - 1.0) * other.error)
         return float(mean[0]) > max(uncertain, SIMPLER * other.error, NEGLIGIBLE - other.error)
 
 
@@ -143,9 +146,18 @@ class Blocks:
 
     @cached_property
     def left_out(self) -> tuple[Recording, ...]:
-        """The blocks."""
+        """The blocks, with smoothed velocities."""
+        smooth = self.smoothed
+        return tuple(smooth.part(s.test) for s in smooth.folds(self.folds))
+
+    @cached_property
+    def smoothed(self) -> Recording:
+        """The training part with its velocities as the regressions smooth them (`smoothing`)."""
         training = self.problem.training
-        return tuple(training.part(s.test) for s in training.folds(self.folds))
+        cutoff_hz = smoothing_for(training.noise.cutoff_hz, training.period_s).signals_hz
+        if cutoff_hz is None:
+            return training
+        return replace(training, nu=training.lowpassed(training.nu, cutoff_hz))
 
     def errors(self, models: Sequence[Vessel]) -> LeftOut:
         """Errors of models on the blocks, each of one that was identified without its block.

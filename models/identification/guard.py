@@ -30,8 +30,8 @@ class TrainingPart(Blocks):
 
     @cached_property
     def left_out(self) -> tuple[Recording, ...]:
-        """The training part."""
-        return (self.problem.training,)
+        """The training part, with smoothed velocities."""
+        return (self.smoothed,)
 
 
 class Runaway(TrainingPart):

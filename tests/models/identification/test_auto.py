@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.auto import Auto
-from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.auto import Auto, preferred
+from seatrial.models.identification.blocked_free_run import Blocks, LeftOut, first_within
 from seatrial.models.identification.guard import LOST, with_nominal_axes
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.table import Vessel
@@ -52,6 +52,15 @@ class HeldOnAll(Given):
         result = super().identify(problem, rng)
         whole = len(problem.training) >= self.samples
         return with_nominal_axes(result, problem.nominal, [0] if whole else [], LOST)
+
+
+@dataclass(frozen=True)
+class Unbiased(Given):
+    """One whose intervals cover the true coefficients."""
+
+    @property
+    def interval_covers(self) -> bool:
+        return True
 
 
 def identified(candidates, problem, budget_s: float | None = None) -> Identified:
@@ -127,6 +136,20 @@ def test_one_that_keeps_a_believed_axis_gives_way_to_an_equal_one(calm) -> None:
         found = identified({"held": held, **others}, calm.problem)
         assert chosen(found) == "held"
         assert not any("keeps the believed" in reason for reason in left_out(found))
+
+
+@pytest.mark.parametrize(("excess", "expected"), [(0.15, "unbiased"), (0.3, "biased")])
+def test_one_that_noise_biases_has_to_be_significantly_better(excess: float, expected) -> None:
+    """By two standard errors; those of the differences are 0.1, and one alone decides nothing."""
+    samples, difference = np.full(16, 100.0), np.tile([-1.0, 1.0], 8)
+    difference *= 0.4 / np.std(difference, ddof=1)
+    errors = {
+        "biased": LeftOut(np.ones((16, 1)), samples),
+        "unbiased": LeftOut(1.0 + excess + difference[:, None], samples),
+    }
+    candidates = {"biased": Given(0.5), "unbiased": Unbiased(0.5)}
+    assert preferred(errors, candidates) == expected
+    assert first_within(errors) == preferred({"biased": errors["biased"]}, candidates) == "biased"
 
 
 @pytest.mark.parametrize("dof", [0, 1, 2])

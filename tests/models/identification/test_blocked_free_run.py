@@ -78,6 +78,7 @@ def test_one_run_that_explodes_is_no_matter_of_chance() -> None:
     assert explodes.exceeds(steady)
     assert not left_out(0.05, 0.1, 0.2, 0.1, 0.1, 0.15).exceeds(steady)
     assert first_within({"explodes": explodes, "steady": steady}) == "steady"
+    assert explodes.exceeds(steady, 2.0)
 
 
 def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
@@ -103,6 +104,18 @@ def test_runs_restart_at_the_measured_state(calm) -> None:
     """Shorter runs of a wrong model have less time to leave the measured motion."""
     errors = [Blocks(calm.problem, horizon_s=s).judge(Given(0.6)).error for s in (2.0, 10.0, 60)]
     assert errors[0] < errors[1] < errors[2]
+
+
+def test_white_noise_hides_no_error_of_a_model(calm, rng) -> None:
+    """What is left of the noise is far below it, and a wrong model is as wrong as without it."""
+    training = calm.problem.training
+    spread = np.std(training.nu, axis=0)
+    noise = 0.3 * spread * rng.standard_normal(training.nu.shape)
+    noisy = replace(calm.problem, training=replace(training, nu=training.nu + noise))
+    truth, wrong = (Blocks(noisy).judge(Given(factor)).nrmse for factor in (0.5, 0.7))
+    assert np.all(truth < 0.15)
+    np.testing.assert_allclose(wrong, Blocks(calm.problem).judge(Given(0.7)).nrmse, rtol=0.2)
+    assert Blocks(calm.problem).smoothed.nu is training.nu
 
 
 def test_a_model_that_cannot_be_simulated_is_an_error(calm) -> None:
