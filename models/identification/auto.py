@@ -2,9 +2,10 @@
 
 Candidates are compared with the nominal model and with each other by free runs over blocks of the
 training part (`blocked_free_run`). A candidate is admissible if it is worse than the nominal model
-in no degree of freedom. The one chosen is identified again on the whole training part; where it
-then fails, or predicts that part worse than the nominal model, the next one takes its place, and
-in the end the nominal model. A degree of freedom that did not move keeps its believed equation.
+in no degree of freedom, and better on the whole by more than one standard error: otherwise chance
+may have chosen it. The one chosen is identified again on the whole training part; where it then
+fails, or predicts that part worse than the nominal model, the next one takes its place, and in the
+end the nominal model. A degree of freedom that did not move keeps its believed equation.
 
 An estimate that noise biases (without `interval_covers`) is chosen only where it predicts
 significantly better: its bias adds up over a long manoeuvre, such as a turning circle, and free

@@ -214,7 +214,7 @@ class Contest:
 
     candidates: Mapping[str, Mapping[str, Identifier]]  # alternatives, the preferred first
     blocks: Blocks
-    reference: LeftOut | None = None  # no axis of an admissible candidate is worse than here
+    reference: LeftOut | None = None  # what an admissible candidate must predict better than
     budget_s: float | None = None
 
     def run(self) -> tuple[dict[str, LeftOut], dict[str, str]]:
@@ -228,12 +228,23 @@ class Contest:
             judged = self._judge(name, alternatives[name].without_bootstrap(), reasons)
             if judged is None:
                 continue
-            worse = self.reference and self.blocks.worse(judged, self.reference)
-            if worse:
-                reasons[name] = worse
+            refused = self.reference and self._refusal(judged, self.reference)
+            if refused:
+                reasons[name] = refused
             else:
                 errors[name] = judged
         return errors, reasons
+
+    def _refusal(self, judged: LeftOut, reference: LeftOut) -> str | None:
+        """Why a candidate is not admissible beside the reference; None: it is.
+
+        It must be worse on no axis, and better on the whole by more than chance.
+        """
+        worse = self.blocks.worse(judged, reference)
+        if worse or reference.exceeds(judged):
+            return worse
+        own, other = np.sqrt([judged.error, reference.error])
+        return f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}"
 
     def _best(self, alternatives: Mapping[str, Identifier], reasons: dict[str, str]) -> str:
         """The alternative with the best quick form; the first one if none can be judged."""

@@ -160,6 +160,17 @@ def test_alternatives_of_one_candidate_compete_first(calm) -> None:
     assert first_within(errors) == "one[b]"
 
 
+def test_a_candidate_must_be_better_than_the_reference_beyond_chance(calm) -> None:
+    """One that is nearly the nominal model is better than it, but not by what matters."""
+    blocks = Blocks(calm.problem)
+    reference = blocks.judge(NoIdentifier())
+    candidates = {name: {name: Given(x)} for name, x in (("near", 0.995), ("true", 0.5))}
+    errors, reasons = Contest(candidates, blocks, reference).run()
+    assert list(errors) == ["true"]
+    assert reasons["near"].startswith("no better than the nominal model, beyond chance: NRMSE ")
+    assert blocks.judge(Given(0.995)).error < reference.error
+
+
 @pytest.mark.parametrize(
     ("name", "options", "expected"),
     [
