@@ -181,12 +181,13 @@ class PredictionOptions(Identifier):
     by forces in several degrees of freedom), since a free run accumulates unmodelled forces.
     `prior` is the standard deviation of a parameter about the believed value, over its size (null:
     none; auto: `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are
-    those of single parameters in SI units, by label or pattern. `bounds` are
-    `dof.term: [lower, upper]`, in any spelling of the term; the other parameters have physical bounds (`physical_bounds`), with the
-    inertia within `bound_factor` of the believed one (null: unbounded). `force` drives the
-    prediction (null: the command filtered by the known lag, else the recorded acting force, else
-    the command). A new prediction begins at the measured state every `horizon` samples (null: only
-    one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second again).
+    those of single parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower,
+    upper]`, in any spelling of the term; the other parameters have physical bounds
+    (`physical_bounds`), with the inertia within `bound_factor` of the believed one (null:
+    unbounded). `force` drives the prediction (null: the command filtered by the known lag, else the
+    recorded acting force, else the command). A new prediction begins at the measured state every
+    `horizon` samples (null: only one prediction). Rates are limited to `derivative_limit` (m/s,
+    rad/s and per second again).
     """
 
     free: tuple[str, ...]
