@@ -33,6 +33,7 @@ from seatrial.models.identification.outputs import Outputs, outputs_of
 from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
 from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
 from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.models.packs import WIDTH
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
@@ -41,6 +42,11 @@ from seatrial.models.vessel.plant_table import Flags, Layout
 from seatrial.models.vessel.table import Vessel
 
 STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its believed size
+
+
+def packs_of(n: int) -> list[slice]:
+    """Slices of n design points that are computed together, so that few states are in memory."""
+    return [slice(a, min(a + WIDTH, n)) for a in range(0, n, WIDTH)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +135,14 @@ class Predictor:
 
     def mismatches(self, points: Array, offsets: Array) -> Array:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
-        predicted = self.predict_many(points, offsets)
-        return np.array([self._compared(own, p) for own, p in zip(predicted, points, strict=True)])
+        compared = [
+            self._compared(own, point)
+            for part in packs_of(len(points))
+            for own, point in zip(
+                self.predict_many(points[part], offsets[part]), points[part], strict=True
+            )
+        ]
+        return np.array(compared)
 
     def _compared(self, predicted: Array, point: Array) -> Array:
         errors = deviations(self.course.kinematics, self.course.reached, predicted)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
-from seatrial.models.identification.predictor import Predictor
+from seatrial.models.identification.predictor import Predictor, packs_of
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import (
@@ -106,8 +106,11 @@ class _Segments:
         self.evaluations += len(chosen)
         offsets = np.concatenate([np.zeros_like(starts), starts], axis=2)
         measured = self.predictor.course.measured[:, self.n_dof :]
-        states = self.predictor.predict_many(points, offsets)
-        return np.asarray(measured - states[:, :, -self.n_dof :])
+        rest = np.empty((len(points), *measured.shape))
+        for part in packs_of(len(points)):
+            states = self.predictor.predict_many(points[part], offsets[part])
+            rest[part] = measured - states[:, :, -self.n_dof :]
+        return rest
 
     def project(self, by_start: Array, values: Array) -> tuple[Array, Array]:
         """Values (N, n_dof, c) without what the starts explain, as (N n_dof, c), and the starts.

@@ -47,7 +47,7 @@ def stationary_variance(gain: Array, rest: Array, width: float | None = None) ->
     """Variance of sum_i g_i e_i for gains (N, P) and a stationary residual (N,), shape (P,).
 
     For several residuals (N, K) it is computed for each, shape (P, K). `width` [samples] replaces
-    the bandwidth of Andrews.
+    the bandwidth of Andrews; the variance is then enlarged by `enlargement`.
     """
     residuals = rest.reshape(len(rest), -1)
     widths = bandwidth(autocovariances(residuals, 2), len(rest))
@@ -56,7 +56,19 @@ def stationary_variance(gain: Array, rest: Array, width: float | None = None) ->
     lags = _lags(widths, len(rest))
     own, along = autocovariances(residuals, lags), autocovariances(gain, lags)
     variance = along.T @ (bartlett_weights(widths, lags) * own) / len(rest)
+    if width is not None:
+        variance *= enlargement(widths[0] / len(rest))
     return np.asarray(variance.reshape(gain.shape[1:] + rest.shape[1:]))
+
+
+def enlargement(share: float) -> float:
+    """Of a variance by Bartlett's weights over a fixed `share` of the samples.
+
+    With it 1.96 standard deviations are a 95 % interval: the sum has few independent parts.
+    Kiefer and Vogelsang (2005), Econometric Theory 21, Table 1.
+    """
+    critical = 1.96 + 2.9694 * share + 0.4160 * share**2 - 0.5324 * share**3
+    return (critical / 1.96) ** 2
 
 
 def long_run_share(rest: Array, width: float) -> Array:

@@ -12,6 +12,7 @@ from seatrial.models.identification.uncertainty import (
     bartlett_weights,
     block_bootstrap,
     clustered_variance,
+    enlargement,
     hac_variance,
     long_run_share,
     residual_blocks,
@@ -208,3 +209,16 @@ def test_axes_that_share_nothing_have_the_errors_of_each_alone(kind, penalty) ->
             expected = sum(stationary_variance(g, rest[:, j]) for j, g in enumerate(gains))
         np.testing.assert_allclose(errors[:4, k], np.sqrt(expected[:4]), rtol=1e-9)
     assert np.all(np.isnan(errors[4]))
+
+
+def test_an_interval_of_a_fixed_width_covers_where_the_sum_has_few_parts() -> None:
+    """The mean of white noise, with a bandwidth of a twelfth of the record."""
+    rng, n, gain = np.random.default_rng(0), 600, np.ones((600, 1))
+    inside, narrow = [], []
+    for _ in range(2000):
+        e = rng.standard_normal(n)
+        deviation = np.sqrt(stationary_variance(gain, e - np.mean(e), n / 12)[0])
+        inside.append(abs(np.sum(e)) <= 1.96 * deviation)
+        narrow.append(abs(np.sum(e)) <= 1.96 * deviation / np.sqrt(enlargement(1 / 12)))
+    assert np.mean(narrow) < 0.935
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
