@@ -322,7 +322,7 @@ def _lanes(
 @register_jitable
 def _load(lanes: _Lanes, entries: Array, inverse: Array, parameters: Array, begin: int) -> int:
     """Take the candidates from number `begin` on; return how many there are."""
-    size = min(WIDTH, inverse.shape[2] - begin)
+    size: int = min(WIDTH, inverse.shape[2] - begin)
     lanes.entries[:, :size] = entries[:, begin : begin + size]
     lanes.inverse[:, :, :size] = inverse[:, :, begin : begin + size]
     lanes.parameters[:, :size] = parameters[:, begin : begin + size]
