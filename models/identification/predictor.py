@@ -32,7 +32,7 @@ from seatrial.models.identification.free_run import (
 from seatrial.models.identification.outputs import Outputs, outputs_of
 from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
 from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
-from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.packs import WIDTH
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -189,8 +189,8 @@ class PredictionOptions(Identifier):
     of devices, such as `rudder.gamma_R_plus` or `rudder.*`. `parameters` are the coefficients that
     `table` means, as `dof.term` (null: the nonzero ones of the nominal table). With `coriolis:
     tied` C(nu) nu follows from the inertia, with `free` each of its coefficients is a parameter.
-    `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel commanded
-    by forces in several degrees of freedom), since a free run accumulates unmodelled forces.
+    `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel in
+    surge, sway and yaw commanded by forces), since a free run accumulates unmodelled forces.
     `prior` is the standard deviation of a parameter about the believed value, over its size (null:
     none; auto: `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are
     those of single parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower,
@@ -241,7 +241,7 @@ class PredictionOptions(Identifier):
 
     def unknowns(self, nominal: Vessel) -> FreeParameters:
         """The free parameters of a vessel; raises ConfigurationError for unknown ones."""
-        with_force = len(nominal.dofs) > 1 and nominal.forces_commanded
+        with_force = nominal.dofs == PLANAR and nominal.forces_commanded
         with_force = with_force if self.ned_force is None else self.ned_force
         labels = list(self.parameters or ()) if TABLE in self.free else []
         if TABLE in self.free and self.parameters is None:

@@ -258,7 +258,8 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
 @pytest.mark.parametrize(
     ("name", "option", "forces"),
     [
-        ("beluga_diagonal", None, {"north", "east"}),
+        ("beluga_diagonal", None, set()),
+        ("beluga_diagonal", True, {"north", "east"}),
         ("milliampere", None, {"north", "east"}),
         ("milliampere", False, set()),
         ("surge_linear", None, set()),
@@ -266,7 +267,7 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
         ("kvlcc2", None, set()),
     ],
 )
-def test_a_constant_force_is_free_where_several_axes_are_commanded(
+def test_a_constant_force_is_free_where_it_is_asked_for_and_in_the_plane(
     identifier, vessel, name, option, forces
 ):
     free = identifier("least_squares", ned_force=option).unknowns(vessel(name))
