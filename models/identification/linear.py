@@ -34,9 +34,9 @@ TOGETHER = 2048  # rows in a block
 SINGULAR = 1e-12
 
 
-def turns(n: int) -> list[slice]:
-    """Slices of n rows, `TOGETHER` rows each."""
-    return [slice(a, min(a + TOGETHER, n)) for a in range(0, n, TOGETHER)]
+def turns(n: int, together: int = TOGETHER) -> list[slice]:
+    """Slices of n rows, `together` rows each."""
+    return [slice(a, min(a + together, n)) for a in range(0, n, together)]
 
 
 def triangle(pieces: Iterable[Array]) -> Array:

@@ -20,8 +20,8 @@ three velocities or their moduli, so along a ray nu = s d, s > 0, the power is s
 function of s, whose least value is known. Only directions have to be searched.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -66,11 +66,6 @@ class Rows:
             np.concatenate([self.b, other.b]),
             self.names + other.names,
         )
-
-    def at(self, index: Iterable[int]) -> "Rows":
-        """Some of the rows."""
-        chosen = list(index)
-        return Rows(self.A[chosen], self.b[chosen], tuple(self.names[i] for i in chosen))
 
 
 def damping_terms(table: Vessel) -> list[int]:
@@ -203,17 +198,13 @@ def unphysical(model: Vessel, believed: Vessel, nu: Array) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class PhysicalConstraints:
-    """The constraints on the parameters of a table. `factor` bounds the inertia.
-
-    A cutting plane holds for every solution, so those that bind in one program begin the next one.
-    """
+    """The constraints on the parameters of a table. `factor` bounds the inertia."""
 
     free: FreeParameters
     velocities: Array  # (n, n_dof)
     factor: float
     scale: Array  # (m,) size of the parameters, for the tolerance
     largest: Array  # (n_dof,) velocities [m/s, rad/s], about which dissipation is searched
-    planes: list[Rows] = field(default_factory=list)  # cutting planes that bound the last solution
 
     @cached_property
     def rows(self) -> Rows:
@@ -381,14 +372,12 @@ def solve(
     H, g = hessian / np.outer(root, root), gradient / root
     if constraints is None:
         return np.asarray(np.linalg.solve(H, g)) / root, ()
-    rows = sum(constraints.planes, constraints.rows)
-    start = at * root  # in the whole change, whose origin is feasible
+    rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
     for _ in range(CUTS):
         change, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
         cuts = constraints.cuts(change / root)
         if cuts is None:
             names = tuple(dict.fromkeys(rows.names[i] for i in active))
-            constraints.planes[:] = [rows.at(i for i in active if i >= len(constraints.rows.b))]
             return change / root - at, names
         rows = rows + cuts
     change = constraints.within(change / root)  # what rounding has left is far beyond the bounds

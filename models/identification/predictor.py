@@ -29,6 +29,7 @@ from seatrial.models.identification.free_run import (
     prediction_errors,
     spread,
 )
+from seatrial.models.identification.linear import turns
 from seatrial.models.identification.outputs import Outputs, outputs_of
 from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
 from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
@@ -42,11 +43,6 @@ from seatrial.models.vessel.plant_table import Flags, Layout
 from seatrial.models.vessel.table import Vessel
 
 STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its believed size
-
-
-def packs_of(n: int) -> list[slice]:
-    """Slices of n design points that are computed together, so that few states are in memory."""
-    return [slice(a, min(a + WIDTH, n)) for a in range(0, n, WIDTH)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +133,7 @@ class Predictor:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
         compared = [
             self._compared(own, point)
-            for part in packs_of(len(points))
+            for part in turns(len(points), WIDTH)
             for own, point in zip(
                 self.predict_many(points[part], offsets[part]), points[part], strict=True
             )

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
+from seatrial.models.identification.linear import turns
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
-from seatrial.models.identification.predictor import Predictor, packs_of
+from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import (
@@ -32,6 +33,7 @@ from seatrial.models.identification.uncertainty import (
 )
 from seatrial.models.identification.validation import bounded_course
 from seatrial.models.notation import DOFS
+from seatrial.models.packs import WIDTH
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import HIGHEST, noise_floor
 from seatrial.models.vessel.basis import Array
@@ -107,7 +109,7 @@ class _Segments:
         offsets = np.concatenate([np.zeros_like(starts), starts], axis=2)
         measured = self.predictor.course.measured[:, self.n_dof :]
         rest = np.empty((len(points), *measured.shape))
-        for part in packs_of(len(points)):
+        for part in turns(len(points), WIDTH):  # so that few states are in memory
             states = self.predictor.predict_many(points[part], offsets[part])
             rest[part] = measured - states[:, :, -self.n_dof :]
         return rest
