@@ -56,9 +56,10 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR = 1e-10
+WEAK = 0.1  # strength below which the estimate is little else than noise, and so are its intervals
 REFINED = (
-    "the instruments are weak: the model of the regression diverges under the inputs of the "
-    "recording, so that it was refined by free runs; try fewer terms or a longer recording"
+    "the instruments are weak, so that the model of the regression was refined by free runs; "
+    "try fewer terms or a longer recording"
 )
 
 
@@ -140,6 +141,20 @@ class Estimate:
         full = np.full((len(self.samples.terms), values.shape[1]), missing)
         full[list(self.kept)] = values
         return full
+
+    @cached_property
+    def strength(self) -> float:
+        """How much of the regressors the instruments explain, over what they do not.
+
+        The statistic of Cragg and Donald (1993): the least eigenvalue over all combinations of the
+        terms, an F of the first stage. About 1 is that of instruments that have nothing to do with
+        the motion, above 10 are strong ones (Stock and Yogo 2005).
+        """
+        phi, span = self.samples.phi[:, list(self.kept)], self.solution.span
+        rest = (phi - span @ (span.T @ phi)) @ self.solution.share.T
+        largest = float(np.linalg.norm(rest.T @ rest, 2))
+        n, n_instruments = span.shape
+        return (n - n_instruments) / n_instruments / largest if largest > 0.0 else np.inf
 
     @property
     def covariance(self) -> Array:
@@ -252,9 +267,12 @@ class InstrumentalVariables(ResidualOptions):
             spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
-        final = finished(self, problem, lag, estimate.samples, result)
-        if self.instruments == "none" or problem.compared or self._simulates(problem, final.model):
-            return final
+        compared = problem.compared or self.instruments == "none"
+        weak = not compared and self.inertia_factor is not None and estimate.strength < WEAK
+        if not weak or self.refinement != "none":
+            final = finished(self, problem, lag, estimate.samples, result)
+            if compared or self._simulates(problem, final.model):
+                return final
         if self.refinement == "none":
             refining = replace(self, refinement="free_run")
             final = finished(refining, problem, lag, estimate.samples, result)
@@ -331,6 +349,7 @@ class InstrumentalVariables(ResidualOptions):
                 break
             count += 1
         findings = [Finding("iterations", "all", float(count)), *_correlations(estimate, z)]
+        findings.append(Finding("instrument_strength", "all", estimate.strength))
         for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
             findings.append(Finding("same_sign", dof, float(share)))
         return Estimate(samples, estimate.kept, estimate.solution, tuple(findings))

@@ -15,6 +15,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import solve
 from seatrial.models.identification.problem import Problem
+from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.simulated_motion import Adrift, Playback, simulated_motion
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
@@ -227,6 +228,23 @@ def test_a_model_that_diverges_is_refined_or_refused(
     with pytest.raises(IdentificationError, match=r"instruments are too weak.* diverges under"):
         identifier("iv").identify(calm.problem, rng)
     assert next(answers, None) is None
+
+
+def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
+    rng = np.random.default_rng(1)
+    phi = rng.normal(size=(4000, 3))
+    own, other = phi + 0.5 * rng.normal(size=phi.shape), rng.normal(size=phi.shape)
+    terms = basis.terms(["u", "v", "r"])
+    lack = rng.normal(size=(4000, 1))
+    samples = Samples(terms, phi, lack, lack, np.zeros((4000, 2)), 0.1)
+
+    def strength(z: np.ndarray) -> float:
+        return iv.Estimate(samples, (0, 1, 2), iv.solve(z, phi, samples.epsilon), ()).strength
+
+    # One over the variance that the instruments leave, for each of the three instruments.
+    assert strength(own) == pytest.approx(4000 / 3 / 0.25, rel=0.15)
+    assert strength(other) < 2.0  # an F of nothing is about 1, the least of three is less
+    assert strength(np.column_stack([own[:, :2], other[:, 2]])) < 5.0  # one bad one suffices
 
 
 # Consistency: a ship in wind and current, all velocities measured with noise
