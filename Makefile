@@ -153,7 +153,7 @@ test: $(VENV)/test.stamp
 
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
-	$(PYTEST) -m slow --timeout 1800 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(PYTEST) -m slow --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 	$(MAKE) ray
 
 ray: $(RAY)/ray.stamp
