@@ -61,6 +61,11 @@ REFINED = (
     "the instruments are weak, so that the model of the regression was refined by free runs; "
     "try fewer terms or a longer recording"
 )
+NO_INTERVALS = (
+    "the instruments are weak, and the model diverges when it is refined by free runs: the "
+    "coefficients have no standard errors; try fewer terms or a longer recording"
+)
+Refinement = Literal["none", "free_run"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,21 +272,39 @@ class InstrumentalVariables(ResidualOptions):
             spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
-        compared = problem.compared or self.instruments == "none"
-        weak = not compared and self.inertia_factor is not None and estimate.strength < WEAK
-        if not weak or self.refinement != "none":
-            final = finished(self, problem, lag, estimate.samples, result)
-            if compared or self._simulates(problem, final.model):
+        if weak := self._weak(problem, estimate):
+            result = replace(result, std_error=None, spread=None)
+        for refinement in self._refinements(problem, weak):
+            options = replace(self, refinement=refinement)
+            final = finished(options, problem, lag, estimate.samples, result)
+            if problem.compared or self.instruments == "none":
                 return final
-        if self.refinement == "none":
-            refining = replace(self, refinement="free_run")
-            final = finished(refining, problem, lag, estimate.samples, result)
             if self._simulates(problem, final.model):
-                return replace(final, warnings=(*final.warnings, REFINED))
+                return replace(final, warnings=(*final.warnings, *self._remarks(refinement, weak)))
         raise IdentificationError(
             "the instruments are too weak: the identified model diverges under the inputs of the "
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
         )
+
+    def _weak(self, problem: Problem, estimate: Estimate) -> bool:
+        """Whether the instruments determine too little for intervals of the regression."""
+        if problem.compared or self.instruments == "none" or self.inertia_factor is None:
+            return False
+        return estimate.strength < WEAK
+
+    def _refinements(self, problem: Problem, weak: bool) -> tuple[Refinement, ...]:
+        """What to do with the table of the regression, in turn until it can be simulated."""
+        if self.refinement != "none":
+            return (self.refinement,)
+        if problem.compared or self.instruments == "none":
+            return ("none",)
+        return ("free_run", "none") if weak else ("none", "free_run")
+
+    def _remarks(self, refinement: Refinement, weak: bool) -> tuple[str, ...]:
+        """Warnings of what was done."""
+        if refinement != self.refinement:
+            return (REFINED,)
+        return (NO_INTERVALS,) if weak and refinement == "none" else ()
 
     def _simulates(self, problem: Problem, model: Vessel) -> bool:
         """Whether a model can be simulated under what it was trained on."""

@@ -230,6 +230,23 @@ def test_a_model_that_diverges_is_refined_or_refused(
     assert next(answers, None) is None
 
 
+def test_a_model_of_weak_instruments_is_refined_or_has_no_intervals(
+    identifier, calm, rng, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(iv, "WEAK", np.inf)
+    constrained = identifier("iv", inertia_factor=5.0)
+    refined = constrained.identify(calm.problem, rng)
+    assert refined.warnings == (iv.REFINED,)
+    assert refined.std_error is not None
+    regression = identifier("iv").identify(calm.problem, rng)  # as it is, weak or not
+    assert regression.warnings == ()
+    assert regression.std_error is not None
+    answers = iter([False, True])
+    monkeypatch.setattr(iv.InstrumentalVariables, "_simulates", lambda *_: next(answers))
+    kept = constrained.identify(calm.problem, rng)
+    assert (kept.warnings, kept.std_error, kept.spread) == ((iv.NO_INTERVALS,), None, None)
+
+
 def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
     rng = np.random.default_rng(1)
     phi = rng.normal(size=(4000, 3))
