@@ -67,7 +67,7 @@ def by_slsqp(gammas: np.ndarray) -> np.ndarray:
         bounds=[(0.0, 1.0)] * q, options={"ftol": 1e-14, "maxiter": 1000},
         constraints={"type": "eq", "fun": lambda w: np.sum(w) - 1.0},
     )  # fmt: skip
-    assert found.success
+    assert found.status in (0, 8)  # 8: no step is better, within rounding
     return found.x
 
 
