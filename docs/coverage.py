@@ -253,8 +253,20 @@ def write(shares: Sequence[Share], file: Path) -> None:
     stored = read(file) if file.exists() else []
     again = {(share.case, share.identifier) for share in shares}
     kept = [share for share in stored if (share.case, share.identifier) not in again]
+    everything = sorted((*kept, *shares), key=place)
     file.parent.mkdir(exist_ok=True)
-    file.write_text(json.dumps([record_of(share) for share in (*kept, *shares)], indent=1) + "\n")
+    file.write_text(json.dumps([record_of(share) for share in everything], indent=1) + "\n")
+
+
+def place(share: Share) -> tuple[int, int, int, bool]:
+    """Where a row of the table stands: by vessel, disturbance, identifier, interval."""
+    case, names = share.case, list(IDENTIFIERS)
+    return (
+        list(VESSELS).index(case.vessel),
+        DISTURBANCES.index(case.disturbance),
+        names.index(share.identifier),
+        not share.covers,
+    )
 
 
 def share_of(held: Mapping[str, Any]) -> Share:
