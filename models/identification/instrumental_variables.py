@@ -29,10 +29,11 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.free_parameters import ned_forces
-from seatrial.models.identification.linear import qr
+from seatrial.models.identification.linear import qr, turns
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
+    Refinement,
     ResidualOptions,
     Samples,
     kept,
@@ -65,7 +66,6 @@ NO_INTERVALS = (
     "the instruments are weak, and the model diverges when it is refined by free runs: the "
     "coefficients have no standard errors; try fewer terms or a longer recording"
 )
-Refinement = Literal["none", "free_run"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,10 +155,14 @@ class Estimate:
         terms, an F of the first stage. About 1 is that of instruments that have nothing to do with
         the motion, above 10 are strong ones (Stock and Yogo 2005).
         """
-        phi, span = self.samples.phi[:, list(self.kept)], self.solution.span
-        rest = (phi - span @ (span.T @ phi)) @ self.solution.share.T
-        largest = float(np.linalg.norm(rest.T @ rest, 2))
+        phi, span, kept = self.samples.phi, self.solution.span, list(self.kept)
         n, n_instruments = span.shape
+        explained = span.T @ phi[:, kept]
+        left = np.zeros((n_instruments, n_instruments))
+        for part in turns(n):  # so that little is in memory
+            rest = (phi[part][:, kept] - span[part] @ explained) @ self.solution.share.T
+            left += rest.T @ rest
+        largest = float(np.linalg.norm(left, 2))
         return (n - n_instruments) / n_instruments / largest if largest > 0.0 else np.inf
 
     @property
@@ -266,21 +270,20 @@ class InstrumentalVariables(ResidualOptions):
         residual = estimate.residual(problem.nominal.dofs)
         if self.inertia_factor is None:
             _check_inertia(problem.nominal + residual)
+        weak = self._weak(problem, estimate)
         errors, spread = None, None
-        if not problem.compared:
+        if not (problem.compared or weak):
             errors = estimate.table(self._errors(estimate, rng), np.nan)
             spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
-        if weak := self._weak(problem, estimate):
-            result = replace(result, std_error=None, spread=None)
-        for refinement in self._refinements(problem, weak):
+        if problem.compared or self.instruments == "none":
+            return finished(self, problem, lag, estimate.samples, result)
+        for refinement in self._refinements(weak):
             options = replace(self, refinement=refinement)
             final = finished(options, problem, lag, estimate.samples, result)
-            if problem.compared or self.instruments == "none":
-                return final
             if self._simulates(problem, final.model):
-                return replace(final, warnings=(*final.warnings, *self._remarks(refinement, weak)))
+                return replace(final, warnings=(*final.warnings, *self._remarks(final, refinement)))
         raise IdentificationError(
             "the instruments are too weak: the identified model diverges under the inputs of the "
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
@@ -292,19 +295,17 @@ class InstrumentalVariables(ResidualOptions):
             return False
         return estimate.strength < WEAK
 
-    def _refinements(self, problem: Problem, weak: bool) -> tuple[Refinement, ...]:
+    def _refinements(self, weak: bool) -> tuple[Refinement, ...]:
         """What to do with the table of the regression, in turn until it can be simulated."""
         if self.refinement != "none":
             return (self.refinement,)
-        if problem.compared or self.instruments == "none":
-            return ("none",)
         return ("free_run", "none") if weak else ("none", "free_run")
 
-    def _remarks(self, refinement: Refinement, weak: bool) -> tuple[str, ...]:
+    def _remarks(self, final: Identified, refinement: Refinement) -> tuple[str, ...]:
         """Warnings of what was done."""
         if refinement != self.refinement:
             return (REFINED,)
-        return (NO_INTERVALS,) if weak and refinement == "none" else ()
+        return () if final.std_error is not None else (NO_INTERVALS,)
 
     def _simulates(self, problem: Problem, model: Vessel) -> bool:
         """Whether a model can be simulated under what it was trained on."""

@@ -57,6 +57,7 @@ FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLED = 0.5  # periods of the cut-off after which a filter has forgotten where it began
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
+Refinement = Literal["free_run", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,7 @@ class ResidualOptions(Identifier):
     lowpass_hz: Positive | Literal["auto"] | None
     thruster: Literal["known", "estimated", "none"]
     inertia_factor: Annotated[float, Gt(1)] | None
-    refinement: Literal["free_run", "none"]
+    refinement: Refinement
     segment_s: Positive
     tune: dict[str, tuple[Any, ...]] | None
 

@@ -258,7 +258,7 @@ def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
     def strength(z: np.ndarray) -> float:
         return iv.Estimate(samples, (0, 1, 2), iv.solve(z, phi, samples.epsilon), ()).strength
 
-    # One over the variance that the instruments leave, for each of the three instruments.
+    # Explained over left is one over 0.25, the variance of what the instruments have of their own.
     assert strength(own) == pytest.approx(4000 / 3 / 0.25, rel=0.15)
     assert strength(other) < 2.0  # an F of nothing is about 1, the least of three is less
     assert strength(np.column_stack([own[:, :2], other[:, 2]])) < 5.0  # one bad one suffices
