@@ -40,6 +40,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 THRESHOLDS = (0.0, *np.geomspace(1e-3, 1.0, 7).tolist())  # shares of the lack of fit
+NEGLIGIBLE = 1e-12  # share of a term in the lack of fit that is rounding
 CHOICES: tuple[float | None, ...] = (*THRESHOLDS, None)  # None: no terms, the nominal model
 ROUNDING = 1e-12  # mean square of an error, relative to the force's, below which it is rounding
 ITERATIONS = 300  # at most; STLSQ needs one for each term that it leaves out
@@ -145,7 +146,8 @@ class Sparse(ResidualOptions):
             warnings.simplefilter("ignore")
             optimizer = self._optimizer(threshold)
             optimizer.fit(part.s[:, None] * part.vt / root, part.u.T @ weighted / size)
-        theta[part.columns] = optimizer.coef_.T * size / root / part.scale[:, None]
+        shares = np.where(np.abs(optimizer.coef_) > NEGLIGIBLE, optimizer.coef_, 0.0)
+        theta[part.columns] = shares.T * size / root / part.scale[:, None]
         if part.constant is not None:
             theta[part.constant] = np.mean(epsilon, axis=0) - part.mean @ theta[part.columns]
         return theta

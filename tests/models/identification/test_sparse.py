@@ -18,10 +18,9 @@ EXACT: dict[str, Any] = {"lowpass_hz": None, "penalty": 0.0, "inertia_factor": N
 
 
 def left(residual: Any, k: int) -> set[str]:
-    """Terms of one degree of freedom but the constant, the intercept; rounding errors are none."""
-    theta = np.abs(residual.theta[:, k])
-    large = theta > 1e-12 * np.max(theta)
-    return {str(residual.terms[i]) for i in np.flatnonzero(large)} - {"1"}
+    """Terms of one degree of freedom but the constant, the intercept."""
+    names = {str(t) for t, row in zip(residual.terms, residual.theta, strict=True) if row[k] != 0.0}
+    return names - {"1"}
 
 
 def stay_noise(recording: Recording, rng: np.random.Generator) -> Recording:
