@@ -200,8 +200,11 @@ def _last_half_turn(track: Track, start_s: float, end_s: float) -> Mask:
     return np.asarray((change > last - np.pi) & (track.t <= end_s))
 
 
-def zigzag(track: Track, kind: Execution = "half") -> ZigZag:
+def zigzag(track: Track, kind: Execution = "half", turn_deg: float | None = None) -> ZigZag:
     """Measures of a zig-zag.
+
+    The initial turning is to the ordered deviation, or to `turn_deg`: a model under the helm of a
+    recording has other headings at the orders.
 
     An overshoot is how far the heading goes beyond the one at which the helm is ordered over. The
     ordered deviations from the course are a whole number of degrees to both sides; the course is
@@ -223,7 +226,8 @@ def zigzag(track: Track, kind: Execution = "half") -> ZigZag:
         extremes.append(time)
     period = 2.0 * float(np.mean(np.diff(extremes))) if len(extremes) > 1 else np.nan
     start = float(times[0])
-    turned = _reached(track, np.radians(ordered), start, track.at(track.psi, start))
+    initial = ordered if turn_deg is None else turn_deg
+    turned = _reached(track, np.radians(initial), start, track.at(track.psi, start))
     path = path_length(track, start, turned) if len(switched) and np.isfinite(turned) else np.nan
     return ZigZag(
         tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period,

@@ -109,14 +109,18 @@ def sheet(
     manoeuvre: Manoeuvre | None = None,
     execution: Execution = "half",
     scale: float = 1.0,
+    turn_deg: float | None = None,
 ) -> Sheet:
     """Measures and criteria of a manoeuvre; None: by the helm and heading of the track.
 
-    `scale` is the length of the ship over that of the model. Raises RecordingError if the helm
-    does not move.
+    `scale` is the length of the ship over that of the model; `turn_deg` [deg] the heading to which
+    the initial turning of a zig-zag is measured, None: that of the orders. Raises RecordingError if
+    the helm does not move.
     """
     kind = manoeuvre or manoeuvre_of(track)
-    measures = MEASURES[kind](track, execution)
+    measures = (
+        zigzag(track, execution, turn_deg) if kind == "zigzag" else MEASURES[kind](track, execution)
+    )
     start = 0.0 if isinstance(measures, Spiral) else np.ravel(measures.execute_s)[0]
     speed = track.at(track.speed, float(start))
     ratio = np.sqrt(scale) * track.length_m / speed if speed > 0.0 else np.inf
@@ -126,7 +130,6 @@ def sheet(
 
 MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
     "turn": turn,
-    "zigzag": zigzag,
     "spiral": lambda track, _: spiral(track),
     "reverse_spiral": lambda track, _: reverse_spiral(track),
     "williamson": williamson,
@@ -209,17 +212,24 @@ def _of_zigzag(measures: ZigZag, ratio_s: float) -> list[Entry]:
 def intervals(
     own: Track, draws: Iterable[Track], manoeuvre: Manoeuvre,
     execution: Execution = "half", scale: float = 1.0, level: float = 0.9,
+    turn_deg: float | None = None,
 ) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Intervals of the quantities of a sheet about those of an identified model's own track.
 
     `draws` are the tracks of models whose parameters deviate from the identified ones by `SHARE` of
-    what was drawn from their distribution, by their covariance or a bootstrap.
+    what was drawn from their distribution, by their covariance or a bootstrap. A quantity that some
+    of these reach but not the own track, such as one overshoot more, has no interval.
     """
-    values: dict[str, list[float]] = {}
+
+    def measured(track: Track) -> tuple[Entry, ...]:
+        return sheet(track, manoeuvre, execution, scale, turn_deg).entries
+
+    known = {e.quantity: e.value for e in measured(own)}
+    values: dict[str, list[float]] = {name: [] for name in known}
     for track in draws:
-        for entry in sheet(track, manoeuvre, execution, scale).entries:
-            values.setdefault(entry.quantity, []).append(entry.value)
-    known = {e.quantity: e.value for e in sheet(own, manoeuvre, execution, scale).entries}
+        for entry in measured(track):
+            if entry.quantity in known:
+                values[entry.quantity].append(entry.value)
     return {name: interval(known[name], np.array(drawn), level) for name, drawn in values.items()}
 
 

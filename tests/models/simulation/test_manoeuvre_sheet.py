@@ -151,6 +151,36 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
     assert np.isnan(interval(diameter, np.array([np.nan]))[0])
 
 
+def test_an_overshoot_that_only_a_drawn_model_reaches_has_no_interval() -> None:
+    """The helm of a recording: the model's own track turns away at the third order."""
+    t = np.arange(0.0, 120.0, 0.1)
+    phase = 2.0 * np.pi * np.maximum(t - 20.0, 0.0) / 40.0
+    psi = np.radians(14.0) * np.sin(phase)
+    helm = np.radians(10.0) * np.sign(np.cos(phase)) * (t > 15.0)
+    away = track(t, psi + 0.05 * np.maximum(t - 80.0, 0.0), helm)
+    drawn = track(t, psi, helm)
+    known, reached = ({e.quantity for e in sheet(x, "zigzag").entries} for x in (away, drawn))
+    assert reached - known
+    assert set(intervals(away, [away, drawn], "zigzag")) == known
+
+
+def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
+    """Under the helm of a recording a model that turns less is at 14 degrees later, or never."""
+    t = np.arange(0.0, 120.0, 0.1)
+    phase = 2.0 * np.pi * np.maximum(t - 20.0, 0.0) / 40.0
+    helm = np.radians(10.0) * np.sign(np.cos(phase)) * (t > 15.0)
+
+    def path(angle_deg: float, turn_deg: float | None) -> float:
+        turning = sheet(track(t, np.radians(angle_deg) * np.sin(phase), helm), "zigzag",
+                        turn_deg=turn_deg)  # fmt: skip
+        return {e.quantity: e.value for e in turning.entries}["initial turning"]
+
+    until = 20.0 + 40.0 / (2.0 * np.pi) * np.arcsin(14.0 / 16.0)
+    assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)
+    assert path(16.0, None) > path(16.0, 14.0)
+    assert np.isnan(path(12.0, 14.0))
+
+
 def test_a_helm_that_does_not_move_is_refused() -> None:
     t = np.arange(0.0, 10.0, 0.1)
     with pytest.raises(RecordingError, match="helm does not move"):

@@ -1,11 +1,18 @@
 """What the models of a trial predict of its manoeuvre."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.simulation.manoeuvre_sheet import FINDING
 from seatrial.runner import trial as trials
+from seatrial.runner.closed_loop import Streams
 from seatrial.runner.database.records import Results
+from seatrial.runner.record import manoeuvre_results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW
+from seatrial.runner.trial import excite
 from tests.trials import asked_for
 
 OPTIONS = (
@@ -50,3 +57,30 @@ def test_what_is_no_manoeuvre_has_no_measures() -> None:
         "evaluation=none", "disturbance=calm",
     )  # fmt: skip
     assert not any(row.name.startswith("manoeuvre_") for row in trials.run(trial).metrics)
+
+
+def test_a_measure_is_compared_with_the_one_of_its_name() -> None:
+    """A model that turns away reaches fewer overshoots than were recorded, and has no others."""
+    trial = asked_for(
+        "vessel=mariner", "excitation=rudder_zigzag", "excitation.helm_deg=20",
+        "excitation.turn_deg=20", "excitation.duration_s=400", *OPTIONS[3:4], *OPTIONS[5:6],
+        "identifier=none", "disturbance=calm",
+    )  # fmt: skip
+    recording = excite(trial, Streams(0)).recording
+    ship = trial.vessel.nominal()
+    rate = [term.name for term in ship.terms].index("r")
+    theta = np.array(ship.theta)
+    theta[rate, ship.dofs.index("yaw")] *= 3.0
+    astray = replace(ship, theta=theta)
+    identified = Identified(astray, astray + (-1.0) * ship)
+    problem = Problem(recording, recording, ship, None)
+    length = manoeuvre_results.length_of(trial)
+    assert length is not None
+    found = manoeuvre_results.manoeuvres(problem, identified, length)
+    values = {(f.name.removeprefix(FINDING), f.label.rpartition(", ")[2]): f.value for f in found}
+    recorded = {name for name, model in values if model == "measured"}
+    reached = {name for name in recorded if values[name, "identified model"] is not None}
+    assert "initial_turning" in reached
+    assert any("overshoot" in name for name in recorded - reached)
+    for name in recorded:  # the nominal model is the ship
+        assert values[name, "nominal model"] == pytest.approx(values[name, "measured"], rel=1e-2)
