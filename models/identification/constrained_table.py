@@ -52,9 +52,9 @@ def finished(
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         if not problem.compared:
-            errors = free.std_error(refined.covariance)[rows]
+            errors = free.std_error(refined.spread.covariance)[rows]
             point, nominal = free.values + change, problem.nominal
-            spread = ParameterSpread(nominal, free, point, refined.covariance)
+            spread = ParameterSpread(nominal, free, point, refined.spread.joint)
     elif options.interval_covers and spread is not None:
         moved = moved_spread(problem, model, change, result)
         errors, spread = moved.std_error[rows], moved

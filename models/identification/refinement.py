@@ -25,12 +25,8 @@ from seatrial.models.identification.linear import turns
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.identification.segment_spread import SegmentSpread
 from seatrial.models.identification.structured import Structure, inflation
-from seatrial.models.identification.uncertainty import (
-    clustered_variance,
-    long_run_share,
-    stationary_variance,
-)
 from seatrial.models.identification.validation import bounded_course
 from seatrial.models.notation import DOFS
 from seatrial.models.packs import WIDTH
@@ -46,8 +42,6 @@ SHORTER = 1.0 / 3.0  # length of the first segments over that of the last ones
 TRIES = 6  # of a step, each with ten times the damping
 DAMPING = 1e-3  # the first
 ENOUGH = 1e-4  # relative decrease below which the steps end
-SLOW = 0.1  # of a segment, at which the residual's slow part is looked for
-SLOW_SHARE = 1.1  # variance at low frequency, over that of white noise, from which there is one
 ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
 
 
@@ -151,10 +145,17 @@ class Refined:
         return self.before + self.runs.evaluations
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the parameters (m, m)."""
-        prior = self.tau / self.runs.deviation**2
-        return _covariance(self.runs, self.point, 1.0 / self.rms, self.tau, prior)
+    def spread(self) -> SegmentSpread:
+        """The spread of the parameters."""
+        weight, prior = 1.0 / self.rms, self.tau / self.runs.deviation**2
+        J, S = (weight[:, None] * slopes for slopes in self.runs.slopes(self.point))
+        left, _ = self.runs.project(S, J)
+        inverse = np.asarray(np.linalg.inv(left.T @ left + np.diag(prior)), dtype=np.float64)
+        rest, size = weight * self.point.rest, self.point.rest.size
+        unknowns = len(self.change) + self.point.start.size
+        freedom = size / max(size - unknowns, 1)
+        gains = (left @ inverse).reshape(J.shape)
+        return SegmentSpread(inverse, gains, rest, self.runs.begin, freedom, self.tau * prior)
 
 
 def segments(
@@ -283,41 +284,3 @@ def _converge(
         if before - cost(point) < ENOUGH * before:
             break
     return point, active
-
-
-def _covariance(runs: _Segments, point: _Point, weight: Array, tau: float, prior: Array) -> Array:
-    """cov(p) (m, m): the variance of the residuals through the gains, and the prior's.
-
-    `prior` (m,) is tau over the variances of the parameters. The correlations are those for white
-    residuals. An active constraint does not narrow it.
-    """
-    J, S = (weight[:, None] * slopes for slopes in runs.slopes(point))
-    left, _ = runs.project(S, J)
-    information = left.T @ left
-    inverse = np.linalg.inv(information + np.diag(prior))
-    gains = (left @ inverse).reshape(J.shape)
-    variance = _residual_variance(gains, weight * point.rest, runs.begin)
-    unknowns = len(point.change) + point.start.size
-    variance *= point.rest.size / max(point.rest.size - unknowns, 1)
-    variance += tau * np.einsum("ij,j,ij->i", inverse, prior, inverse)
-    deviation = np.sqrt(variance / np.diag(inverse))  # H^-1 = H^-1 (information + prior) H^-1
-    return np.asarray(inverse * np.outer(deviation, deviation))
-
-
-def _residual_variance(gains: Array, rest: Array, begin: NDArray[np.int64]) -> Array:
-    """Variance (m,) of sum_k G_k e_k for gains (N, n_dof, m) and weighted residuals (N, n_dof).
-
-    Residuals with a slow part, such as those of a wind that was measured with noise, may depend on
-    each other throughout a segment; `begin` are the first samples of the segments.
-    """
-    dofs, length = range(rest.shape[1]), len(rest) / len(begin)
-
-    def total(width: float | None) -> Array:
-        each = [stationary_variance(gains[:, d], rest[:, d], width) for d in dofs]
-        return np.asarray(np.sum(each, axis=0))
-
-    short = total(None)
-    if np.all(long_run_share(rest, SLOW * length) <= SLOW_SHARE):
-        return short
-    influence = np.einsum("ndm,nd->nm", gains, rest)
-    return np.asarray(np.max([short, total(length), clustered_variance(influence, begin)], axis=0))

@@ -110,9 +110,9 @@ class Robust(ResidualOptions):
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             if not problem.compared:
-                errors = free.std_error(refined.covariance)
+                errors = free.std_error(refined.spread.covariance)
                 point = free.values + change
-                spread = ParameterSpread(problem.nominal, free, point, refined.covariance)
+                spread = ParameterSpread(problem.nominal, free, point, refined.spread.joint)
             findings += (Finding("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)

@@ -1,9 +1,9 @@
 """The joint distribution of what was identified, of which models are drawn.
 
 Standard errors alone say too little: coefficients of a ship are strongly correlated, and what is
-predicted with all of them is known far better than each of them. The correlations are those for
-white residuals, the deviations those of the standard errors, whose residuals may be
-autocorrelated.
+predicted with all of them is known far better than each of them. The correlations of a regression
+are those for white residuals, the deviations those of the standard errors, whose residuals may be
+autocorrelated; after a refinement both are of one covariance (`segment_spread`).
 """
 
 from collections.abc import Sequence

@@ -25,6 +25,7 @@ from typing import Literal
 
 import numpy as np
 import scipy
+import scipy.signal
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
@@ -61,6 +62,25 @@ def stationary_variance(gain: Array, rest: Array, width: float | None = None) ->
     return np.asarray(variance.reshape(gain.shape[1:] + rest.shape[1:]))
 
 
+def stationary_covariance(gain: Array, rest: Array, width: float | None = None) -> Array:
+    """Covariance (P, P) of sum_i g_i e_i; the diagonal is `stationary_variance`.
+
+    Gains (N, P), residual (N,).
+    """
+    n, one = len(rest), rest[:, None]
+    widths = bandwidth(autocovariances(one, 2), n)
+    if width is not None:
+        widths[:] = min(width, n - 1.0)
+    lags = _lags(widths, n)
+    own = autocovariances(one, lags)[:, 0] / n
+    own *= np.clip(1.0 - np.arange(lags) / (widths[0] + 1.0), 0.0, None)
+    kernel = np.concatenate([own[:0:-1], own])[:, None]
+    covariance = gain.T @ scipy.signal.oaconvolve(gain, kernel, mode="same", axes=0)
+    if width is not None:
+        covariance *= enlargement(widths[0] / n)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
 def enlargement(share: float) -> float:
     """Of a variance by Bartlett's weights over a fixed `share` of the samples.
 
@@ -89,12 +109,23 @@ def clustered_variance(influence: Array, begin: NDArray[np.int64]) -> Array:
     `begin` (C,) are the first samples of the clusters. So that 1.96 standard deviations are a 95 %
     interval for few clusters, the variance is enlarged by the ratio of Student's t to that.
     """
-    count = len(begin)
+    sums, factor = _clusters(influence, begin)
+    return np.asarray(factor * np.sum(sums**2, axis=0))
+
+
+def clustered_covariance(influence: Array, begin: NDArray[np.int64]) -> Array:
+    """Covariance (P, P) of the same sum; the diagonal is `clustered_variance`."""
+    sums, factor = _clusters(influence, begin)
+    return np.asarray(factor * sums.T @ sums)
+
+
+def _clusters(influence: Array, begin: NDArray[np.int64]) -> tuple[Array, float]:
+    """Sums (C, P) over the clusters, and the factor of their squares; a single one has none."""
+    sums, count = np.add.reduceat(influence, begin, axis=0), len(begin)
     if count < 2:
-        return np.zeros(influence.shape[1])
-    sums = np.add.reduceat(influence, begin, axis=0)
+        return sums, 0.0
     student = scipy.stats.t.ppf(0.975, count - 1) / scipy.stats.norm.ppf(0.975)
-    return np.asarray(student**2 * np.sum(sums**2, axis=0) * count / (count - 1))
+    return sums, float(student**2 * count / (count - 1))
 
 
 def hac_variance(influence: Array) -> Array:

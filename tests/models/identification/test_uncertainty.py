@@ -11,11 +11,13 @@ from seatrial.models.identification.uncertainty import (
     bandwidth,
     bartlett_weights,
     block_bootstrap,
+    clustered_covariance,
     clustered_variance,
     enlargement,
     hac_variance,
     long_run_share,
     residual_blocks,
+    stationary_covariance,
     stationary_variance,
 )
 from seatrial.models.vessel import basis
@@ -76,6 +78,24 @@ def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
 
 def test_one_cluster_says_nothing() -> None:
     assert clustered_variance(np.ones((10, 2)), np.array([0])) == pytest.approx(0.0)
+    assert np.all(clustered_covariance(np.ones((10, 2)), np.array([0])) == 0.0)
+
+
+@pytest.mark.parametrize("width", [None, 30.0])
+def test_a_covariance_has_the_variances_on_its_diagonal(width: float | None) -> None:
+    """And the variance of every combination in its quadratic form."""
+    rng = np.random.default_rng(3)
+    gain, rest = rng.standard_normal((500, 3)), autoregression(rng, 500, 0.8)
+    mix = np.array([[1.0, -2.0, 0.5]])
+    covariance = stationary_covariance(gain, rest, width)
+    np.testing.assert_allclose(np.diag(covariance), stationary_variance(gain, rest, width))
+    mixed = stationary_variance(gain @ mix.T, rest, width)
+    np.testing.assert_allclose(mix @ covariance @ mix.T, mixed[None], rtol=1e-9)
+    begin = np.arange(0, 500, 50)
+    clustered = clustered_covariance(gain * rest[:, None], begin)
+    own = clustered_variance(gain * rest[:, None], begin)
+    np.testing.assert_allclose(np.diag(clustered), own)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 
 def test_blocks_keep_columns_together_and_are_centred() -> None:
