@@ -41,12 +41,13 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.simulated_motion import simulated_motion
-from seatrial.models.identification.spread import table_spread
+from seatrial.models.identification.spread import TableSpread, table_spread
 from seatrial.models.identification.uncertainty import (
     ErrorKind,
     block_bootstrap,
     check_bootstrap,
     hac_variance,
+    stationary_covariance,
     stationary_variance,
 )
 from seatrial.models.notation import PLANAR
@@ -165,12 +166,13 @@ class Estimate:
         largest = float(np.linalg.norm(left, 2))
         return (n - n_instruments) / n_instruments / largest if largest > 0.0 else np.inf
 
-    @property
-    def covariance(self) -> Array:
-        """Covariance (n_terms, n_terms) of the coefficients of an equation, up to a factor."""
-        full = np.zeros((len(self.samples.terms), len(self.samples.terms)))
-        full[np.ix_(self.kept, self.kept)] = self.solution.share.T @ self.solution.share
-        return full
+    def spread(self) -> TableSpread:
+        """The distribution of the coefficients."""
+        terms, rest = len(self.samples.terms), self.solution.rest
+        covariances = np.zeros((rest.shape[1], terms, terms))
+        for full, own in zip(covariances, rest.T, strict=True):
+            full[np.ix_(self.kept, self.kept)] = stationary_covariance(self.solution.gains, own)
+        return table_spread(list(covariances), rest)
 
     def residual(self, dofs: tuple[str, ...]) -> Vessel:
         """The residual table."""
@@ -274,7 +276,7 @@ class InstrumentalVariables(ResidualOptions):
         errors, spread = None, None
         if not (problem.compared or weak):
             errors = estimate.table(self._errors(estimate, rng), np.nan)
-            spread = table_spread([estimate.covariance] * errors.shape[1], estimate.solution.rest)
+            spread = estimate.spread()
         findings = (*findings, *estimate.findings)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
         if problem.compared or self.instruments == "none":

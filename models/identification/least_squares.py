@@ -35,7 +35,11 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.spread import TableSpread, table_spread
-from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
+from seatrial.models.identification.uncertainty import (
+    ErrorKind,
+    check_bootstrap,
+    stationary_covariance,
+)
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.vessel.basis import Array
@@ -188,7 +192,8 @@ class Ridge(LeastSquares):
 def spread_of(fitted: LinearFit) -> TableSpread:
     """The distribution of a table without shared unknowns."""
     gains = [part.gains(float(p)) for part, p in zip(fitted.parts, fitted.penalties, strict=True)]
-    return table_spread([gain.T @ gain for gain in gains], fitted.rest)
+    pairs = zip(gains, fitted.rest.T, strict=True)
+    return table_spread([stationary_covariance(*pair) for pair in pairs], fitted.rest)
 
 
 def gcv(part: Decomposition, target: Array, penalties: Array) -> Array:

@@ -1,9 +1,9 @@
 """The joint distribution of what was identified, of which models are drawn.
 
 Standard errors alone say too little: coefficients of a ship are strongly correlated, and what is
-predicted with all of them is known far better than each of them. The correlations of a regression
-are those for white residuals, the deviations those of the standard errors, whose residuals may be
-autocorrelated; after a refinement both are of one covariance (`segment_spread`).
+predicted with all of them is known far better than each of them. So the deviations and the
+correlations that are drawn are of one covariance, which allows for residuals that depend on each
+other: those of the standard errors with the correlations for white residuals are too wide.
 """
 
 from collections.abc import Sequence
@@ -74,13 +74,13 @@ class ReplicateSpread(Spread):
         return self.free.model(self.nominal, self.point + share * (replicate - self.point))
 
 
-def table_spread(normal: Sequence[Array], rest: Array) -> TableSpread:
+def table_spread(covariances: Sequence[Array], rest: Array) -> TableSpread:
     """The distribution by cov(theta_k) up to a factor, (n_terms, n_terms) each, and residuals.
 
     `rest` (N, n_dof); a coefficient with a variance of zero is fixed.
     """
     return TableSpread(
-        tuple(factor_of(correlation(each)) for each in normal),
+        tuple(factor_of(correlation(each)) for each in covariances),
         factor_of(correlation(rest.T @ rest)),
     )
 

@@ -74,8 +74,9 @@ def stationary_covariance(gain: Array, rest: Array, width: float | None = None) 
     lags = _lags(widths, n)
     own = autocovariances(one, lags)[:, 0] / n
     own *= np.clip(1.0 - np.arange(lags) / (widths[0] + 1.0), 0.0, None)
-    kernel = np.concatenate([own[:0:-1], own])[:, None]
-    covariance = gain.T @ scipy.signal.oaconvolve(gain, kernel, mode="same", axes=0)
+    kernel = np.concatenate([own[:0:-1], own])
+    columns = (scipy.signal.oaconvolve(column, kernel, mode="same") for column in gain.T)
+    covariance = np.stack([gain.T @ column for column in columns], axis=1)
     if width is not None:
         covariance *= enlargement(widths[0] / n)
     return np.asarray(0.5 * (covariance + covariance.T))
