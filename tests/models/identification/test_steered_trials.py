@@ -42,6 +42,16 @@ def test_abkowitz_by_instruments_turns_as_the_ship(seed: int) -> None:
 
 
 @pytest.mark.slow
+def test_abkowitz_by_auto_turns_as_the_ship_and_says_how_well() -> None:
+    """Its intervals are of one covariance: at most 2 % to each side, not 4."""
+    truth = vessel("kvlcc2")
+    for found in circles(identified("auto", 0, truth), truth):
+        assert abs(found.ratio - 1.0) < 0.02
+        assert found.low < 1.0 < found.high
+        assert found.high - found.low < 0.04
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_mmg_by_joint_least_squares_turns_as_the_ship(seed: int) -> None:
     """From zig-zags alone: no turning circle is among the trials."""
