@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.identification.uncertainty import (
     clustered_covariance,
-    clustered_variance,
     long_run_share,
     stationary_covariance,
-    stationary_variance,
 )
 from seatrial.models.vessel.basis import Array
 
@@ -48,63 +46,31 @@ class SegmentSpread:
 
         An active constraint does not narrow it.
         """
-        variance = self.freedom * self._residual_variance()
+        variance = self.freedom * np.max([np.diag(each) for each in self._known], axis=0)
         variance += np.einsum("ij,j,ij->i", self.inverse, self.prior, self.inverse)
         deviation = np.sqrt(variance / np.diag(self.inverse))
         return np.asarray(self.inverse * np.outer(deviation, deviation))
 
     @cached_property
     def joint(self) -> Array:
-        """Covariance (m, m) of which models are drawn."""
+        """Covariance (m, m) of which models are drawn: the largest in the mean."""
+        known = self._known if len(self.begin) >= MANY else self._known[:2]
+        sizes = [np.mean(np.diag(each) / np.diag(self.inverse)) for each in known]
         prior = (self.inverse * self.prior) @ self.inverse
-        return np.asarray(self.freedom * self._residual_covariance() + prior)
+        return np.asarray(self.freedom * known[int(np.argmax(sizes))] + prior)
 
     @cached_property
-    def _slow(self) -> bool:
-        shares = long_run_share(self.rest, SLOW * self._length)
-        return bool(np.any(shares > SLOW_SHARE))
+    def _known(self) -> list[Array]:
+        """Covariances (m, m) of sum_k G_k e_k; where e has a slow part, that of segments last."""
+        length = len(self.rest) / len(self.begin)
+        if np.all(long_run_share(self.rest, SLOW * length) <= SLOW_SHARE):
+            return [self._stationary(None)]
+        influence = np.einsum("ndm,nd->nm", self.gains, self.rest)
+        clustered = clustered_covariance(influence, self.begin)
+        return [self._stationary(None), self._stationary(length), clustered]
 
-    @property
-    def _length(self) -> float:
-        """Samples of a segment."""
-        return len(self.rest) / len(self.begin)
-
-    @cached_property
-    def _influence(self) -> Array:
-        """Of every sample on the parameters (N, m)."""
-        return np.asarray(np.einsum("ndm,nd->nm", self.gains, self.rest))
-
-    def _residual_variance(self) -> Array:
-        """Variance (m,) of sum_k G_k e_k."""
-
-        def total(width: float | None) -> Array:
-            parts = [
-                stationary_variance(self.gains[:, d], self.rest[:, d], width)
-                for d in range(self.rest.shape[1])
-            ]
-            return np.asarray(np.sum(parts, axis=0))
-
-        short = total(None)
-        if not self._slow:
-            return short
-        clustered = clustered_variance(self._influence, self.begin)
-        return np.asarray(np.max([short, total(self._length), clustered], axis=0))
-
-    def _residual_covariance(self) -> Array:
-        """Covariance (m, m) of sum_k G_k e_k, the largest in the mean over the parameters."""
-
-        def total(width: float | None) -> Array:
-            parts = [
-                stationary_covariance(self.gains[:, d], self.rest[:, d], width)
-                for d in range(self.rest.shape[1])
-            ]
-            return np.asarray(np.sum(parts, axis=0))
-
-        short = total(None)
-        if not self._slow:
-            return short
-        known = [short, total(self._length)]
-        if len(self.begin) >= MANY:
-            known.append(clustered_covariance(self._influence, self.begin))
-        white = np.diag(self.inverse)
-        return known[int(np.argmax([np.mean(np.diag(each) / white) for each in known]))]
+    def _stationary(self, width: float | None) -> Array:
+        """Covariance (m, m) for stationary residuals, with Andrews's bandwidth or a given one."""
+        axes = zip(self.gains.transpose(1, 0, 2), self.rest.T, strict=True)
+        parts = [stationary_covariance(gain, rest, width) for gain, rest in axes]
+        return np.asarray(np.sum(parts, axis=0))

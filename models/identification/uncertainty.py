@@ -50,15 +50,8 @@ def stationary_variance(gain: Array, rest: Array, width: float | None = None) ->
     For several residuals (N, K) it is computed for each, shape (P, K). `width` [samples] replaces
     the bandwidth of Andrews; the variance is then enlarged by `enlargement`.
     """
-    residuals = rest.reshape(len(rest), -1)
-    widths = bandwidth(autocovariances(residuals, 2), len(rest))
-    if width is not None:
-        widths = np.full_like(widths, min(width, len(rest) - 1.0))
-    lags = _lags(widths, len(rest))
-    own, along = autocovariances(residuals, lags), autocovariances(gain, lags)
-    variance = along.T @ (bartlett_weights(widths, lags) * own) / len(rest)
-    if width is not None:
-        variance *= enlargement(widths[0] / len(rest))
+    weighted = _weighted_autocovariances(rest.reshape(len(rest), -1), width)
+    variance = autocovariances(gain, len(weighted)).T @ weighted
     return np.asarray(variance.reshape(gain.shape[1:] + rest.shape[1:]))
 
 
@@ -67,19 +60,22 @@ def stationary_covariance(gain: Array, rest: Array, width: float | None = None) 
 
     Gains (N, P), residual (N,).
     """
-    n, one = len(rest), rest[:, None]
-    widths = bandwidth(autocovariances(one, 2), n)
-    if width is not None:
-        widths[:] = min(width, n - 1.0)
-    lags = _lags(widths, n)
-    own = autocovariances(one, lags)[:, 0] / n
-    own *= np.clip(1.0 - np.arange(lags) / (widths[0] + 1.0), 0.0, None)
-    kernel = np.concatenate([own[:0:-1], own])
+    weighted = _weighted_autocovariances(rest[:, None], width)[:, 0]
+    kernel = np.concatenate([0.5 * weighted[:0:-1], weighted[:1], 0.5 * weighted[1:]])
     columns = (scipy.signal.oaconvolve(column, kernel, mode="same") for column in gain.T)
     covariance = np.stack([gain.T @ column for column in columns], axis=1)
-    if width is not None:
-        covariance *= enlargement(widths[0] / n)
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _weighted_autocovariances(rest: Array, width: float | None) -> Array:
+    """Those of residuals (N, K), means over samples with Bartlett's weights, (lags, K)."""
+    n = len(rest)
+    widths = bandwidth(autocovariances(rest, 2), n)
+    if width is not None:
+        widths = np.full_like(widths, min(width, n - 1.0))
+    lags = _lags(widths, n)
+    weighted = bartlett_weights(widths, lags) * autocovariances(rest, lags) / n
+    return weighted if width is None else np.asarray(weighted * enlargement(widths[0] / n))
 
 
 def enlargement(share: float) -> float:
@@ -104,29 +100,18 @@ def long_run_share(rest: Array, width: float) -> Array:
     return np.asarray(np.divide(total, own[0], out=np.ones_like(total), where=own[0] > 0.0))
 
 
-def clustered_variance(influence: Array, begin: NDArray[np.int64]) -> Array:
-    """Variance (P,) of the sum of influence series (N, P), independent between clusters alone.
+def clustered_covariance(influence: Array, begin: NDArray[np.int64]) -> Array:
+    """Covariance (P, P) of the sum of influence series (N, P), independent between clusters alone.
 
     `begin` (C,) are the first samples of the clusters. So that 1.96 standard deviations are a 95 %
-    interval for few clusters, the variance is enlarged by the ratio of Student's t to that.
+    interval for few clusters, it is enlarged by the square of the ratio of Student's t to that.
     """
-    sums, factor = _clusters(influence, begin)
-    return np.asarray(factor * np.sum(sums**2, axis=0))
-
-
-def clustered_covariance(influence: Array, begin: NDArray[np.int64]) -> Array:
-    """Covariance (P, P) of the same sum; the diagonal is `clustered_variance`."""
-    sums, factor = _clusters(influence, begin)
-    return np.asarray(factor * sums.T @ sums)
-
-
-def _clusters(influence: Array, begin: NDArray[np.int64]) -> tuple[Array, float]:
-    """Sums (C, P) over the clusters, and the factor of their squares; a single one has none."""
-    sums, count = np.add.reduceat(influence, begin, axis=0), len(begin)
+    count = len(begin)
     if count < 2:
-        return sums, 0.0
+        return np.zeros((influence.shape[1], influence.shape[1]))
+    sums = np.add.reduceat(influence, begin, axis=0)
     student = scipy.stats.t.ppf(0.975, count - 1) / scipy.stats.norm.ppf(0.975)
-    return sums, float(student**2 * count / (count - 1))
+    return np.asarray(student**2 * count / (count - 1) * sums.T @ sums)
 
 
 def hac_variance(influence: Array) -> Array:

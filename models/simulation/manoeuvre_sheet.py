@@ -77,6 +77,16 @@ class Sheet(NamedTuple):
     speed_m_s: float  # of the approach
     length_over_speed_s: float  # at full scale
 
+    @property
+    def turn_deg(self) -> float | None:
+        """Change of heading [deg] that a zig-zag orders; None for other manoeuvres."""
+        return self.measures.turn_deg if isinstance(self.measures, ZigZag) else None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the quantities by name."""
+        return {entry.quantity: entry.value for entry in self.entries}
+
 
 def track_of(recording: Recording, helm: str, length_m: float) -> Track:
     """The motion of a recording in the plane with one of its inputs as the helm."""
@@ -118,9 +128,7 @@ def sheet(
     the helm does not move.
     """
     kind = manoeuvre or manoeuvre_of(track)
-    measures = (
-        zigzag(track, execution, turn_deg) if kind == "zigzag" else MEASURES[kind](track, execution)
-    )
+    measures = MEASURES[kind](track, execution, turn_deg)
     start = 0.0 if isinstance(measures, Spiral) else np.ravel(measures.execute_s)[0]
     speed = track.at(track.speed, float(start))
     ratio = np.sqrt(scale) * track.length_m / speed if speed > 0.0 else np.inf
@@ -128,12 +136,13 @@ def sheet(
     return Sheet(kind, execution, measures, entries, track.length_m, speed, float(ratio))
 
 
-MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
-    "turn": turn,
-    "spiral": lambda track, _: spiral(track),
-    "reverse_spiral": lambda track, _: reverse_spiral(track),
-    "williamson": williamson,
-    "stop": stop,
+MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution, float | None], Measures]] = {
+    "turn": lambda track, execution, _: turn(track, execution),
+    "zigzag": zigzag,
+    "spiral": lambda track, *_: spiral(track),
+    "reverse_spiral": lambda track, *_: reverse_spiral(track),
+    "williamson": lambda track, execution, _: williamson(track, execution),
+    "stop": lambda track, execution, _: stop(track, execution),
 }
 
 
@@ -221,15 +230,15 @@ def intervals(
     of these reach but not the own track, such as one overshoot more, has no interval.
     """
 
-    def measured(track: Track) -> tuple[Entry, ...]:
-        return sheet(track, manoeuvre, execution, scale, turn_deg).entries
+    def measured(track: Track) -> dict[str, float]:
+        return sheet(track, manoeuvre, execution, scale, turn_deg).values
 
-    known = {e.quantity: e.value for e in measured(own)}
+    known = measured(own)
     values: dict[str, list[float]] = {name: [] for name in known}
     for track in draws:
-        for entry in measured(track):
-            if entry.quantity in known:
-                values[entry.quantity].append(entry.value)
+        for name, value in measured(track).items():
+            if name in known:
+                values[name].append(value)
     return {name: interval(known[name], np.array(drawn), level) for name, drawn in values.items()}
 
 

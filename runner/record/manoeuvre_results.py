@@ -159,8 +159,8 @@ def _of_file(
     measured = sheet(track_of(part, HELM, length_m))
     models = (problem.nominal, identified.model)
     tracks = [sail(model) for model in models]
-    kind, turn_deg = measured.manoeuvre, getattr(measured.measures, "turn_deg", None)
-    own = [_values(track, kind, turn_deg) for track in tracks]
+    kind, turn_deg = measured.manoeuvre, measured.turn_deg
+    own = [sheet(track, kind, turn_deg=turn_deg).values if track else {} for track in tracks]
     drawn = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
     bounds = intervals(tracks[1], drawn, kind, turn_deg=turn_deg) if tracks[1] else {}
     for entry in measured.entries:
@@ -170,12 +170,6 @@ def _of_file(
         for j, value in enumerate(values):
             label = f"{name}, {COMPARED[j]}"
             yield Finding(f"{FINDING}{quantity}", "all", value, entry.unit, i, j, label)
-
-
-def _values(track: Track | None, kind: Manoeuvre, turn_deg: float | None) -> dict[str, float]:
-    """The measures of a predicted track by name; none without a track."""
-    entries = () if track is None else sheet(track, kind, turn_deg=turn_deg).entries
-    return {entry.quantity: entry.value for entry in entries}
 
 
 def _predicted(model: Vessel, part: Recording, problem: Problem, length_m: float) -> Track | None:

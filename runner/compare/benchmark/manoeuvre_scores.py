@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from seatrial.models.errors import RecordingError
 from seatrial.runner.database.records import Series
 from seatrial.runner.export.manoeuvre_tracks import (
+    Entry,
     Manoeuvre,
+    Sheet,
     length_of,
     mission_of,
     sheet,
@@ -57,13 +60,16 @@ def measures(
     found = []
     for piece, (first, last) in enumerate(pieces(prediction)):
         part = slice(first, last)
-        values = [
-            _values(prediction, model, given, part, length, manoeuvre) for model in ("", MODEL)
+        of = partial(_sheet, prediction, given, part, length, manoeuvre)
+        measured = of("")
+        if measured is None:
+            continue
+        model = of(MODEL, measured.turn_deg)
+        predicted = {} if model is None else model.values
+        found += [
+            Measure(piece, name, unit, value, predicted.get(name, math.nan))
+            for name, value, unit, _ in filter(_compared, measured.entries)
         ]
-        for (name, unit), measured in values[0].items():
-            if math.isfinite(measured) and measured != 0.0:
-                predicted = values[1].get((name, unit), math.nan)
-                found.append(Measure(piece, name, unit, measured, predicted))
     return found
 
 
@@ -72,24 +78,27 @@ def pieces(series: Series) -> Iterator[tuple[int, int]]:
     yield from pairwise([*np.flatnonzero(series.columns["start"]), len(series.columns["t"])])
 
 
-def _values(
-    series: Series, model: str, helm: np.ndarray, part: slice, length: float, manoeuvre: Manoeuvre
-) -> dict[tuple[str, str], float]:
-    """Measures by quantity and unit; empty where the motion is not that manoeuvre."""
+def _compared(entry: Entry) -> bool:
+    """Whether a quantity is a result, with a value to which an error is relative."""
+    known = math.isfinite(entry.value) and entry.value != 0.0
+    lasting = entry.unit in ("L", "deg") or entry.quantity == "period P"
+    return known and lasting and entry.quantity not in NO_RESULT
+
+
+def _sheet(
+    series: Series, helm: np.ndarray, part: slice, length: float, manoeuvre: Manoeuvre,
+    model: str, turn_deg: float | None = None,
+) -> Sheet | None:  # fmt: skip
+    """The sheet of a piece; None where the motion is not that manoeuvre."""
     suffix = f"_{model}" if model else ""
     columns = {name: series.columns.get(f"{own}{suffix}") for name, own in MOTION.items()}
     shown = {name: values[part] for name, values in columns.items() if values is not None}
     if len(shown) < len(MOTION) or any(np.any(np.isnan(values)) for values in shown.values()):
-        return {}
+        return None
     shown |= {"t": series.columns["t"][part], "helm": helm[part]}
     moved = Series("prediction", shown, dict.fromkeys(shown, ""))
+    track = track_of_series(moved, "helm", length, model)
     try:
-        result = sheet(track_of_series(moved, "helm", length, model), manoeuvre)
+        return sheet(track, manoeuvre, turn_deg=turn_deg)
     except RecordingError:
-        return {}
-    return {
-        (entry.quantity, entry.unit): entry.value
-        for entry in result.entries
-        if (entry.unit in ("L", "deg") or entry.quantity == "period P")
-        and entry.quantity not in NO_RESULT
-    }
+        return None

@@ -12,7 +12,6 @@ from seatrial.models.identification.uncertainty import (
     bartlett_weights,
     block_bootstrap,
     clustered_covariance,
-    clustered_variance,
     enlargement,
     hac_variance,
     long_run_share,
@@ -67,7 +66,7 @@ def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
         slow = autoregression(rng, n, rho)
         e = (np.sqrt(0.05) * slow + rng.standard_normal(n))[:, None]
         usual.append(stationary_variance(gain, e[:, 0])[0])
-        clustered.append(clustered_variance(gain * e, np.arange(0, n, length))[0])
+        clustered.append(clustered_covariance(gain * e, np.arange(0, n, length))[0, 0])
         shares.append(long_run_share(e, 200.0)[0])
         assert long_run_share(rng.standard_normal((n, 2)), 50.0) == pytest.approx(1.0, abs=0.4)
     student = (2.2010 / 1.9600) ** 2  # of 11 degrees of freedom
@@ -77,7 +76,6 @@ def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
 
 
 def test_one_cluster_says_nothing() -> None:
-    assert clustered_variance(np.ones((10, 2)), np.array([0])) == pytest.approx(0.0)
     assert np.all(clustered_covariance(np.ones((10, 2)), np.array([0])) == 0.0)
 
 
@@ -93,8 +91,10 @@ def test_a_covariance_has_the_variances_on_its_diagonal(width: float | None) -> 
     np.testing.assert_allclose(mix @ covariance @ mix.T, mixed[None], rtol=1e-9)
     begin = np.arange(0, 500, 50)
     clustered = clustered_covariance(gain * rest[:, None], begin)
-    own = clustered_variance(gain * rest[:, None], begin)
-    np.testing.assert_allclose(np.diag(clustered), own)
+    sums = np.sum((gain * rest[:, None]).reshape(10, 50, 3), axis=1)
+    student = (2.2622 / 1.9600) ** 2  # of 9 degrees of freedom
+    own = student * np.sum(sums**2, axis=0) * 10.0 / 9.0
+    np.testing.assert_allclose(np.diag(clustered), own, rtol=1e-4)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 

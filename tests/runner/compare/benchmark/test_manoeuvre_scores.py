@@ -55,6 +55,25 @@ def test_what_is_not_reached_is_infinitely_wrong() -> None:
     assert all(math.isnan(one.predicted) for one in measures(prediction, recording, CONFIG, "turn"))
 
 
+def test_initial_turning_is_compared_to_the_same_heading() -> None:
+    """Under the recorded helm a model that turns to 12 degrees does not reach the recorded 14."""
+    phase = 2.0 * np.pi * np.maximum(T - BEGIN, 0.0) / 40.0
+    helm = np.radians(10.0) * np.sign(np.cos(phase)) * (T > BEGIN - 5.0)
+
+    def motion(angle_deg: float) -> dict[str, np.ndarray]:
+        psi, zero = np.radians(angle_deg) * np.sin(phase), np.zeros_like(T)
+        path = {"x": np.cumsum(0.1 * np.cos(psi)), "y": np.cumsum(0.1 * np.sin(psi))}
+        return path | {"psi": psi, "surge": zero + 1.0, "sway": zero}
+
+    columns = {"t": T, "start": 1.0 * (T == 0.0), **motion(14.5)}
+    columns |= {f"{name}_identified": values for name, values in motion(12.5).items()}
+    prediction = Series("prediction", columns, dict.fromkeys(columns, ""))
+    recording = Series("recording", {"t": T, "delta": helm}, {"t": "", "delta": ""})
+    found = {one.quantity: one for one in measures(prediction, recording, CONFIG, "zigzag")}
+    assert math.isnan(found["initial turning"].predicted)
+    assert math.isfinite(found["first overshoot"].predicted)
+
+
 def test_what_is_no_manoeuvre_has_no_measures() -> None:
     prediction, recording = series(20.0, 22.0)
     recording.columns["delta"][:] = 0.0  # the helm does not move
