@@ -7,7 +7,6 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-LINKS := $(VENV)/links
 # Ray's plugin and joblib ask for different versions of cloudpickle: two environments.
 RAY := .venv-ray
 
@@ -41,7 +40,7 @@ help:
 	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
-	@echo 'make check   ruff and mypy --strict'
+	@echo 'make check   ruff, mypy --strict, and imports that do not resolve (basedpyright)'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
 	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md, docs/growth.svg'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
@@ -165,10 +164,8 @@ abuse: $(VENV)/test.stamp
 
 check: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .
-	@# mypy follows no __path__: it is shown the package as it is when installed.
-	mkdir -p $(LINKS)/seatrial
-	for part in seatrial/__init__.py models runner conf; do ln -sfn $(CURDIR)/$$part $(LINKS)/seatrial/; done
-	MYPYPATH=$(LINKS) $(BIN)/python -m mypy --strict
+	$(BIN)/python -m mypy --strict
+	$(BIN)/basedpyright
 
 clean:
 	rm -rf $(VENV) $(RAY) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -7,15 +7,10 @@
     sweep.table(metric="e_pos_mae")
 
 The names are imported at first use (SPEC 1 of Scientific Python). In a checkout `models`, `runner`
-and `conf` stand beside this folder; installed, they are inside it.
+and `conf` in this folder are links to the folders beside it.
 """
 
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-_checkout = Path(__file__).resolve().parent.parent
-if (_checkout / "pyproject.toml").is_file():
-    __path__.append(str(_checkout))
 
 if TYPE_CHECKING:
     from seatrial.models.errors import ConfigurationError as ConfigurationError

@@ -74,7 +74,8 @@ def compiled_steps(model: Vessel, tau: Array, euler: bool) -> Callable[[], Array
 
     def taken() -> Array:
         eta, nu, thrust = np.zeros(3), np.zeros(3), np.zeros((3, 2))
-        _steps(STEPS, kinematics, table, no_lag(), thrust, tau, eta, nu, weather, work, euler)
+        lag = no_lag(len(thrust))
+        _steps(STEPS, kinematics, table, lag, thrust, tau, eta, nu, weather, work, euler)
         return np.concatenate([eta, nu])
 
     return taken

@@ -55,7 +55,7 @@ def quadprog_solver(problem: Quadratic) -> Solve:
 
 def osqp_solver(problem: Quadratic) -> Solve:
     """OSQP at 1e-6, set up once, only its vectors updated, from the last solution."""
-    import osqp
+    import osqp  # pyright: ignore[reportMissingImports]
     from scipy.sparse import csc_matrix
 
     (H, f), size = scaled(problem), len(problem.H)

@@ -27,7 +27,9 @@ BASE_MS = 60.0  # what is asked
 SIZES = [10, 100, 1000]
 BARE = """
 import sys, hydra
+from omegaconf import OmegaConf
 sys.argv[0] = "app"
+OmegaConf.register_new_resolver("seatrial_folders", lambda: "")
 hydra.main(config_path=sys.argv.pop(1), config_name="trial", version_base="1.3")(lambda _: None)()
 """
 
@@ -105,7 +107,7 @@ class Mlflow:
     """The same figures in MLflow's tracking store on SQLite, opened once."""
 
     def __init__(self, folder: Path, *, in_a_batch: bool) -> None:
-        from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+        from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore  # pyright: ignore[reportMissingImports]
 
         address = f"sqlite:///{folder}/mlflow.db"
         self.store = SqlAlchemyStore(address, str(folder / "artifacts"))
@@ -114,7 +116,7 @@ class Mlflow:
 
     def keep(self, results: Results) -> str:
         """Store metrics and coefficients of one run."""
-        from mlflow.entities import Metric, RunStatus
+        from mlflow.entities import Metric, RunStatus  # pyright: ignore[reportMissingImports]
 
         run = self.store.create_run(self.experiment, "user", 0, [], "trial").info.run_id
         figures = {f"{m.stage}.{m.model}.{m.dof}.{m.name}": m.value for m in results.metrics} | {

@@ -24,7 +24,7 @@ print(cache_folder().name, sum(stats.cache_misses.values()), repr(float(force[-1
 def checkout(tmp_path: Path) -> Path:
     """The sources alone, so that nothing changes them meanwhile."""
     for folder in ("models", "seatrial"):
-        shutil.copytree(ROOT / folder, tmp_path / "checkout" / folder)
+        shutil.copytree(ROOT / folder, tmp_path / "checkout" / folder, symlinks=True)
     shutil.copy(ROOT / "pyproject.toml", tmp_path / "checkout")
     return tmp_path / "checkout"
 
