@@ -1,7 +1,7 @@
 """Ranges of parameters, declared with the fields of a dataclass and checked on construction.
 
     window_s: Positive
-    horizon: Annotated[int, Ge(2)]
+    horizon: Annotated[int, Ge(2), Le(1000)]
     lowpass_hz: Positive | None
 
 pydantic reads the same annotations for the schema of all options.
@@ -10,14 +10,17 @@ pydantic reads the same annotations for the schema of all options.
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 
 from seatrial.models.errors import ConfigurationError
 
+Bound = Gt | Ge | Le
+MOST_REPEATS = 1_000_000
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-PositiveInt = Annotated[int, Ge(1)]
+PositiveInt = Annotated[int, Ge(1), Le(MOST_REPEATS)]
 NotNegativeInt = Annotated[int, Ge(0)]
+Folds = Annotated[int, Ge(2), Le(1000)]  # of a cross-validation
 
 
 def check_ranges(parameters: object) -> None:
@@ -27,26 +30,30 @@ def check_ranges(parameters: object) -> None:
         value = getattr(parameters, name)
         if value is None or isinstance(value, str):  # allowed in place of a number
             continue
-        smallest = min(value, default=0.0) if isinstance(value, tuple) else value
-        if not _inside(smallest, bound):
+        items = (value or (0.0,)) if isinstance(value, tuple) else (value,)
+        if not all(_inside(item, bound) for item in items):
             shown = list(value) if isinstance(value, tuple) else f"{value:g}"
             null = " or null" if optional else ""
             raise ConfigurationError(f"{name} must {in_words(bound)}{null}, got {shown}")
 
 
-def in_words(bound: Gt | Ge) -> str:
+def in_words(bound: Bound) -> str:
     """The range in words, to follow `must` in a message."""
     if isinstance(bound, Gt):
         return "be positive" if bound.gt == 0 else f"be above {bound.gt}"
+    if isinstance(bound, Le):
+        return f"be at most {bound.le}"
     return "not be negative" if bound.ge == 0 else f"be at least {bound.ge}"
 
 
 def _inside(value: Any, bound: Any) -> bool:
+    if isinstance(bound, Le):
+        return bool(value <= bound.le)
     return bool(value > bound.gt if isinstance(bound, Gt) else value >= bound.ge)
 
 
 @cache
-def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
+def _bounds(cls: Any) -> list[tuple[str, Bound, bool]]:
     """Name and bound of every field, and whether the field may be None."""
     hints = get_type_hints(cls, include_extras=True)
     return [
@@ -56,9 +63,9 @@ def _bounds(cls: Any) -> list[tuple[str, Gt | Ge, bool]]:
     ]
 
 
-def _declared(hint: object) -> list[Gt | Ge]:
+def _declared(hint: object) -> list[Bound]:
     """The bounds declared for a type, for its alternatives and for its elements."""
-    own = [bound for bound in getattr(hint, "__metadata__", ()) if isinstance(bound, Gt | Ge)]
+    own = [bound for bound in getattr(hint, "__metadata__", ()) if isinstance(bound, Bound)]
     inner = get_args(_without_marks(hint))
     return own + [bound for part in inner for bound in _declared(part)]
 

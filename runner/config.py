@@ -8,7 +8,6 @@ the class's own `__post_init__`. Every error names the key, what was got and wha
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from types import UnionType
@@ -18,7 +17,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
-from seatrial.runner.shared import Shared, once
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -45,11 +43,10 @@ Node = Mapping[str, object]
 
 @dataclass(frozen=True)
 class Limits:
-    """The most that a trial may take, judged before any work (seatrial.runner.budget).
+    """The largest size of a trial and of a sweep, checked before any work (seatrial.runner.budget).
 
-    `samples` are simulated with one integration step, predicted for a candidate or drawn by a
-    bootstrap, at about a million in a second. `memory` [GB] null is 80 % of what is available.
-    `trials` is the largest number in one sweep.
+    `samples` is the number of integration steps of one simulation, about a million of which take a
+    second. `memory` [GB] null is 80 % of the machine's. `trials` is the number in one sweep.
     """
 
     samples: Positive = 1e11
@@ -87,7 +84,7 @@ class Trial:
     metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
     plant_change: "PlantChange | None" = None
     update: "Update | None" = None  # of the model during the deployment
-    limits: Limits = Limits()  # of work and memory
+    limits: Limits = Limits()  # of its size
     horizons_s: tuple[float, ...] = ()  # of predictions that are stored beside the free run
     deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
 
@@ -181,11 +178,10 @@ class Settings:
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid."""
     for name, node in config.items():
-        once(node, "finite", partial(check_finite, node, str(name)))
+        check_finite(node, str(name))
     update, nodes = config.get("update"), dict(config)
     if isinstance(update, Mapping):
-        target = {"_target_": "seatrial.models.identification.adaptive.Update"}
-        nodes["update"] = once(update, "update", lambda: Shared({**update, **target}))
+        nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     nodes["excitation"] = recording_map.with_map(nodes["excitation"])
     _check_roles(nodes)
     settings = build_as(Settings, nodes, "")
@@ -226,7 +222,7 @@ def _check_role(node: object, role: "type | UnionType", key: str) -> None:
     if not isinstance(node, Mapping) or "_target_" not in node:
         return
     try:
-        cls = once(node, "class", partial(options.target, node["_target_"]))
+        cls = options.target(node["_target_"])
     except options.OptionError as error:
         raise ConfigurationError(error.at(key)) from error
     if not issubclass(cls, role):

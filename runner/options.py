@@ -9,7 +9,7 @@ not converted to numbers. This module is imported when the first trial is built,
 takes as long to import as Hydra.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache, partial
@@ -19,7 +19,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from pydantic import (
     BeforeValidator,
     ConfigDict,
@@ -33,13 +33,15 @@ from pydantic_core import ErrorDetails
 from typing_extensions import TypedDict
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.ranges import in_words
+from seatrial.models.ranges import Bound, in_words
 from seatrial.runner.plugins import failure, is_own
-from seatrial.runner.shared import once
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
 TUNE = "tune"  # the option that maps others of the same class to the values to choose among
 CLASS = "class"  # in a JSON schema: the class that the node must describe
+BOUNDS: dict[str, Callable[[Any], Bound]] = {
+    "greater_than": Gt, "greater_than_equal": Ge, "less_than_equal": Le,
+}  # fmt: skip
 EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a group of options",
@@ -73,10 +75,6 @@ class OptionError(ValueError):
 
 def part(cls: type, node: object) -> object:
     """Build the object, a `cls`, that a node describes; raises OptionError."""
-    return once(node, cls, partial(_part, cls, node))
-
-
-def _part(cls: type, node: object) -> object:
     if cls is object and node in (None, {}):
         return None
     if not isinstance(node, Mapping):
@@ -218,9 +216,8 @@ def _option_error(error: ValidationError, values: Mapping[str, object], cls: typ
         return OptionError(place, f": unknown option, {_hint(str(place[-1]), cls)}")
     if first["type"] == "missing" and not place:
         return OptionError((first["loc"][0],), " is missing")
-    if first["type"] in ("greater_than", "greater_than_equal"):
-        context = first["ctx"]
-        bound = Gt(context["gt"]) if "gt" in context else Ge(context["ge"])
+    if first["type"] in BOUNDS:
+        bound = BOUNDS[first["type"]](*first["ctx"].values())
         null = " or null" if "none_required" in [item["type"] for item in errors] else ""
         return OptionError(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
     expected = " or ".join(dict.fromkeys(map(_expected, errors)))

@@ -82,7 +82,6 @@ def check(trial: Trial) -> None:
     if isinstance(excitation, Reader):  # a damaged file is a configuration error
         recording = excitation.read(dofs)
         period = recording.period_s
-        budget.check(trial, len(recording))
         _check_samples(trial, excitation, recording)
         recording_checks.refuse(excitation, dofs)
         if skipped(trial) is None:

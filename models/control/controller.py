@@ -1,10 +1,8 @@
 """The interface of a controller: its options, the step built from a model, and its design data."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from typing import ClassVar
 
-from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.simulation.registry import Parameters, State
@@ -63,10 +61,6 @@ class Controller(ABC):
     def failures(self, state: State) -> int:
         """Number of samples at which no command could be computed and the last one was held."""
         return 0
-
-    def demands(self, extent: Extent) -> Sequence[Demand]:
-        """What the design and the commands of a voyage take beside its simulation."""
-        return ()
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """Findings about the design; a `spectral_radius` of 1 or more gives a warning."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.control import horizon
@@ -41,10 +42,9 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
-from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.ranges import PositiveInt, check_ranges
+from seatrial.models.ranges import check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
@@ -229,12 +229,6 @@ FORMULATIONS: dict[Formulation, Callable[[Horizon], Quadratic]] = {
     "integral": horizon.increments,
 }
 
-# Unknowns and equations of a program, for each sample of the horizon and degree of freedom: the
-# model has at most three states for each, in the formulation of increments they are eliminated.
-UNKNOWNS: dict[Formulation, int] = {"standard": 11, "reduced": 7, "condensed": 1, "integral": 1}
-MATRICES = 8  # of this size
-SOLVE = 4  # operations for each number of the matrix, to find a command
-
 
 def _weight_of(options: Mapping[str, object]) -> str:
     """The weight of the vessel on the unknowns of a formulation: forces, or their increments."""
@@ -254,7 +248,7 @@ class Mpc(Controller):
     """
 
     formulation: Formulation
-    horizon: Annotated[PositiveInt, FromVessel("tuning.control.horizon")]
+    horizon: Annotated[int, Ge(1), Le(1000), FromVessel("tuning.control.horizon")]
     preview: Preview
     error_weight: Annotated[tuple[float, ...], FromVessel("tuning.control.error_weight")]
     input_weight: Annotated[tuple[float, ...], FromVessel(_weight_of)]
@@ -347,16 +341,6 @@ class Mpc(Controller):
         """Number of loop instants by which a step of the reference is known in advance."""
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The matrices of the quadratic program, and its solution for every command."""
-        size = float(self.horizon) * extent.n_dof * UNKNOWNS[self.formulation]
-        commands = extent.samples / self.command_rows(extent.period_s)
-        solved = commands * SOLVE * size**2 if self.limited else 0.0
-        work = (size**3 + solved) / FLOPS
-        detail = f"matrices of {amount(size)} x {amount(size)} numbers"
-        memory = MATRICES * NUMBER * size**2
-        return [Demand("horizon", self.horizon, detail, work, memory)]
 
     def remarks(self, model: Model, period_s: float) -> list[Finding]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""

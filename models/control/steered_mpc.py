@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from seatrial.models.control.autopilot import SteeringController
 from seatrial.models.control.controller import Model
@@ -23,7 +24,7 @@ from seatrial.models.control.horizon import Horizon, Solver, increments, unconst
 from seatrial.models.control.linear_design import closed_loop_radius
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.ranges import NotNegative, Positive, PositiveInt
+from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array, Codes
@@ -92,7 +93,7 @@ class SteeredMpc(SteeringController):
     and as a yaw rate that changes the heading as much in `damping` L / U.
     """
 
-    horizon: PositiveInt = 40
+    horizon: Annotated[int, Ge(1), Le(1000)] = 40
     interval: Positive = 0.1
     error_deg: Positive = 5.0
     change: Positive = 0.2

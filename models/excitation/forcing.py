@@ -6,7 +6,6 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.demand import Demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import (
@@ -94,15 +93,6 @@ class Forcing(Mission):
             return base._replace(option=f"base.{base.option}")
         option = "length_s" if self.length_s >= self.time_scale else "time_scale"
         return Length(option, getattr(self, option), self.duration_s)
-
-    def demands(self, period_s: float) -> list[Demand]:
-        """What the signal takes on every axis."""
-        length = self.length().seconds / self.parts / self.time_scale
-        samples = self.length().seconds / period_s
-        signal = self.signal.demands(length, samples)
-        own = (demand.of("signal", len(self.axes)) for demand in signal)
-        base = () if self.base is None else self.base.demands(period_s)
-        return [*own, *(demand.of("base") for demand in base)]
 
     @property
     def reference_filter(self) -> Reference:

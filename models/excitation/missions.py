@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.demand import Demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import (
     LineOfSight,
@@ -71,10 +70,6 @@ class Mission(Evaluation):
     def length(self) -> Length:
         """The length, known before a plan: at least `duration_s`, but for passages of a plan."""
         return Length("duration_s", self.duration_s, self.duration_s)
-
-    def demands(self, period_s: float) -> Sequence[Demand]:
-        """What the mission takes beside its simulation with a control period [s]."""
-        return ()
 
     @abstractmethod
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:

@@ -20,15 +20,14 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.demand import FLOPS, NUMBER, Demand, amount
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.candidates import STEP_S, Design, UncertainModel
+from seatrial.models.excitation.candidates import Design, UncertainModel
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.excitation.open_loop import Steering
 from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
-from seatrial.models.planning.lattice import HEADINGS, Pace, Primitive
+from seatrial.models.planning.lattice import Pace, Primitive
 from seatrial.models.planning.planner import Plan, Task, plan
 from seatrial.models.planning.waters import Corners, Waters
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt, check_ranges
@@ -39,7 +38,6 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.tuning import FromVessel
 
-POSE = 3 * NUMBER  # bytes
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
 
 
@@ -80,29 +78,6 @@ class Route:
     def cell_size_m(self) -> float:
         """Size of the lattice's cells [m]: the option, or the way of 4 s."""
         return 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
-
-    def demands(self, period_s: float, moves: int) -> list[Demand]:
-        """The poses at all instants of the plan's `moves`: a rest, and a passage over a cell."""
-        if self.area is None:
-            return []
-        cell_m = self.cell_size_m
-        demands = []
-        for option, seconds in (
-            ("hold_s", self.hold_s),
-            ("speed_m_s", cell_m / self.speed_m_s),
-            ("turn_rate_rad_s", np.pi / self.turn_rate_rad_s),
-        ):
-            poses = moves * seconds / period_s
-            detail = f"{amount(poses)} poses in the moves of the plan"
-            got = f"{getattr(self, option):g}"
-            demands.append(Demand(option, got, detail, poses, 3 * POSE * poses))
-        south, north, west, east = self.waters.bounds
-        cells = (north - south) / cell_m * ((east - west) / cell_m)
-        detail = f"{amount(cells)} cells of the plan's lattice"
-        got = "null" if self.cell_m is None else f"{self.cell_m:g}"
-        places = HEADINGS * cells
-        demands.append(Demand("cell_m", got, detail, moves * places, 2 * moves * places))
-        return demands
 
     def plan(self, design: Design, names: Sequence[str]) -> Plan | None:
         """The path that sails the named candidates; None without an area.
@@ -292,25 +267,6 @@ class Mix(Mission):
     @property
     def _each_s(self) -> float:
         return (self.length_s + self.stop_s) * self.time_scale
-
-    def demands(self, period_s: float) -> list[Demand]:
-        """The simulation of every candidate, the pool of a random mix and the plan's passages."""
-        samples = self._each_s / self.period_s
-        substeps = max(1.0, self.period_s / STEP_S)
-        detail = f"{amount(samples)} samples of {self.period_s:g} s for each candidate"
-        length = self.length()
-        work = len(self.candidates) * samples * substeps
-        demands = [Demand(length.option, f"{length.got:g}", detail, work, 100 * NUMBER * work)]
-        for name, candidate in self.candidates.items():
-            own = candidate.demands(self.period_s)
-            demands += [demand.of(f"candidates.{name}") for demand in own]
-        if self.design == "random":
-            pool = float(self.repeats) * len(self.candidates)
-            detail = f"a pool of {amount(pool)} manoeuvres"
-            demands.append(Demand("repeats", self.repeats, detail, pool / FLOPS, 2 * NUMBER * pool))
-        moves = HEADINGS * len(self.candidates)
-        plan = self.route.demands(self.period_s, moves)
-        return [*demands, *(demand.of("route") for demand in plan)]
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The poses of the plan as set-points; without a plan the starting pose."""

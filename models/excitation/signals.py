@@ -7,10 +7,11 @@ reproduce its figures. Times t [s], forces [N].
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 
-from seatrial.models.demand import FLOPS, NUMBER, Demand, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation import signals
 from seatrial.models.ranges import Positive, check_ranges
@@ -18,7 +19,6 @@ from seatrial.models.vessel.basis import Array
 
 REST_S = 10.0
 PULSE_S = 20.0
-SINE = 20.0  # operations
 ROUNDING_S = 1e-9  # tolerance for rounding of the times
 SINE_PERIODS_S = tuple(float(period) for period in range(1, 92, 10))
 
@@ -59,10 +59,6 @@ def many_sine(t: Array) -> Array:
 
 class Signal(ABC):
     """A signal that can differ from axis to axis."""
-
-    def demands(self, length_s: float, samples: float) -> Sequence[Demand]:
-        """What `samples` values take, of a signal of a length [s]."""
-        return ()
 
     @abstractmethod
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
@@ -110,7 +106,7 @@ class Prbs(Signal):
     Every axis has its own. Bargouth (2022), appendix O (`prbs1`).
     """
 
-    shortest_s: float
+    shortest_s: Annotated[float, Ge(1e-3)]
     longest_s: float
 
     def __post_init__(self) -> None:
@@ -119,12 +115,6 @@ class Prbs(Signal):
                 f"shortest_s must be positive and at most longest_s = {self.longest_s:g}, "
                 f"got {self.shortest_s:g}"
             )
-
-    def demands(self, length_s: float, samples: float) -> list[Demand]:
-        """One random number for each of the shortest intervals."""
-        draws = length_s / self.shortest_s
-        detail = f"{amount(draws)} intervals in {length_s:g} s"
-        return [Demand("shortest_s", f"{self.shortest_s:g} s", detail, draws, 3 * NUMBER * draws)]
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
         """Changes sign at the end of every interval; the first sign is random."""
@@ -140,7 +130,7 @@ class Multisine(Signal):
     """
 
     lowest_hz: float
-    highest_hz: float
+    highest_hz: Annotated[float, Le(1000)]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.lowest_hz < self.highest_hz:
@@ -148,13 +138,6 @@ class Multisine(Signal):
                 f"lowest_hz must be positive and below highest_hz = {self.highest_hz:g}, "
                 f"got {self.lowest_hz:g}"
             )
-
-    def demands(self, length_s: float, samples: float) -> list[Demand]:
-        """A sine of every sample for each line."""
-        lines = (self.highest_hz - self.lowest_hz) * length_s
-        detail = f"{amount(lines)} lines of {amount(samples)} samples"
-        work, memory = SINE * lines * samples / FLOPS, 3 * NUMBER * lines
-        return [Demand("highest_hz", f"{self.highest_hz:g} Hz", detail, work, memory)]
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
         """Every `count`-th line from the `axis`-th on."""
@@ -250,10 +233,6 @@ class Shared(Signal):
 
     signal: Signal
     shares: tuple[float, ...]
-
-    def demands(self, length_s: float, samples: float) -> list[Demand]:
-        """What the signal takes."""
-        return [demand.of("signal") for demand in self.signal.demands(length_s, samples)]
 
     def sample(self, t: Array, axis: int, count: int, rng: np.random.Generator) -> Array:
         """The signal times the axis's share."""

@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from seatrial.models.demand import Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identifier, Problem, lack_of_fit
@@ -28,7 +27,6 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 
 TINY = 1e-300  # avoids division by a force of zero
-LOOK = 0.1  # time of a sample that is looked at, in that of a simulated one
 HELD_OUT = 0.25  # last part of a window, on which a candidate is validated
 
 
@@ -51,13 +49,6 @@ class Update:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The samples from the start on, which every look reads."""
-        looks = extent.samples / max(1.0, self.every_s / extent.period_s)
-        detail = f"{amount(looks)} looks at up to {amount(extent.samples)} samples"
-        work = LOOK * looks * extent.samples / 2
-        return [Demand("every_s", f"{self.every_s:g} s", detail, work)]
 
 
 @dataclass(eq=False)

@@ -14,12 +14,9 @@ runs of half a minute hardly show it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 
-from seatrial.models.demand import Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import (
@@ -41,7 +38,7 @@ from seatrial.models.identification.problem import (
     with_interval,
 )
 from seatrial.models.identification.validation import prediction
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import Folds, Positive, check_ranges
 from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
@@ -59,7 +56,7 @@ class Auto(Identifier):
     """
 
     candidates: dict[str, Identifier]
-    folds: Annotated[int, Ge(2)]
+    folds: Folds
     horizon_s: Positive
     force: str | None
     budget_s: Positive | None
@@ -73,20 +70,6 @@ class Auto(Identifier):
     def needs(self) -> Needs:
         """The force of the simulation."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """Every candidate on every fold, and the one that is chosen."""
-        read = float(self.folds) * len(self.candidates) * extent.samples
-        detail = f"{amount(self.folds)} fits of {len(self.candidates)} candidates"
-        demands = [Demand("folds", self.folds, detail, read)]
-        for name, candidate in self.candidates.items():
-            each = [(candidate.without_bootstrap(), self.folds), (candidate, 1)]
-            demands += [
-                demand.of(f"candidates.{name}", times)
-                for identifier, times in each
-                for demand in identifier.demands(extent)
-            ]
-        return demands
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify with the candidate that predicts the blocks left out best."""

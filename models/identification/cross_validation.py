@@ -13,19 +13,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.recording.recording import blocks
 from seatrial.models.vessel.basis import Array
 
 Selection = Literal["blocked", "rolling", "kfold", "test"]
 Fold = tuple[NDArray[np.int64], NDArray[np.int64]]
 Pair = tuple[Array, Array]  # moment matrices Z'Z of a training part and of what it leaves out
-
-
-def check_folds(folds: int) -> None:
-    """Raise ConfigurationError for fewer than two folds."""
-    if folds < 2:
-        raise ConfigurationError(f"folds must be at least 2, got {folds}")
 
 
 def folds(

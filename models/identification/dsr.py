@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
-from seatrial.models.demand import FINDING, FLOPS, NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
@@ -50,14 +49,12 @@ from seatrial.models.identification.subspace import Realisation, identify_innova
 from seatrial.models.identification.uncertainty import check_bootstrap
 from seatrial.models.identification.validation import RESTART_S, prediction
 from seatrial.models.identification.variant_selection import (
-    FOLDS,
-    LONGEST,
     NAMES,
     Alternative,
     select_variant,
 )
 from seatrial.models.notation import POSES, poses_of
-from seatrial.models.ranges import NotNegativeInt, Positive, PositiveInt, check_ranges
+from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
@@ -86,8 +83,8 @@ class Dsr(Identifier):
     also if it predicts restarts of 30 s of the training part better, and controls with it.
     """
 
-    L: Annotated[int, Ge(2)]
-    J: PositiveInt
+    L: Annotated[int, Ge(2), Le(1000)]
+    J: Annotated[int, Ge(1), Le(1000)]
     order: PositiveInt | Literal["physical", "gap"]
     variant: Literal["auto", "closed", "open"]
     feedthrough: bool | None  # whether D is estimated
@@ -101,7 +98,7 @@ class Dsr(Identifier):
     period_s: Positive | None
     physical_form: Literal["better", "required", "optional"]
     condition_limit: Positive
-    markov_parameters: NotNegativeInt
+    markov_parameters: Annotated[int, Ge(0), Le(10_000)]
     bootstrap: int | None
     block_s: float
 
@@ -161,32 +158,6 @@ class Dsr(Identifier):
     def model_period_s(self, sample_time_s: float) -> float:
         """The identifier's period [s] if it is set, else that of the recording."""
         return self.period_s or sample_time_s
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The triangular factor of the Hankel matrices, for the estimate and every replicate."""
-        rows = (self.L + self.J + 1.0) * 3 * extent.n_dof  # force, motion and innovations
-        samples = extent.samples * extent.period_s / self.model_period_s(extent.period_s)
-        option = "L" if self.L > self.J else "J"
-        detail = f"a factor of {amount(rows)} x {amount(rows)} numbers"
-        once = samples * rows**2 / FLOPS
-        chosen = (
-            FOLDS * len(NAMES) * min(1.0, LONGEST / max(samples, 1.0))
-            if self.variant == "auto"
-            else 0.0
-        )
-        seconds, memory = (1.0 + chosen) * once, 4 * NUMBER * rows**2
-        demands = [Demand(option, getattr(self, option), detail, seconds, memory)]
-        if self.bootstrap is not None:
-            detail = f"{amount(self.bootstrap)} factors of {amount(rows)} x {amount(rows)} numbers"
-            memory = self.bootstrap * 10 * NUMBER * extent.n_terms * extent.n_dof
-            demands.append(
-                Demand("bootstrap", self.bootstrap, detail, self.bootstrap * once, memory)
-            )
-        numbers = self.markov_parameters * float(extent.n_dof) ** 2
-        detail = f"{amount(numbers)} numbers in the results"
-        memory = FINDING * numbers
-        demands.append(Demand("markov_parameters", self.markov_parameters, detail, numbers, memory))
-        return demands
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

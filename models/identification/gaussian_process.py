@@ -27,17 +27,14 @@ from itertools import combinations_with_replacement
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
-from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent
 from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.guard import guarded_by
 from seatrial.models.identification.kernel_posterior import (
-    CHUNK,
-    LONGEST,
     Base,
     Prior,
     ProcessData,
@@ -52,6 +49,7 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT
+from seatrial.models.ranges import Folds
 from seatrial.models.recording.recording import blocks as blocks_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -61,7 +59,6 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 LENGTHS = (0.5, 100.0)  # bounds of a length, in largest recorded velocities
 SCALES = (1e-3, 1e3)  # bounds of the process' variance over that of the lack of fit
 NOISES = (1e-8, 10.0)  # bounds of the noise's variance over that of the lack of fit
-EVALUATIONS = 50.0  # of the marginal likelihood
 POOR = 0.9  # R^2 of a projection below which it is warned about
 
 
@@ -84,8 +81,8 @@ class GaussianProcess(ResidualOptions):
     kernel: Literal["rbf", "matern"]
     base: Literal["physical", "inertia", "none"]
     cubic: bool
-    subsample: Annotated[int, Ge(20)]
-    folds: Annotated[int, Ge(2)]
+    subsample: Annotated[int, Ge(20), Le(10_000)]
+    folds: Folds
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the products of three velocities."""
@@ -96,14 +93,6 @@ class GaussianProcess(ResidualOptions):
     def needs(self) -> Needs:
         """The data of the residual, and the samples of the subsample."""
         return super().needs()._replace(samples=max(self.subsample, 2 * self.folds))
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The marginal likelihood of the subsample, and the moments of the posterior mean."""
-        m, n = float(self.subsample), min(extent.samples, LONGEST)
-        work = extent.n_dof * m**2 * ((EVALUATIONS + self.folds) * m + n) / FLOPS
-        memory = NUMBER * (3.0 * m * n + CHUNK * extent.samples)
-        detail = f"{self.subsample} samples in the marginal likelihood"
-        return [Demand("subsample", self.subsample, detail, work, memory)]
 
     def judged(self, problem: Problem, result: Identified) -> Identified:
         """The result, which the choice among the processes has judged already."""

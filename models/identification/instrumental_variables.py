@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 
-from seatrial.models.demand import Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
@@ -51,7 +51,7 @@ from seatrial.models.identification.uncertainty import (
     stationary_variance,
 )
 from seatrial.models.notation import PLANAR
-from seatrial.models.ranges import NotNegativeInt, Positive
+from seatrial.models.ranges import MOST_REPEATS, Positive
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -193,7 +193,7 @@ class InstrumentalVariables(ResidualOptions):
     """
 
     instruments: Literal["none", "simulated"]
-    iterations: NotNegativeInt
+    iterations: Annotated[int, Ge(0), Le(MOST_REPEATS)]
     restart_s: Positive | None
     orientation_terms: bool
     wind_measurement: bool | None
@@ -316,13 +316,6 @@ class InstrumentalVariables(ResidualOptions):
         except IdentificationError:
             return False
         return True
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The simulations and the replicates."""
-        restarts = self.iterations * extent.samples
-        detail = f"{self.iterations} simulations of {amount(extent.samples)} samples"
-        simulated = Demand("iterations", self.iterations, detail, restarts)
-        return [simulated, *bootstrap_demand(self.bootstrap, extent)]
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 
-from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
@@ -109,10 +108,6 @@ class LeastSquares(ResidualOptions):
         spread = None if problem.compared or self.ned_force else spread_of(fitted)
         result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
         return finished(self, problem, lag, samples, result)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The replicates of the bootstrap."""
-        return bootstrap_demand(self.bootstrap, extent)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from seatrial.models.demand import NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
@@ -136,9 +135,6 @@ def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) 
     return nearest_to_ideal(front), "ideal"
 
 
-USUAL_POPULATION, USUAL_GENERATIONS = 1000, 60  # a search beyond them is long
-
-
 @dataclass(frozen=True)
 class Nsga2(PredictionOptions):
     """Pareto front of the prediction errors, and one point of it.
@@ -158,8 +154,8 @@ class Nsga2(PredictionOptions):
     grouped: bool
     log_scale: tuple[str, ...]
     algorithm: Algorithm
-    population: Annotated[int, Ge(4)] | None
-    population_cap: Annotated[int, Ge(4)]
+    population: Annotated[int, Ge(4), Le(10_000)] | None
+    population_cap: Annotated[int, Ge(4), Le(10_000)]
     generations: PositiveInt
     crossover_eta: Positive
     crossover_probability: float
@@ -253,20 +249,6 @@ class Nsga2(PredictionOptions):
         errors = Objectives(self.predictor(problem, every), "mse", grouped=True)
         points = np.array([chosen, believed])
         return np.asarray(points[np.argmin(np.sum(errors(points), axis=1))])
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The predictions of all candidates of all generations, and their comparison in pairs."""
-        size = float(self.population or self.population_cap)
-        predicted = size * self.generations * extent.samples
-        many = size / USUAL_POPULATION > self.generations / USUAL_GENERATIONS
-        size_option = "population" if self.population else "population_cap"
-        option = size_option if many else "generations"
-        detail = (
-            f"{amount(size * self.generations)} candidates of {amount(extent.samples)} samples each"
-        )
-        memory = 2 * NUMBER * size * (size + extent.n_terms * extent.n_dof)
-        search = Demand(option, getattr(self, option), detail, predicted, memory)
-        return [search, *bootstrap_demand(self.bootstrap, extent)]
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

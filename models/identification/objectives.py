@@ -16,7 +16,6 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge
 
-from seatrial.models.demand import FINDING, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.predictor import PredictionOptions, Predictor
@@ -123,13 +122,6 @@ class Grid(PredictionOptions):
                 f"identifier.parameters: got {len(free)} ({some}{more}), expected two"
             )
         self.check_bounded(free)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """A prediction and a finding for every point of the grid."""
-        count = float(self.points) ** len(AXES)
-        detail = f"{amount(count)} points of {amount(extent.samples)} samples each"
-        memory = FINDING * count
-        return [Demand("points", self.points, detail, count * extent.samples, memory)]
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the lowest grid point, with the grid as findings."""

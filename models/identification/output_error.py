@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from seatrial.models.demand import Demand, Extent, bootstrap_demand
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.identification.file_bootstrap import errors_of_replicates, file_bootstrap
@@ -175,10 +174,6 @@ class OutputError(PredictionOptions):
             return None
         file = problem.training.file
         return file_bootstrap(fit_result, free.values, box, file, self.bootstrap, rng)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The replicates of the bootstrap."""
-        return bootstrap_demand(self.bootstrap, extent)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

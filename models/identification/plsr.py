@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.demand import FLOPS, NUMBER, Demand, Extent, amount, bootstrap_demand
 from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import (
     Selection,
-    check_folds,
     left_out_mse,
     split,
 )
@@ -31,7 +29,7 @@ from seatrial.models.identification.problem import Identified, Identifier, Needs
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
-from seatrial.models.ranges import PositiveInt
+from seatrial.models.ranges import Folds, PositiveInt
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -46,23 +44,13 @@ class PartialLeastSquares(ResidualOptions):
     nominal model.
     """
 
-    folds: int
+    folds: Folds
     bootstrap: int | None
     block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_folds(self.folds)
         check_bootstrap(self.bootstrap, self.block_s)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The moments of every fold, which each replicate of the bootstrap sums again."""
-        sums = float(self.folds) ** 2 * extent.n_terms**2
-        work = (1 + (self.bootstrap or 0)) * sums / FLOPS
-        memory = 4 * NUMBER * self.folds * extent.n_terms**2
-        detail = f"{amount(sums)} sums of moments for each choice of an order"
-        folds = Demand("folds", self.folds, detail, work, memory)
-        return [folds, *bootstrap_demand(self.bootstrap, extent)]
 
     def needs(self) -> Needs:
         """The data of the residual, and two samples for each fold."""

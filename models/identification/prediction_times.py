@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.demand import NUMBER, Demand, Extent, amount
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_run import (
@@ -35,7 +34,6 @@ from seatrial.models.vessel.plant_table import PlantTable
 WAYS = ("without JIT", "with JIT", "with JIT, many at once")
 LIMIT = 10.0  # of the rates, Hoyer (2021), section 6.4
 LONGEST_S = 600.0
-INTERPRETED = 1000  # times as slow as machine code
 SHORT_S, REPEATS = 0.1, 5  # shorter times are repeated, since other processes disturb them
 
 
@@ -63,19 +61,6 @@ class PredictionTimes(Identifier):
                 raise ConfigurationError(
                     f"{name} must be increasing positive numbers, got {list(numbers)}"
                 )
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The predictions with and without JIT."""
-        demands = []
-        entry = NUMBER * (extent.n_terms + extent.n_dof) * extent.n_dof
-        for option, calls, factor in (
-            ("calls", self.calls, 2 * (1 + REPEATS)),
-            ("interpreted_calls", self.interpreted_calls, INTERPRETED),
-        ):
-            work = factor * float(sum(calls)) * extent.samples
-            detail = f"{amount(sum(calls))} predictions of {amount(extent.samples)} samples"
-            demands.append(Demand(option, list(calls), detail, work, entry * calls[-1]))
-        return demands
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The nominal model, with the times as findings `prediction_time` (i = n, label = way).

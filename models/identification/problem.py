@@ -7,7 +7,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError, PartError, RecordingError
 from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
 from seatrial.models.notation import PLANAR
@@ -128,10 +127,6 @@ class Identifier(ABC):
     def model_period_s(self, sample_time_s: float) -> float | None:
         """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None
-
-    def demands(self, extent: Extent) -> Sequence[Demand]:
-        """What its options take beside reading the samples of the training part."""
-        return ()
 
     def without_bootstrap(self) -> "Identifier":
         """This identifier without bootstrap standard errors, for a cross-validation."""

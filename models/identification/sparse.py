@@ -18,12 +18,10 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from annotated_types import Ge
 
-from seatrial.models.demand import Demand, Extent
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import Blocks
@@ -33,7 +31,7 @@ from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
-from seatrial.models.ranges import NotNegative, Positive
+from seatrial.models.ranges import Folds, NotNegative, Positive
 from seatrial.models.recording.recording import blocks
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -61,7 +59,7 @@ class Sparse(ResidualOptions):
     penalty: NotNegative
     relaxation: Positive
     unbiased: bool
-    folds: Annotated[int, Ge(2)]
+    folds: Folds
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError without pysindy, or for options that do not fit the vessel."""
@@ -74,11 +72,6 @@ class Sparse(ResidualOptions):
     def needs(self) -> Needs:
         """The data of the residual, and two samples for each fold."""
         return super().needs()._replace(samples=2 * self.folds)
-
-    def demands(self, extent: Extent) -> list[Demand]:
-        """The decompositions of the folds."""
-        count = self.folds if self.threshold is None else 0
-        return [Demand("folds", count, f"{count} regressions", float(count) * extent.samples)]
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table; an axis that free runs predict worse keeps its equation."""

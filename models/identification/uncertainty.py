@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import MOST_REPEATS
 from seatrial.models.vessel.basis import Array
 
 ErrorKind = Literal["stationary", "hac"]
@@ -37,9 +38,11 @@ PIECE = 8192  # least number of samples in one transform
 
 
 def check_bootstrap(bootstrap: int | None, block_s: float) -> None:
-    """Raise ConfigurationError for fewer than 20 replicates or empty blocks."""
+    """Raise ConfigurationError for fewer than 20 or too many replicates, or empty blocks."""
     if bootstrap is not None and bootstrap < 20:
         raise ConfigurationError(f"bootstrap must be at least 20 or null, got {bootstrap}")
+    if bootstrap is not None and bootstrap > MOST_REPEATS:
+        raise ConfigurationError(f"bootstrap must be at most {MOST_REPEATS}, got {bootstrap}")
     if not block_s > 0.0:
         raise ConfigurationError(f"block_s must be positive, got {block_s}")
 
