@@ -6,15 +6,14 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Five private parts of Hydra 1.3.8 are used, here, in `in_process`
-and in `yaml_files` alone. The first is its
-command-line parser, which by itself prints a usage message and ends the process instead of
-reporting one line. The second is its table of plugins: the public `Plugins.register` names a plugin
-after its module, which must be in the name space `hydra_plugins`, but seatrial installs no other
-name than its own. The third is its source of configuration files, with the table that names it:
-files are checked before OmegaConf expands their aliases. The fourth is what `--cfg` prints: it
-shows the numbers that options take from the vessel. The fifth is what completes a line in a shell:
-it is shown a sweep as one of its trials.
+Five private parts of Hydra 1.3.8 are used, here, in `in_process` and in `yaml_files` alone. The
+first is its command-line parser, which by itself prints a usage message and ends the process
+instead of reporting one line. The second is its table of plugins: the public `Plugins.register`
+names a plugin after its module, which must be in the name space `hydra_plugins`, but seatrial
+installs no other name than its own. The third is its source of configuration files, with the table
+that names it: a vessel may also be a file of the working folder, or the model of a run. The fourth
+is what `--cfg` prints: it shows the numbers that options take from the vessel. The fifth is what
+completes a line in a shell: it is shown a sweep as one of its trials.
 """
 
 import os

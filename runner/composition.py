@@ -1,41 +1,69 @@
-"""Composition of the configurations of a sweep's jobs, with shared configurations.
+"""Composition of the configurations of a sweep's jobs.
 
-Hydra takes a tenth of a second to compose a job from its files. Jobs that choose the same options
-from the groups and differ in values only (replicates over seeds, grids of parameters) share one
-composed configuration. Their values are set in it as Hydra sets them, when the sweep is planned and
-when a launcher runs its jobs, here or in workers.
+Hydra takes a quarter of a second to compose a job from its files. Jobs that choose the same options
+from the groups share one composition; the values of each job are then set in a copy of it, as Hydra
+sets them. Sweeps compose so when they are planned, and launchers when they run their jobs, here or
+in workers. Jobs that cannot be split in this way are composed by Hydra, and so are those that Hydra
+refuses, which raises its own errors.
 """
 
+import pickle
 import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
-from typing import cast
+from functools import lru_cache
+from typing import Any, cast
 from uuid import uuid4
 
 from hydra.conf import HydraConf
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
-from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict, read_write
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.job import Order
-from seatrial.runner.overrides import Parser, Refused, apply
-from seatrial.runner.resolution import Resolution, check_size, interpolations, pure, shape, text_of
-from seatrial.runner.vessel_options import VesselOptions
+from seatrial.runner.vessel_options import filled
 from seatrial.runner.vocabulary import GROUPS, Config
+
+NOT_OF_TRIAL = ("hydra", "search")  # parts of a configuration for Hydra, and for a search
 
 
 def order_of(
-    task: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
+    config: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
 ) -> Order:
-    """Return the order of a composed configuration; `hydra` is Hydra's part of it."""
-    if overrides is None:
-        overrides = _given(hydra)
-    config = VesselOptions().filled(_resolve(_task_of(task)))
-    return Order(config=config, names=_names(hydra, overrides), overrides=overrides)
+    """Return the order of a composed configuration.
+
+    Args:
+        config: the configuration, without Hydra's part.
+        hydra: Hydra's part.
+        overrides: those of the job; None takes them from Hydra's part.
+    """
+    if overrides is None:  # their interpolations are not for Hydra's part
+        overrides = cast(list[str], OmegaConf.to_container(cast(Any, hydra.overrides.task)))
+    names = {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
+    return Order(config=filled(_resolved(config)), names=names, overrides=overrides)
+
+
+def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
+    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
+    if choices.get(group):
+        return str(choices[group])
+    lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
+    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
+
+
+def _resolved(config: DictConfig) -> dict[str, object]:
+    """Return the part of a configuration that describes the trial, without interpolations."""
+    return {
+        key: OmegaConf.to_container(value, resolve=True, throw_on_missing=True)
+        if OmegaConf.is_config(value := config[key])
+        else value
+        for key in map(str, config)
+        if key not in NOT_OF_TRIAL
+    }
 
 
 def with_numbers(config: DictConfig) -> DictConfig:
@@ -44,11 +72,10 @@ def with_numbers(config: DictConfig) -> DictConfig:
     Other options stay as they are, with their interpolations.
     """
     shown = deepcopy(config)
-    task = _task_of(config)
-    if "vessel" in task:
-        plain = _resolve(task)
+    if "vessel" in config:
+        plain = _resolved(config)
         with open_dict(shown), read_write(shown):
-            _set_changes(shown, plain, VesselOptions().filled(plain))
+            _set_changes(shown, plain, filled(plain))
     return shown
 
 
@@ -65,39 +92,44 @@ def _set_changes(target: DictConfig, before: Config, after: Config) -> None:
             target[key] = value
 
 
-def _given(hydra: DictConfig | HydraConf) -> list[str]:
-    """Return the overrides as they were given: their interpolations are not for Hydra's part."""
-    return cast(list[str], OmegaConf.to_container(cast(ListConfig, hydra.overrides.task)))
+class Refused(Exception):  # noqa: N818
+    """An override that Hydra refuses."""
 
 
-def _resolve(task: DictConfig) -> dict[str, object]:
-    check_size(task)
-    return cast(
-        dict[str, object], OmegaConf.to_container(task, resolve=True, throw_on_missing=True)
-    )
-
-
-def _names(hydra: DictConfig | HydraConf, overrides: list[str]) -> dict[str, str]:
-    return {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
-
-
-def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
-    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
-    if choices.get(group):
-        return str(choices[group])
-    lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
-    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
+def set_values(config: DictConfig, overrides: Sequence[Override]) -> None:
+    """Set values in their order, as Hydra does; raises Refused where Hydra raises its own error."""
+    try:
+        for override in overrides:
+            key, value = override.key_or_group, override.value()
+            present: Any = None
+            if override.is_add() or override.is_delete():
+                present = OmegaConf.select(config, key, throw_on_missing=False)
+            if override.is_delete():
+                if present is None or (value is not None and value != present):
+                    raise Refused(override.input_line)
+                parent, _, last = key.rpartition(".")
+                with open_dict(config):
+                    node: Any = OmegaConf.select(config, parent) if parent else config
+                    del node[last]
+            elif present is not None and not isinstance(value, dict | list):
+                raise Refused(override.input_line)
+            else:
+                force = override.is_add() or override.is_force_add()
+                OmegaConf.update(config, key, value, merge=True, force_add=force)
+    except (OmegaConfBaseException, AttributeError, TypeError, ValueError, AssertionError) as error:
+        raise Refused(str(error)) from error
 
 
 class SharingLoader:
-    """Composes the jobs of one sweep; jobs that choose the same options share a configuration.
+    """Composes the jobs of one sweep; jobs that choose the same options share a composition.
 
     It replaces Hydra's loader in launchers, which call only `load_sweep_config`. Its copies in one
-    worker share their configurations.
+    worker share their compositions.
     """
 
-    KEPT = 64  # largest number of composed configurations; the oldest is dropped
-    _shared: dict[str, dict[tuple[str, ...], DictConfig]] = {}  # noqa: RUF012 - of the last sweep
+    KEPT = 64  # largest number of compositions; the oldest is dropped
+    # Of the last sweep: its identifier, and the pickled composition of each combination of choices.
+    _shared: tuple[str, dict[tuple[str, ...], bytes]] = ("", {})
 
     def __init__(self, loader: ConfigLoader) -> None:
         self.hydra = loader
@@ -108,40 +140,44 @@ class SharingLoader:
         self, master_config: DictConfig, sweep_overrides: list[str]
     ) -> DictConfig:
         """Return the configuration of a job, as Hydra composes it."""
-        parsed = Parser(self.hydra).parse(sweep_overrides)
-        split = self.split(parsed)
+        split = self.split(sweep_overrides)
         if split is None:
             return self.hydra.load_sweep_config(master_config, sweep_overrides)
         choices, values = split
-        config = deepcopy(self.base(master_config, choices))
         try:
-            apply(config, values)
-        except Refused:  # Hydra raises its own error
+            config = self.composition(master_config, choices)
+            set_values(config, values)
+        except (HydraException, OmegaConfBaseException, Refused):
             return self.hydra.load_sweep_config(master_config, sweep_overrides)
-        hydra, task = config.hydra, [item for item in parsed if not item.is_hydra_override()]
+        hydra, task = config.hydra, [o for o in map(_parsed, sweep_overrides) if _is_task(o)]
+        form = hydra.job.config.override_dirname
+        named = [str(o.input_line) for o in task if o.key_or_group not in form.exclude_keys]
         with open_dict(hydra), read_write(hydra):
             hydra.overrides.task = [override.input_line for override in task]
-            hydra.job.override_dirname = _dirname(task, hydra.job.config.override_dirname)
+            dirname = str(form.item_sep).join(sorted(named))
+            hydra.job.override_dirname = dirname.replace("=", form.kv_sep)
         OmegaConf.copy_cache(from_config=master_config, to_config=config)
         return config
 
-    def split(self, job: Sequence[Override]) -> tuple[list[str], list[Override]] | None:
+    def split(self, job: Sequence[str]) -> tuple[list[str], list[Override]] | None:
         """Split a job into the options it chooses and the values it sets; None if not possible.
 
         Hydra sets values after all choices, in their order. Values of Hydra's own options go with
-        the choices.
+        the choices. Raises errors of Hydra for overrides that cannot be read.
         """
         choices: list[str] = []
         values: list[Override] = []
-        for override in job:
-            chooses = self._chooses(override.key_or_group)
-            if override.is_sweep_override() or override.key_or_group == "hydra":
+        for override in map(_parsed, job):
+            key = override.key_or_group
+            if override.is_sweep_override() or key == "hydra":
                 return None
-            if chooses and not isinstance(override.value(), dict):
+            if key not in self._is_group:
+                self._is_group[key] = bool(self.hydra.get_group_options(key))
+            if self._is_group[key] and not isinstance(override.value(), dict):
                 choices.append(str(override.input_line))
             elif override.package is not None:
                 return None
-            elif not override.is_hydra_override():
+            elif _is_task(override):
                 values.append(override)
             elif override.is_add() or override.is_delete():  # depends on what is there before
                 return None
@@ -149,62 +185,57 @@ class SharingLoader:
                 choices.append(str(override.input_line))
         return choices, values
 
-    def base(self, master: DictConfig, choices: list[str]) -> DictConfig:
-        """Return the configuration of the choices alone; the caller must not change it."""
-        if self._sweep not in self._shared:
-            self._shared.clear()
-        composed = self._shared.setdefault(self._sweep, {})
+    def composition(self, master: DictConfig, choices: Sequence[str]) -> DictConfig:
+        """Return a copy of the configuration of the choices alone; raises errors of Hydra."""
+        sweep, composed = SharingLoader._shared
+        if sweep != self._sweep:
+            composed = {}
+            SharingLoader._shared = self._sweep, composed
         key = tuple(choices)
         if key not in composed:
             if len(composed) >= self.KEPT:
                 del composed[next(iter(composed))]
-            composed[key] = self.hydra.load_sweep_config(master, choices)
-        return composed[key]
-
-    def _chooses(self, key: str) -> bool:
-        if key not in self._is_group:
-            self._is_group[key] = bool(self.hydra.get_group_options(key))
-        return self._is_group[key]
+            composed[key] = pickle.dumps(self.hydra.load_sweep_config(master, list(choices)))
+        config: DictConfig = pickle.loads(composed[key])  # a third of the time of a deep copy
+        return config
 
 
-def _dirname(overrides: Sequence[Override], form: DictConfig) -> str:
-    """Return the value of `hydra.job.override_dirname`."""
-    items = [item for item in overrides if item.key_or_group not in form.exclude_keys]
-    texts = sorted(str(item.input_line) for item in items)
-    return str(form.item_sep).join(texts).replace("=", form.kv_sep)
+@lru_cache(maxsize=4096)  # the jobs of a sweep have most of their overrides in common
+def _parsed(text: str) -> Override:
+    override: Override = OverridesParser.create().parse_override(text)
+    return override
 
 
-@dataclass(frozen=True)
-class _Chosen:
-    """The configuration of some choices, without Hydra's part, and the names of the options."""
-
-    task: DictConfig
-    names: dict[str, str]
-    pure: bool  # its interpolations depend on the configuration and the environment only
+def _is_task(override: Override) -> bool:
+    return not override.is_hydra_override()
 
 
 class Composer:
-    """Composes the jobs of one sweep; `master` is the sweep's own configuration."""
-
-    KEPT = 64  # largest number of resolutions; the oldest is dropped
+    """Composes the orders of one sweep; `master` is the sweep's own configuration."""
 
     def __init__(self, loader: SharingLoader, master: DictConfig) -> None:
         self._loader = loader
         self._master = master
-        self._parser = Parser(loader.hydra)
-        self._choices: list[str] | None = None
-        self._chosen: _Chosen | None = None
-        self._resolutions: dict[tuple[str, ...], Resolution] = {}
-        self._options: dict[tuple[tuple[str, ...], str], bool] = {}  # by choices and key
-        self._vessel_options = VesselOptions()
+        self._has_option: dict[tuple[tuple[str, ...], str], bool] = {}  # by choices and key
+
+    def order(self, job: list[str]) -> Order:
+        """Return the order of one job; raises errors of Hydra and OmegaConf."""
+        config = self._loader.load_sweep_config(self._master, job)
+        HydraConfig.instance().set_config(config)  # for interpolations of Hydra's part
+        hydra = config.hydra
+        with open_dict(config), read_write(config):
+            del config["hydra"]
+        return order_of(config, hydra, job)
 
     def choices(self, job: list[str]) -> list[str]:
         """Return the options that a job chooses; empty if it cannot be split or read."""
+        return self._split(job)[0]
+
+    def _split(self, job: list[str]) -> tuple[list[str], list[Override]]:
         try:
-            split = self._loader.split(self._parser.parse(job))
+            return self._loader.split(job) or ([], [])
         except HydraException:
-            return []
-        return split[0] if split is not None else []
+            return [], []
 
     def applicable(self, jobs: Sequence[list[str]]) -> list[list[str]]:
         """Leave out of each job the options that its choices do not have but another job's do."""
@@ -221,96 +252,18 @@ class Composer:
 
     def _lacking(self, job: list[str]) -> set[str]:
         """Return the options of a group that a job sets but its choices do not have."""
-        try:
-            split = self._loader.split(self._parser.parse(job))
-        except HydraException:
-            return set()
-        if split is None:
-            return set()
-        choices, values = split
-        keys = (value.key_or_group for value in values if not (value.is_add() or value.is_delete()))
-        return {key for key in keys if _group_of(key) and not self._has(tuple(choices), key)}
+        choices, values = self._split(job)
+        keys = {value.key_or_group for value in values if not (value.is_add() or value.is_delete())}
+        of_groups = {key for key in keys if "." in key and key.partition(".")[0] in GROUPS}
+        return {key for key in of_groups if not self._has(tuple(choices), key)}
 
     def _has(self, choices: tuple[str, ...], key: str) -> bool:
-        if (choices, key) not in self._options:
+        if (choices, key) not in self._has_option:
             parent, _, name = key.rpartition(".")
             try:
-                node = OmegaConf.select(self._loader.base(self._master, list(choices)), parent)
+                node = OmegaConf.select(self._loader.composition(self._master, choices), parent)
             except (HydraException, OmegaConfBaseException):
                 return True  # the composition of the job reports it
-            self._options[choices, key] = isinstance(node, DictConfig) and name in list(node.keys())
-        return self._options[choices, key]
-
-    def order(self, job: list[str]) -> Order:
-        """Return the order of one job; raises errors of Hydra and OmegaConf."""
-        split = self._loader.split(self._parser.parse(job))
-        if split is None:
-            return self._composed_by_hydra(job)
-        choices, values = split
-        if choices != self._choices or self._chosen is None:  # the next jobs often choose the same
-            try:
-                self._chosen = self._choose(choices, job)
-            except Exception:  # Hydra raises its own error about the complete job
-                return self._composed_by_hydra(job)
-            self._choices = choices
-            self._resolutions.clear()
-        chosen = self._chosen
-        if not chosen.pure or not all(pure(str(override.input_line)) for override in values):
-            return self._composed_by_hydra(job)
-        config = self._resolved(chosen, values)
-        if config is not None:
-            return self._order(config, chosen, job)
-        task = deepcopy(chosen.task)
-        try:
-            apply(task, values)
-        except Refused:
-            return self._composed_by_hydra(job)  # Hydra raises its own error
-        return self._order(_resolve(task), chosen, job)
-
-    def _order(self, config: dict[str, object], chosen: _Chosen, job: list[str]) -> Order:
-        filled = self._vessel_options.filled(config)
-        return Order(config=filled, names=chosen.names, overrides=job)
-
-    def _choose(self, choices: list[str], job: list[str]) -> _Chosen:
-        config = self._loader.base(self._master, choices)
-        task = _task_of(config)
-        names = _names(config.hydra, job)
-        texts = [text_of(container, key) for container, key, _ in interpolations(task)]
-        return _Chosen(task, names, all(map(pure, texts)))
-
-    def _resolved(self, chosen: _Chosen, values: Sequence[Override]) -> dict[str, object] | None:
-        """Return the configuration of a job from that of another job; None if not possible."""
-        form = shape(values)
-        if form is None:
-            return None
-        try:
-            if form not in self._resolutions:
-                if len(self._resolutions) >= self.KEPT:
-                    del self._resolutions[next(iter(self._resolutions))]
-                self._resolutions[form] = Resolution(deepcopy(chosen.task), values)
-            return self._resolutions[form].resolved(values)
-        except (Refused, OmegaConfBaseException):
-            self._resolutions.pop(form, None)
-            return None
-
-    def _composed_by_hydra(self, job: list[str]) -> Order:
-        config = self._loader.hydra.load_sweep_config(self._master, job)
-        HydraConfig.instance().set_config(config)
-        return order_of(_task_of(config), config.hydra, job)
-
-
-def _group_of(key: str) -> str:
-    """Return the group that an option belongs to; empty for the options of every trial."""
-    group, dot, _ = key.partition(".")
-    return group if dot and group in GROUPS else ""
-
-
-def _task_of(config: DictConfig) -> DictConfig:
-    """Copy a configuration without Hydra's part and that of a search, which are not of the trial.
-
-    Unknown options are refused as before.
-    """
-    own = [str(key) for key in config if key not in ("hydra", "search")]
-    task: DictConfig = OmegaConf.masked_copy(config, own)
-    OmegaConf.set_struct(task, OmegaConf.is_struct(config))
-    return task
+            has = isinstance(node, DictConfig) and name in list(node.keys())
+            self._has_option[choices, key] = has
+        return self._has_option[choices, key]

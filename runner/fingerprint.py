@@ -7,8 +7,7 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 from seatrial.runner.plugins import targets
-from seatrial.runner.shared import once
 from seatrial.runner.vocabulary import NOT_COMPARED
 
 if TYPE_CHECKING:  # what is slow to import
@@ -42,34 +40,23 @@ def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources:
     """
     compared = {str(key): node for key, node in config.items() if key not in NOT_COMPARED}
     compared.setdefault("excitation", None)
-    nodes = {
-        key: once(node, "compared", partial(_compared, key, node)) for key, node in compared.items()
-    }
+    nodes = {key: _by_files(key, node) for key, node in compared.items()}
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
-    texts = (f"{canonical(key)}:{nodes[key].text}" for key in sorted(nodes))
-    parts = {name: digest for node in nodes.values() for name, digest in node.parts.items()}
-    rest = canonical({"names": chosen, "parts": parts, "sources": sources})
-    content = f'{{"config":{{{",".join(texts)}}},{rest.removeprefix("{")}'
+    own = [name for name in targets(list(nodes.values())) if not name.startswith(OWN)]
+    parts = {name: part_digest(name) for name in own}
+    content = canonical({"config": nodes, "names": chosen, "parts": parts, "sources": sources})
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-@dataclass(frozen=True)
-class _Compared:
-    """What a fingerprint holds of an option: its canonical text, and digests of parts by class."""
-
-    text: str
-    parts: Mapping[str, str]
-
-
-def _compared(key: str, node: object) -> _Compared:
+def _by_files(key: str, node: object) -> object:
+    """Replace the files that an option names by the digests of their content."""
     if key == "excitation":
-        node = _recordings_by_content(node)
+        return _recordings_by_content(node)
     if key == "identifier":
-        node = _program_by_content(node)
+        return _program_by_content(node)
     if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
-        node = {**node, "wind": _by_content(node["wind"], "file")}
-    parts = {name: part_digest(name) for name in targets(node) if not name.startswith(OWN)}
-    return _Compared(canonical(node), parts)
+        return {**node, "wind": _by_content(node["wind"], "file")}
+    return node
 
 
 def _program_by_content(node: object) -> object:

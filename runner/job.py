@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from seatrial.models.errors import Diverged
+from seatrial.models.errors import Diverged, SeatrialError
 from seatrial.runner import database
-from seatrial.runner.config import SweepLabels, Trial, build_trial
+from seatrial.runner.config import Limits, SweepLabels, Trial, build_trial
 from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
@@ -73,9 +73,14 @@ def shown(overrides: Sequence[str]) -> str:
 def prepare(order: Order) -> Trial:
     """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
     trial = build_trial(order.config, order.names)
+    check(trial)
+    return trial
+
+
+def check(trial: Trial) -> None:
+    """Check a trial; raises SeatrialError if it cannot be run."""
     with attributed(trial.config):
         trials.check(trial)
-    return trial
 
 
 def perform(
@@ -143,6 +148,39 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunS
 
 
 # Checked trials, rejected trials, and their state in the logbook.
+
+
+class Planner:
+    """Plans the trials of one sweep: each is built, checked and given its fingerprint.
+
+    `sources` is the digest of the code that computes results. A check may read a recording and does
+    not depend on the seed, so the replicates of an experiment are checked once.
+    """
+
+    def __init__(self, sources: str) -> None:
+        self._sources = sources
+        self._errors: dict[tuple[str, Limits], SeatrialError | None] = {}  # by experiment
+
+    def plan(self, order: Order) -> "Plan":
+        """Build and check a trial; raises SeatrialError if it cannot be run."""
+        trial = build_trial(order.config, order.names)
+        key = order.experiment(self._sources), trial.limits
+        if key not in self._errors:
+            self._errors[key] = None
+            try:
+                check(trial)
+            except SeatrialError as problem:
+                self._errors[key] = problem
+        if (error := self._errors[key]) is not None:
+            raise error.with_traceback(None)
+        return Plan(
+            overrides=order.overrides,
+            fingerprint=order.fingerprint(self._sources),
+            database_url=trial.database_url,
+            results_dir=trial.results_dir,
+            rerun=trial.rerun,
+            labels=trial.sweep,
+        )
 
 
 @dataclass(frozen=True, slots=True)

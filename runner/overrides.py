@@ -1,59 +1,12 @@
-"""Overrides of jobs: parsed once for each text, and applied to a configuration as Hydra does."""
+"""Overrides of a sweep's command line: which are left to its jobs, and their sweeps in lists."""
 
-import re
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, OverrideType, Sweep, ValueType
+from hydra.core.override_parser.types import Override, Sweep
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf, open_dict
-from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.runner.vocabulary import GROUPS
-
-# `key=number` without spaces or underscores; a part of Hydra's grammar.
-_NUMBER = re.compile(
-    r"(?P<key>[A-Za-z_]\w*(?:\.(?:[A-Za-z_]\w*|0|[1-9]\d{0,8}))*)"
-    r"=(?P<number>-?(?:0|[1-9]\d{0,17})(?P<rest>(?:\.\d{1,20})?(?:e[+-]?\d{1,3})?))",
-    re.ASCII,
-)
-
-
-class Parser:
-    """Hydra's parser of overrides. Numbers, which differ from job to job, are read faster."""
-
-    KEPT = 4096  # largest number of parsed texts
-
-    def __init__(self, loader: ConfigLoader) -> None:
-        self._loader = loader
-        self._parser = OverridesParser.create(config_loader=loader)
-        self._parsed: dict[str, Override] = {}
-
-    def parse(self, texts: Sequence[str]) -> list[Override]:
-        """Parse the overrides of a job; raises errors of Hydra."""
-        return [self._number(text) or self._other(text) for text in texts]
-
-    def _number(self, text: str) -> Override | None:
-        match = _NUMBER.fullmatch(text)
-        if match is None:
-            return None
-        return Override(
-            type=OverrideType.CHANGE,
-            key_or_group=match["key"],
-            value_type=ValueType.ELEMENT,
-            _value=float(match["number"]) if match["rest"] else int(match["number"]),
-            input_line=text,
-            config_loader=self._loader,
-        )
-
-    def _other(self, text: str) -> Override:
-        if text not in self._parsed:
-            if len(self._parsed) >= self.KEPT:
-                self._parsed.clear()
-            (self._parsed[text],) = self._parser.parse_overrides([text])
-        return self._parsed[text]
 
 
 def left_to_jobs(
@@ -100,45 +53,3 @@ def nested_sweeps(value: object, name: str) -> Iterator[tuple[str, Sweep]]:
     elif isinstance(value, dict):
         for key, inner in value.items():
             yield from nested_sweeps(inner, f"{name}.{key}")
-
-
-class Refused(Exception):  # noqa: N818
-    """An override that Hydra refuses."""
-
-
-def apply(config: DictConfig, overrides: Sequence[Override]) -> None:
-    """Apply overrides of values in their order; raises Refused where Hydra raises its own error."""
-    try:
-        for override in overrides:
-            if override.is_delete():
-                _delete(config, override)
-            elif override.is_add() and not _may_be_added(config, override):
-                raise Refused(override.input_line)
-            else:
-                set_value(config, override)
-    except (OmegaConfBaseException, AttributeError, TypeError, ValueError, AssertionError) as error:
-        raise Refused(str(error)) from error
-
-
-def set_value(config: DictConfig, override: Override) -> None:
-    """Set or add a value; raises errors of OmegaConf."""
-    force = override.is_add() or override.is_force_add()
-    key, value = override.key_or_group, override.value()
-    OmegaConf.update(config, key, value, merge=True, force_add=force)
-
-
-def _may_be_added(config: DictConfig, override: Override) -> bool:
-    if isinstance(override.value(), dict | list):
-        return True
-    return OmegaConf.select(config, override.key_or_group, throw_on_missing=False) is None
-
-
-def _delete(config: DictConfig, override: Override) -> None:
-    key, value = override.key_or_group, override.value()
-    present = OmegaConf.select(config, key, throw_on_missing=False)
-    if present is None or (value is not None and value != present):
-        raise Refused(override.input_line)
-    parent, _, last = key.rpartition(".")
-    with open_dict(config):
-        node: Any = OmegaConf.select(config, parent) if parent else config
-        del node[last]

@@ -15,7 +15,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner import options
-from seatrial.runner.checked_yaml import LOADER, check_file
 from seatrial.runner.search_path import CONF
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
@@ -53,11 +52,11 @@ def read_map(path: Path) -> dict[str, object]:
     Raises ConfigurationError if there is no such file or it is no map.
     """
     path = path.expanduser()
-    check_file(path)
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), LOADER)
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        known = getattr(error, "strerror", None) or getattr(error, "problem", None)
+        reason = known or str(error).splitlines()[0]
         raise ConfigurationError(
             f"excitation.map: {path}: {reason}, expected a YAML file of columns"
         ) from error

@@ -22,9 +22,8 @@ from seatrial.runner.composition import Composer
 from seatrial.runner.config import Limits, build_as
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
-from seatrial.runner.job import Plan, Refusal, known, listed, shown
+from seatrial.runner.job import Plan, Planner, Refusal, known, listed, shown
 from seatrial.runner.launching import LaunchResult
-from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import collect
 from seatrial.runner.sweep import (
     SeatrialSweeper,

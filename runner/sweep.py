@@ -36,6 +36,7 @@ from seatrial.runner.job import (
     Order,
     Outcome,
     Plan,
+    Planner,
     Refusal,
     known,
     listed,
@@ -45,7 +46,6 @@ from seatrial.runner.job import (
 )
 from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.overrides import nested_sweeps
-from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
 from seatrial.runner.stop_signals import leave_shield
 

@@ -31,35 +31,14 @@ NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where nul
 SHORTEST_S, LONGEST_S = 1e-9, 1e9
 
 
-class VesselOptions:
-    """Fills the options of one trial after the other; equal nodes are filled once."""
+def filled(config: Config) -> dict[str, object]:
+    """Return a resolved configuration with the numbers of its vessel.
 
-    def __init__(self) -> None:
-        self._source: tuple[object, object] = None, None  # vessel and sample time of the last trial
-        self._numbers = _Numbers({}, 0.0)
-        self._filled: dict[str, tuple[object, object]] = {}  # by name: the last node, and filled
-
-    def filled(self, config: Config) -> dict[str, object]:
-        """Return a resolved configuration with the numbers of its vessel.
-
-        Raises ConfigurationError if a number cannot be derived.
-        """
-        vessel, sample_time = config.get("vessel"), config.get("sample_time_s")
-        if self._source[0] is not vessel or self._source[1] != sample_time:
-            self._source = vessel, sample_time
-            self._numbers = _Numbers(vessel, sample_time)
-            # What has no number of a vessel is the same for the next vessel.
-            self._filled = {k: (node, v) for k, (node, v) in self._filled.items() if node is v}
-        return {name: self._of(name, node) for name, node in config.items()}
-
-    def _of(self, name: str, node: object) -> object:
-        if not isinstance(node, INNER):
-            return node
-        last, result = self._filled.get(name, (None, None))
-        if last is not node:
-            result = _fill(node, name, self._numbers, tuning.marks_of(Settings).parts.get(name))
-            self._filled[name] = node, result
-        return result
+    Raises ConfigurationError if a number cannot be derived.
+    """
+    numbers = _Numbers(config.get("vessel"), config.get("sample_time_s"))
+    parts = tuning.marks_of(Settings).parts
+    return {name: _fill(node, name, numbers, parts.get(name)) for name, node in config.items()}
 
 
 class _Numbers:

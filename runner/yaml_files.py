@@ -1,8 +1,7 @@
-"""The source of the YAML files of a configuration, which are checked before they are expanded.
+"""The source of the YAML files of a configuration, with vessels that are no options of it.
 
-Beside the options of the configuration, `vessel=path.yaml` is a file from the working folder, and
-`vessel=run:17` the identified model of run 17 in the logbook of the trial, as
-`seatrial-results model 17 --to yaml` writes it.
+`vessel=path.yaml` is a file from the working folder, and `vessel=run:17` the identified model of
+run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` writes it.
 """
 
 import re
@@ -10,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, cast
 
+import yaml
 from hydra._internal.core_plugins import file_config_source
 from hydra.core.global_hydra import GlobalHydra
 from hydra.plugins.config_source import ConfigResult
@@ -17,8 +17,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database, export, suited_parts
-from seatrial.runner.checked_yaml import check_file
 from seatrial.runner.vocabulary import Config
 
 GROUP = "vessel/"
@@ -56,11 +56,10 @@ def _logbook(overrides: Sequence[str]) -> str:
 
 
 class FileConfigSource(file_config_source.FileConfigSource):
-    """Hydra's source of configuration files, which checks a file before it is loaded.
+    """Hydra's source of configuration files, with files of the working folder and models of runs.
 
-    Vessels may also be files of the working folder, and models of runs; they choose the excitation
-    and the controller that suit them (`suited_parts`). Its name is that of Hydra's own: in workers
-    Hydra would refuse another one for files.
+    Vessels choose the excitation and the controller that suit them (`suited_parts`). Its name is
+    that of Hydra's own: in workers Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
@@ -76,8 +75,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
     def load_config(self, config_path: str) -> ConfigResult:
         """Load a file or the model of a run.
 
-        Raises ConfigurationError if a file is too large, too deep, or no YAML, and LogbookError if
-        there is no such run.
+        Raises ConfigurationError if a file is no YAML, and LogbookError if there is no such run.
         """
         if match := RUN.fullmatch(config_path):
             run_id = match["id"]
@@ -90,8 +88,14 @@ class FileConfigSource(file_config_source.FileConfigSource):
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)
-        check_file(Path(self.path) / self._normalize_file_name(place))
-        result = super().load_config(place)
+        try:
+            result = super().load_config(place)
+        except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+            file = Path(self.path) / self._normalize_file_name(place)
+            mark = getattr(error, "problem_mark", None)
+            line = "" if mark is None else f", line {mark.line + 1}"
+            reason = getattr(error, "problem", None) or str(error).splitlines()[0]
+            raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
         if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
             result.config = _with_suited_parts(result.config)
         return result

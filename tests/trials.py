@@ -12,7 +12,7 @@ from seatrial.runner.composition import order_of
 from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.job import Order
 from seatrial.runner.trial import excite
-from seatrial.runner.vessel_options import VesselOptions
+from seatrial.runner.vessel_options import filled
 from seatrial.runner.vocabulary import GROUPS
 
 CONF = Path(__file__).parents[1] / "conf"
@@ -27,8 +27,8 @@ def composed(*overrides: str) -> Trial:
         del config["hydra"]
         resolved = OmegaConf.to_container(config, resolve=True)
     assert isinstance(resolved, dict)
-    filled = VesselOptions().filled({str(key): node for key, node in resolved.items()})
-    return build_trial(filled, {group: choices[group] for group in GROUPS})
+    nodes = filled({str(key): node for key, node in resolved.items()})
+    return build_trial(nodes, {group: choices[group] for group in GROUPS})
 
 
 def ordered(*overrides: str) -> Order:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.vessel_options import VesselOptions
+from seatrial.runner.vessel_options import filled
 from tests.abuse.isolated import Order
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -160,7 +160,7 @@ def _composed(
     """The overrides of a short trial with a choice, and what they resolve to."""
     overrides = (*(one for one in short if not one.startswith(f"{group}=")), f"{group}={name}")
     plain: Any = OmegaConf.to_container(compose("trial", list(overrides)), resolve=True)
-    return overrides, list(_leaves(VesselOptions().filled(plain)))
+    return overrides, list(_leaves(filled(plain)))
 
 
 def trials() -> list[Trial]:

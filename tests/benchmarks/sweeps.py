@@ -28,7 +28,7 @@ from seatrial.runner.__main__ import main
 from seatrial.runner.composition import Composer, SharingLoader
 from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.planning import Planner
+from seatrial.runner.job import Planner
 from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
 

@@ -17,7 +17,7 @@ from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.config import build_as
-from seatrial.runner.vessel_options import VesselOptions
+from seatrial.runner.vessel_options import filled
 
 CONF = Path(__file__).parents[2] / "conf"
 PERIOD_S = 0.1
@@ -42,7 +42,7 @@ def configured(group: str, name: str, **changes: Any) -> Any:
     node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
     config = {"vessel": OmegaConf.load(CONF / "vessel" / "milliampere.yaml"), group: node}
     nodes: Any = OmegaConf.to_container(OmegaConf.create(config), resolve=True)
-    return build_as(object, VesselOptions().filled(nodes)[group], group)
+    return build_as(object, filled(nodes)[group], group)
 
 
 @cache

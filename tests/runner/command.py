@@ -28,17 +28,20 @@ class Answer:
 
 @dataclass
 class FakeTrial:
-    """Stands in for seatrial.runner.trial: what happens depends on the seed."""
+    """Stands in for seatrial.runner.trial: what happens depends on the seed.
+
+    A check does not depend on the seed; it refuses scales of the plant.
+    """
 
     failing: set[int] = field(default_factory=set)
     diverging: set[int] = field(default_factory=set)
-    refused: set[int] = field(default_factory=set)
+    refused: set[float] = field(default_factory=set)
     interrupted: set[int] = field(default_factory=set)
     ran: list[int] = field(default_factory=list)
 
     def check(self, trial: Trial) -> None:
-        if trial.seed in self.refused:
-            raise ConfigurationError(f"seed: {trial.seed} is not seaworthy")
+        if trial.plant_scale in self.refused:
+            raise ConfigurationError(f"plant.scale: {trial.plant_scale:g} is not seaworthy")
 
     def run(self, trial: Trial) -> Results:
         self.ran.append(trial.seed)

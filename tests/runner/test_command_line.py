@@ -180,7 +180,7 @@ def test_an_interrupted_trial(seatrial: Command) -> None:
 
 def test_a_refused_trial_leaves_no_row(seatrial: Command) -> None:
     seatrial.pretend().refused = {3}
-    assert seatrial.refuses("seed=3") == "seed: 3 is not seaworthy"
+    assert seatrial.refuses("plant.scale=3") == "plant.scale: 3 is not seaworthy"
 
 
 def test_a_dry_run_runs_nothing(seatrial: Command) -> None:

@@ -1,5 +1,6 @@
 """Jobs composed from what they share are the jobs that Hydra composes, one by one."""
 
+import pickle
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,12 +12,12 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf.errors import ReadonlyConfigError
 
 from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.config import Limits
-from seatrial.runner.hydra_errors import CONF, EXPECTED
-from seatrial.runner.overrides import Parser
+from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.sweep import jobs_of
 
 CHOICES = (
@@ -43,7 +44,6 @@ VALUES = (
 )
 # The name of a job's folder, of the overrides without this one.
 NAMED = "hydra.job.config.override_dirname.exclude_keys=[name] +name=${hydra:job.override_dirname}"
-OWN = "vessel.tuning.pid.kp=[1,2,3]"
 overrides = st.sampled_from(CHOICES) | st.builds(
     lambda sign, key, value: f"~{key}" if sign == "~" else f"{sign}{key}={value}",
     st.sampled_from(["", "", "", "", "+", "++", "~", "~~"]),
@@ -106,54 +106,68 @@ def test_jobs_that_share_are_those_of_hydra(
         assert shared(composer, job) == by_hydra(master, job), job
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("first", "second"),
+    "jobs",
     [
-        ("vessel.plant_scale=2 seed=1", "vessel.plant_scale=3 seed=1"),  # plant.scale follows
-        ("plant.scale=${seed} seed=1", "plant.scale=${seed} seed=2"),
-        ("+a=${b} +b=${seed} seed=1", "+a=${b} +b=${seed} seed=2"),  # through another
-        ("excitation.axes=[surge] excitation=prbs", "excitation.axes=[sway] excitation=prbs"),
-        ("vessel.dofs=[surge] excitation=prbs", "vessel.dofs=[sway,yaw] excitation=prbs"),
-        (f"{NAMED} seed=1", f"{NAMED} seed=2"),
-        ("plant.change={at_s:1,scale:2} seed=1", "plant.change={scale:3} seed=1"),
-        ("~update seed=1", "~update seed=2"),
-        ("+new.x=1 seed=1", "+new.x=2 seed=2"),
-        ("seed=1", "seed='1'"),
-        ("seed=1", "seed=true"),
-        ("seed=0.0", "seed=-0.0"),
-        ("controller.kp=[1,2] controller={kp:[4]}", "controller.kp=[1,2] controller={kp:[5]}"),
-        ("plant.scale=1 +plant.scale=2", "plant.scale=null +plant.scale=2"),
-        ("seed=1 absent=2", "seed=2 absent=2"),
-        ("seed=1", "seed=???"),
-        ("controller.kp=[1,2,3]", "controller.kp=4"),
-        ("seed=${.sample_time_s}", "seed=${.plant.scale}"),  # in Hydra's part they lead nowhere
-        (f"{OWN} controller.ki=${{vessel.tuning.pid.kp}}", OWN),  # read by one option less
-        ("vessel.tuning.reference.interval_s=1", "vessel.tuning.reference.interval_s=true"),
-        ("vessel.tuning.pid.kp=null seed=1", "vessel.tuning.pid.kp=null seed=2"),  # derived
-        ("~vessel.tuning vessel.length_m=5", "~vessel.tuning vessel.length_m=6"),
-        ("controller.kp=auto", "controller.kp=[1,2,3]"),
-        ("~vessel.tuning sample_time_s=0.1", "~vessel.tuning sample_time_s=0.2"),
-        ("vessel.inertia.0.0=2e3 seed=1", "vessel.inertia.0.0=2.5e3 seed=2"),  # in a list
-        ("vessel.inertia.0=[1,0,0]", "vessel.inertia.0.1=3"),
-        ("+new=${vessel.dofs.0} vessel.dofs.0=a", "+new=${vessel.dofs.0} vessel.dofs.0=b"),
-        ("+new=${vessel.dofs[0]} vessel.dofs.0=a", "+new=${vessel.dofs[0]} vessel.dofs.0=b"),
-        ("vessel.inertia.3.0=1", "vessel.inertia.3.0=2"),  # there is no such row
-        ("~vessel.dofs.2 seed=1", "~vessel.dofs.2 seed=2"),
-        ("vessel.dofs.0=1 vessel.dofs=[a]", "vessel.dofs.0=2 vessel.dofs=[b]"),
+        ["seed=3", "seed='1'", "seed=true", "seed=-0.0", "seed=???", "seed=1 absent=2"],
+        ["vessel.plant_scale=2", "vessel.plant_scale=3"],  # plant.scale follows
+        ["seed=${plant.scale} plant.scale=3", "seed=${.sample_time_s}", "seed=${.plant.scale}"],
+        ["+a=${b} +b=${seed} seed=1", "+a=${hydra:job.name}", "+a=${hydra.job.name}"],
+        ["identifier=ls identifier.lowpass_hz=0.5", "identifier.lowpass_hz=0.5 identifier=ls"],
+        ["vessel=surge_linear +identifier.note=x", "excitation=prbs vessel.dofs=[sway,yaw]"],
+        [f"{NAMED} seed=1", f"{NAMED} seed=2", "hydra.job.name=x seed=1", "+hydra.job.x=1 seed=1"],
+        ["plant.change={at_s:1,scale:2}", "plant.change={scale:3}", "+new.x=1", "results_dir=a"],
+        ["~controller seed=1", "~update seed=1", "~vessel.tuning sample_time_s=0.2", "~absent"],
+        ["controller.kp=[1,2] controller={kp:[4]}", "controller.kp=auto", "controller.kp=4"],
+        ["plant.scale=1 +plant.scale=2", "plant.scale=null +plant.scale=2", "++plant.scale=2"],
+        ["vessel.tuning.pid.kp=[1,2,3] controller.ki=${vessel.tuning.pid.kp}"],
+        ["vessel.inertia.0.0=2e3", "vessel.inertia.3.0=1", "~vessel.dofs.2", "~vessel.dofs=[a]"],
+        ["identifier=glob(l*)", "identifier=absent", "vessel=[otter]", "disturbance=[noise,wind]"],
     ],
+    ids=lambda jobs: jobs[0],
 )
-def test_a_job_after_another(master: DictConfig, first: str, second: str) -> None:
+def test_a_job_after_another(master: DictConfig, jobs: list[str]) -> None:
     composer = Composer(SharingLoader(loader()), master)
-    for job in (first.split(), second.split(), first.split()):
-        assert shared(composer, job) == by_hydra(master, job), job
+    expected = [by_hydra(master, job.split()) for job in jobs]
+    for job, outcome in zip([*jobs, jobs[0]], [*expected, expected[0]], strict=True):
+        assert shared(composer, job.split()) == outcome, job
 
 
-def test_later_jobs_do_not_change_earlier_ones(master: DictConfig) -> None:
-    composer = Composer(SharingLoader(loader()), master)
-    orders = [composer.order([f"vessel.plant_scale={scale}"]) for scale in (2, 3, 4)]
-    assert [order.config["plant"]["scale"] for order in orders] == [2, 3, 4]
-    assert [order.config["vessel"]["plant_scale"] for order in orders] == [2, 3, 4]
+@pytest.mark.parametrize("job", ["identifier=ls seed=4", "hydra.job.name=x seed=1", "~controller"])
+def test_what_is_shared_is_what_hydra_composes(master: DictConfig, job: str) -> None:
+    sharing = SharingLoader(loader())
+    slow = loader().load_sweep_config(master, job.split())
+    HydraConfig.instance().set_config(slow)
+    for sharer in (sharing, sharing, pickle.loads(pickle.dumps(sharing))):  # as in a worker
+        fast = sharer.load_sweep_config(master, job.split())
+        assert OmegaConf.to_yaml(fast) == OmegaConf.to_yaml(slow)
+        assert OmegaConf.is_struct(fast)
+        with open_dict(fast):  # as launchers do
+            fast.hydra.job.num = 7
+        HydraConfig.instance().set_config(fast)
+        with pytest.raises(ReadonlyConfigError):
+            fast.hydra.job.num = 8
+
+
+def test_a_job_composes_nothing_that_another_has_chosen(
+    master: DictConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    composed = []
+    kind = type(loader())
+    compose_all = kind.load_sweep_config
+
+    def counted(self: Any, master: DictConfig, overrides: list[str]) -> Any:
+        composed.append(overrides)
+        return compose_all(self, master, overrides)
+
+    monkeypatch.setattr(kind, "load_sweep_config", counted)
+    sharing = SharingLoader(loader())
+    for seed in range(5):
+        for name in ("ls", "plsr"):
+            copied = pickle.loads(pickle.dumps(sharing))  # a worker gets one with every job
+            config = copied.load_sweep_config(master, [f"identifier={name}", f"seed={seed}"])
+            assert config.seed == seed
+    assert composed == [["identifier=ls"], ["identifier=plsr"]]
 
 
 @pytest.mark.parametrize(
@@ -172,22 +186,5 @@ def test_what_a_sweep_lists(master: DictConfig, argument: str, count: int) -> No
     parser = OverridesParser.create(config_loader=loader())
     jobs = jobs_of(parser, {}, [], [argument, "sample_time_s=0.1,0.2"], Limits())
     assert len(jobs) == 2 * count
-    for job in jobs:
+    for job in (jobs[0], jobs[-1]):
         assert shared(composer, job) == by_hydra(master, job), job
-
-
-@given(
-    st.from_regex(r"[+~]{0,2}[a-z_.0-9]{1,4}=[-+]?[0-9_.e+-]{0,22}", fullmatch=True)
-    | st.builds("seed={}".format, st.integers() | st.floats())
-)
-def test_numbers_are_read_as_hydra_reads_them(text: str) -> None:
-    def parsed(parse: Any) -> str:
-        try:
-            (override,) = parse([text])
-        except EXPECTED as error:
-            return f"{type(error).__name__}: {error}"
-        value = override.value()
-        return repr((vars(override) | {"config_loader": None}, type(value), value))
-
-    ours, hydras = Parser(None), OverridesParser.create()  # type: ignore[arg-type]
-    assert parsed(ours.parse) == parsed(hydras.parse_overrides)

@@ -15,7 +15,6 @@ FLOORS = (
     "models.findings",
     "models.returned",
     "models.ranges",
-    "models.demand",
     "models.source_digest",
     "models.compile_lock",
     "models.compiled",
@@ -34,10 +33,8 @@ FLOORS = (
     "runner.plugins",
     "runner.search_path",
     "runner.vocabulary",
-    "runner.shared",
     "runner.options",
     "runner.record.catalogue",
-    "runner.checked_yaml",
     "runner.recording_map",
     "runner.database",
     "runner.record.coefficient_rows",
@@ -65,7 +62,7 @@ ONLY = {
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
-    *("__main__", "sweep", "joblib_workers", "launching", "composition", "overrides", "resolution"),
+    *("__main__", "sweep", "joblib_workers", "launching", "composition", "overrides"),
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }

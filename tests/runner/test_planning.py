@@ -1,28 +1,18 @@
 """Plans of a sweep: what trials share is computed once, and nothing that differs is overlooked."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import Results
-from seatrial.runner.fingerprint import _plain, fingerprint
-from seatrial.runner.job import Order, Plan, prepare
-from seatrial.runner.planning import Checks, Planner
-from seatrial.runner.shared import SharedNodes
+from seatrial.runner.job import Order, Plan, Planner, prepare
 from tests.runner.command import Command
 from tests.runner.database.samples import make_start
-from tests.trials import composed, ordered
+from tests.trials import ordered
 
 JOBS = (
     "seed=1", "seed=2", "plant.scale=2", "sample_time_s=0.2",
@@ -57,48 +47,24 @@ def test_a_trial_is_planned_among_others_as_alone() -> None:
     assert len({plan for plan in plans if isinstance(plan, str)}) >= 3  # several are refused
 
 
-def test_a_check_is_repeated_for_what_it_reads_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_replicates_of_an_experiment_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 
     def check(trial: Trial) -> None:
-        calls.append((trial.vessel.name, trial.sample_time_s))
-        if trial.sample_time_s > 1.0 and trial.seed == 3:
+        calls.append(trial.sample_time_s)
+        if trial.limits.samples < 10.0:
             raise ConfigurationError("slow")
 
     monkeypatch.setattr(trials, "check", check)
-    check_once, first = Checks(), composed()
-    for seed in range(5):
-        check_once(replace(first, seed=seed))
-    assert len(calls) == 1
-    slow = replace(first, sample_time_s=2.0)
-    for _ in range(2):
-        check_once(slow)
-        with pytest.raises(ConfigurationError, match="slow"):
-            check_once(replace(slow, seed=3))
-    assert len(calls) == 3
-
-
-node = st.dictionaries(st.sampled_from("abc"), st.integers(0, 1) | st.floats(0, 1), max_size=2)
-
-
-@given(st.dictionaries(st.sampled_from(["excitation", "seed", "x", "é", "database"]), node))
-def test_the_text_of_parts_is_the_text_of_the_whole(config: dict[str, Any]) -> None:
-    compared: Mapping[str, Any] = {"excitation": None} | config
-    compared = {key: value for key, value in compared.items() if key != "database"}
-    content = {"config": compared, "names": {"a": "b"}, "sources": "s", "parts": {}}
-    text = json.dumps(_plain(content), sort_keys=True, separators=(",", ":"))
-    nodes = SharedNodes()
-    for given_config in (config, nodes.of(config), nodes.of(config)):
-        assert fingerprint(given_config, {"a": "b"}, "s") == sha256(text.encode()).hexdigest()
-
-
-@given(st.lists(node, max_size=6))
-def test_nodes_are_shared_if_they_are_equal_in_types_too(contents: list[dict[str, Any]]) -> None:
-    nodes = SharedNodes()
-    shared = [nodes.of({"x": content})["x"] for content in contents]
-    for one, first in zip(shared, contents, strict=True):
-        for other, second in zip(shared, contents, strict=True):
-            assert (one is other) == (repr(first) == repr(second))
+    planner = Planner("sources")
+    said = [
+        planned(planner, ordered(f"seed={seed}", *others))
+        for others in ([], ["sample_time_s=0.2"], ["limits.samples=1"])
+        for seed in range(3)
+    ]
+    assert calls == [0.1, 0.2, 0.1]
+    assert len({plan.fingerprint for plan in said if isinstance(plan, Plan)}) == 6
+    assert said[6:] == ["slow"] * 3
 
 
 def test_many_trials_are_looked_up_at_once(tmp_path: Path) -> None:

@@ -1,23 +1,12 @@
 """Sweeps: checked as a whole, run once, resumed, summed up."""
 
-import pickle
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra._internal.sources_registry import SourcesRegistry
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf, open_dict
-from omegaconf.errors import ReadonlyConfigError
 
-from seatrial.runner.composition import Composer, SharingLoader, order_of
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.records import RunSummary
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.yaml_files import FileConfigSource
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"
@@ -91,11 +80,12 @@ def test_a_long_list_of_failures_is_cut(seatrial: Command) -> None:
 
 def test_one_bad_trial_stops_the_sweep_before_it_starts(seatrial: Command) -> None:
     fake = seatrial.pretend()
-    fake.refused = {2}
-    assert seatrial.refuses("-m", "seed=0,1,2") == "seed=2: seed: 2 is not seaworthy"
-    fake.refused = {1, 2}
-    said = seatrial.refuses("-m", "seed=0,1,2")
-    assert said == "seed=1: seed: 1 is not seaworthy (and 1 more: dry_run=true lists them)"
+    fake.refused = {3}
+    said = seatrial.refuses("-m", "plant.scale=1,2,3")
+    assert said == "plant.scale=3: plant.scale: 3 is not seaworthy"
+    fake.refused = {2, 3}
+    said = seatrial.refuses("-m", "plant.scale=1,2,3")
+    assert said.startswith("plant.scale=2: plant.scale: 2 is not seaworthy (and 1 more: dry_run")
     said = seatrial.refuses("-m", "identifier=ls,foo", "seed=0")
     assert said.startswith("identifier=foo seed=0: identifier: no option 'foo', expected one of")
     assert fake.ran == []
@@ -122,18 +112,19 @@ def test_one_sweep_has_one_logbook(seatrial: Command) -> None:
 
 def test_a_dry_run_lists_every_trial(seatrial: Command) -> None:
     fake = seatrial.pretend()
-    fake.failing, fake.refused = {1}, {3}
-    fake.refused = set()
-    seatrial("-m", "seed=0,1")
+    fake.failing = {1}
+    seatrial("-m", "seed=0,1", "plant.scale=1")
     fake.ran, fake.refused = [], {3}
-    answer = seatrial("-m", "seed=0,1,2,3", "dry_run=true")
+    answer = seatrial("-m", "seed=0,1,2", "plant.scale=1,3", "dry_run=true")
     assert answer.code == 0
     assert answer.out.splitlines() == [
-        "finished     seed=0  run 1",
-        "failed       seed=1  run 2: seed 1 ran aground",
-        "new          seed=2",
-        "refused      seed=3  seed: 3 is not seaworthy",
-        "4 trials: 1 finished, 1 failed, 1 new, 1 refused; nothing was run",
+        "finished     seed=0 plant.scale=1  run 1",
+        "refused      seed=0 plant.scale=3  plant.scale: 3 is not seaworthy",
+        "failed       seed=1 plant.scale=1  run 2: seed 1 ran aground",
+        "refused      seed=1 plant.scale=3  plant.scale: 3 is not seaworthy",
+        "new          seed=2 plant.scale=1",
+        "refused      seed=2 plant.scale=3  plant.scale: 3 is not seaworthy",
+        "6 trials: 1 finished, 3 refused, 1 failed, 1 new; nothing was run",
     ]
     assert fake.ran == []
     assert len(runs()) == 2
@@ -203,87 +194,6 @@ def test_a_bug_is_not_hidden(seatrial: Command, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Logbook, "begin_run", bug)
     with pytest.raises(AssertionError, match="a bug"):
         seatrial("-m", "seed=0,1")
-
-
-JOBS = [
-    ["seed=3"],
-    ["identifier=ls", "seed=3"],
-    ["identifier=ls", "identifier.lowpass_hz=0.5", "seed=4"],
-    ["identifier.lowpass_hz=0.5", "identifier=ls"],
-    ["controller.kp=[1,2,3]", "plant.scale=2"],
-    ["vessel=surge_linear", "+identifier.note='a b'"],
-    ["~controller", "seed=1"],
-    ["results_dir=elsewhere", "seed=1"],
-    ["seed=${plant.scale}", "plant.scale=3"],
-]
-
-
-@pytest.fixture
-def loader(monkeypatch: pytest.MonkeyPatch) -> Any:
-    sources = SourcesRegistry.instance().types
-    monkeypatch.setitem(sources, "file", FileConfigSource)  # as the command line does
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        yield GlobalHydra.instance().config_loader()
-
-
-@pytest.fixture
-def master(loader: Any) -> DictConfig:
-    config: DictConfig = loader.load_configuration("trial", [], run_mode=RunMode.MULTIRUN)
-    return config
-
-
-@pytest.mark.parametrize("job", [*JOBS, ["hydra.job.name=x", "seed=1"]], ids=" ".join)
-def test_what_is_shared_is_what_hydra_composes(
-    job: list[str], loader: Any, master: DictConfig
-) -> None:
-    sharing = SharingLoader(loader)
-    slow = loader.load_sweep_config(master, job)
-    HydraConfig.instance().set_config(slow)
-    for sharer in (sharing, sharing, pickle.loads(pickle.dumps(sharing))):  # as in a worker
-        fast = sharer.load_sweep_config(master, job)
-        assert OmegaConf.to_yaml(fast) == OmegaConf.to_yaml(slow)
-        assert OmegaConf.is_struct(fast)
-        with open_dict(fast):  # as launchers do
-            fast.hydra.job.num = 7
-        HydraConfig.instance().set_config(fast)
-        with pytest.raises(ReadonlyConfigError):
-            fast.hydra.job.num = 8
-
-
-def test_a_job_composes_nothing_that_another_has_chosen(
-    loader: Any, master: DictConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    composed = []
-    kind = type(loader)
-    compose_all = kind.load_sweep_config
-
-    def counted(self: Any, master: DictConfig, overrides: list[str]) -> DictConfig:
-        composed.append(overrides)
-        return compose_all(self, master, overrides)
-
-    monkeypatch.setattr(kind, "load_sweep_config", counted)
-    sharing = SharingLoader(loader)
-    for seed in range(5):
-        for name in ("ls", "plsr"):
-            copied = pickle.loads(pickle.dumps(sharing))  # a worker gets one with every job
-            config = copied.load_sweep_config(master, [f"identifier={name}", f"seed={seed}"])
-            assert config.seed == seed
-    assert composed == [["identifier=ls"], ["identifier=plsr"]]
-
-
-@pytest.mark.parametrize("job", JOBS, ids=" ".join)
-def test_composing_fast_is_composing_right(job: list[str], loader: Any, master: DictConfig) -> None:
-    composer = Composer(SharingLoader(loader), master)
-    for _ in range(2):  # the second time from what the first has kept
-        fast = composer.order(job)
-    whole = compose("trial", job, return_hydra_config=True)
-    HydraConfig.instance().set_config(whole)
-    hydra = whole.hydra
-    whole = whole.copy()
-    whole._set_flag("struct", False)
-    del whole["hydra"]
-    slow = order_of(whole, hydra)
-    assert (fast.config, fast.names, fast.overrides) == (slow.config, slow.names, job)
 
 
 def test_the_name_of_an_experiment_is_the_sweeps(

@@ -17,7 +17,7 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.config import build_as
-from seatrial.runner.vessel_options import VesselOptions
+from seatrial.runner.vessel_options import filled
 
 CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
@@ -61,7 +61,7 @@ def objects(vessel: str, group: str, name: str) -> Any:
             key: OmegaConf.to_container(config[key], resolve=True) for key in ("vessel", group)
         }
         nodes["sample_time_s"] = config.sample_time_s
-        return build_as(object, VesselOptions().filled(nodes)[group], group)
+        return build_as(object, filled(nodes)[group], group)
 
 
 def of_inputs(excitation: str) -> bool:
