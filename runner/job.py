@@ -155,6 +155,7 @@ class Plan:
     results_dir: Path
     rerun: bool
     labels: SweepLabels
+    kinds: tuple[str, ...]  # of its parts, as `precompile` takes them
 
     def __str__(self) -> str:
         return shown(self.overrides)

@@ -13,6 +13,7 @@ from seatrial.runner.config import Trial, build_trial
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.job import Order, Plan
 from seatrial.runner.plugins import attributed
+from seatrial.runner.precompile import kinds
 from seatrial.runner.shared import SharedNodes
 
 Outcome = tuple[dict[str, object], SeatrialError | None]  # what a check has read, its error
@@ -39,6 +40,7 @@ class Planner:
             results_dir=self._folders.setdefault(trial.results_dir, trial.results_dir),
             rerun=trial.rerun,
             labels=trial.sweep,
+            kinds=tuple(map(intern, kinds(trial))),
         )
 
 

@@ -17,7 +17,6 @@ FLOORS = (
     "models.ranges",
     "models.demand",
     "models.source_digest",
-    "models.compile_lock",
     "models.compiled",
     "models.elementary",
     "models.packs",
