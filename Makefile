@@ -42,7 +42,7 @@ help:
 	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
 	@echo 'make check   ruff, mypy --strict, and imports that do not resolve (basedpyright)'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
-	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md, docs/growth.svg'
+	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
 # No identification, the thesis's and ours. Without noise one seed is enough.
@@ -137,7 +137,6 @@ bench: $(VENV)/bench.stamp
 	$(BIN)/python -m pytest tests/benchmarks -o python_files='bench_*.py' -m '' -W default \
 	    --timeout 3600 --benchmark-json results/bench.json
 	$(BIN)/python docs/refresh.py docs.benchmarks
-	$(BIN)/python -m docs.growth
 
 # Pages open from disk, their search as well.
 docs: gallery

@@ -1,27 +1,23 @@
-"""The size and the order of the sources: `python -m docs.house [CHECKOUT]`, a Markdown table.
+"""The size and the order of the sources: `python -m docs.house [CHECKOUT]`.
 
-Counted are the Python files of `models/` and `runner/`, beside the same figures at commit 67120c7.
-
-rooms      what imports are counted between: each file and each folder directly under `models/`,
-           and `runner/` as one
-arrows     pairs of rooms of which one imports the other, for type checks or inside functions too
-floors     rooms in the longest chain of such imports
-circles    groups of files that import each other, directly or through others, type checks too
+Counted are the Python files of `models/` and `runner/`; `docs/areas.csv` says which of them belong
+to an area of the plan, by names and patterns (a name goes before a pattern). `--table` prints the
+table of CONTRIBUTING.md.
 """
 
 import ast
+import csv
 import sys
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import resolve_name
+from itertools import combinations
 from pathlib import Path
-from statistics import median
 
 ROOT = Path(__file__).parents[1]
-BEFORE = "67120c7"
-BEFORE_FIGURES = (39, 9, 184, 1, 192, 28658, 8, 71, 3, 3, 342, 122, 86, 10)
+BEFORE = "18ad339"
+BEFORE_FIGURES = (60737, 356, 46649, 0, 5, 60, 0)
 MOST_ARGUMENTS = 12
 MOST_LINES = 60
 COMPILERS = ("kernel", "lean_kernel", "njit", "overload")
@@ -41,58 +37,25 @@ class Function:
         return f"{self.file}: {self.name}: {self.lines} lines, {self.arguments} arguments"
 
 
-@dataclass(frozen=True)
-class Source:
-    """One file of models or runner: its module without `seatrial`, its text and its syntax tree."""
-
-    file: str
-    module: str
-    text: str
-
-    @cached_property
-    def tree(self) -> ast.Module:
-        """The syntax tree."""
-        return ast.parse(self.text)
-
-    @property
-    def room(self) -> str:
-        """The room that the file belongs to; empty for `models/__init__.py`."""
-        top, _, inside = self.module.partition(".")
-        return top if top == "runner" else inside.partition(".")[0]
-
-    def imports(self) -> Iterator[str]:
-        """The dotted names that the file imports anywhere, without `seatrial`."""
-        is_package = self.file.endswith("__init__.py")
-        package = self.module if is_package else self.module.rpartition(".")[0]
-        for node in ast.walk(self.tree):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                module = resolve_name("." * node.level + (node.module or ""), package)
-                names = [f"{module}.{alias.name}" for alias in node.names]
-            else:
-                continue
-            yield from (name.removeprefix("seatrial.") for name in names)
-
-    def functions(self) -> Iterator[Function]:
-        """Its functions and methods, inner ones too."""
-        kernels = {
-            argument.id
-            for call in ast.walk(self.tree)
-            if isinstance(call, ast.Call) and _name(call.func) in COMPILERS
-            for argument in call.args
-            if isinstance(argument, ast.Name)
-        }
-        for node in ast.walk(self.tree):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                given = node.args
-                names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
-                count = len([name for name in names if name not in ("self", "cls")])
-                count += (given.vararg is not None) + (given.kwarg is not None)
-                compiled = any(_name(one) in COMPILERS for one in node.decorator_list)
-                lines = (node.end_lineno or node.lineno) - node.lineno + 1
-                is_kernel = compiled or node.name in kernels
-                yield Function(self.file, node.name, lines, count, is_kernel)
+def functions(file: str, tree: ast.Module) -> Iterator[Function]:
+    """The functions and methods of a file, inner ones too."""
+    kernels = {
+        argument.id
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and _name(call.func) in COMPILERS
+        for argument in call.args
+        if isinstance(argument, ast.Name)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = node.args
+            named = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+            count = sum(arg is not None and arg.arg not in ("self", "cls") for arg in named)
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            is_kernel = node.name in kernels or any(
+                _name(one) in COMPILERS for one in node.decorator_list
+            )
+            yield Function(file, node.name, lines, count, is_kernel)
 
 
 def _name(node: ast.expr) -> str:
@@ -100,63 +63,78 @@ def _name(node: ast.expr) -> str:
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
+def imports(module: str, is_package: bool, tree: ast.Module) -> Iterator[str]:
+    """The dotted names that a module imports anywhere, without `seatrial`."""
+    package = module if is_package else module.rpartition(".")[0]
+    for node in ast.walk(tree):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package)
+            names = [f"{base}.{alias.name}" for alias in node.names]
+        yield from (name.removeprefix("seatrial.") for name in names)
+
+
 class House:
     """The sources of a checkout and what is counted of them."""
 
     def __init__(self, checkout: Path = ROOT) -> None:
-        paths = sorted([*checkout.glob("models/**/*.py"), *checkout.glob("runner/**/*.py")])
-        self.sources: dict[str, Source] = {}
-        for path in paths:
-            file = path.relative_to(checkout).as_posix()
-            module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-            self.sources[module] = Source(file, module, path.read_text(encoding="utf-8"))
-        self.functions = [one for source in self.sources.values() for one in source.functions()]
+        self.checkout = checkout
+        paths = sorted(
+            path for top in ("models", "runner") for path in checkout.glob(f"{top}/**/*.py")
+        )
+        self.lines = {path.relative_to(checkout).as_posix(): _lines(path) for path in paths}
+        self.trees = {file: ast.parse((checkout / file).read_text("utf-8")) for file in self.lines}
+        self.functions = [one for file, tree in self.trees.items() for one in functions(file, tree)]
 
     @cached_property
-    def files(self) -> Mapping[str, set[str]]:
-        """The modules that each module imports."""
-        return {
-            module: {self._module(name) for name in source.imports()} - {"", module}
-            for module, source in self.sources.items()
+    def imported(self) -> Mapping[str, set[str]]:
+        """The files that each file imports."""
+        modules = {
+            file.removesuffix(".py").removesuffix("/__init__").replace("/", "."): file
+            for file in self.trees
         }
 
-    @cached_property
-    def rooms(self) -> Mapping[str, set[str]]:
-        """The rooms that each room imports."""
-        rooms: dict[str, set[str]] = {s.room: set() for s in self.sources.values() if s.room}
-        for module, others in self.files.items():
-            room = self.sources[module].room
-            if room:
-                rooms[room] |= {self.sources[other].room for other in others} - {"", room}
-        return rooms
+        def files(name: str) -> Iterator[str]:
+            while name and name not in modules:
+                name = name.rpartition(".")[0]
+            if name:
+                yield modules[name]
 
-    def _module(self, name: str) -> str:
-        """The module that an imported name is, or is in; empty for another package's."""
-        while name and name not in self.sources:
-            name = name.rpartition(".")[0]
-        return name
-
-    def floors(self) -> int:
-        """How many rooms the longest chain of imports has; rooms in a circle do not count."""
-        rest, count = dict(self.rooms), 0
-        while ground := {room for room, others in rest.items() if not others & rest.keys()}:
-            rest = {room: others for room, others in rest.items() if room not in ground}
-            count += 1
-        return count
+        return {
+            file: {
+                other
+                for name in imports(module, file.endswith("__init__.py"), self.trees[file])
+                for other in files(name)
+            }
+            - {file}
+            for module, file in modules.items()
+        }
 
     def circles(self) -> list[list[str]]:
-        """The groups of modules that import each other."""
-        reach = {module: set(others) for module, others in self.files.items()}
+        """The groups of files that import each other."""
+        reach = {file: set(others) for file, others in self.imported.items()}
         for between in reach:
             for others in reach.values():
                 if between in others:
                     others |= reach[between]
         groups = {
-            frozenset(other for other in others if module in reach[other])
-            for module, others in reach.items()
-            if module in others
+            frozenset(other for other in others if file in reach[other])
+            for file, others in reach.items()
+            if file in others
         }
         return sorted(sorted(group) for group in groups)
+
+    def mutual_folders(self) -> list[tuple[str, str]]:
+        """The pairs of `models`, `runner` and the folders in them that import each other."""
+        arrows = {
+            (_folder(file), _folder(other))
+            for file, others in self.imported.items()
+            for other in others
+        }
+        folders = sorted({_folder(file) for file in self.lines})
+        return [(a, b) for a, b in combinations(folders, 2) if {(a, b), (b, a)} <= arrows]
 
     def too_many_arguments(self) -> list[Function]:
         """Functions with more arguments than a reader keeps apart; kernels take plain arrays."""
@@ -166,67 +144,68 @@ class House:
         """Functions that are no longer read at a glance."""
         return [f for f in self.functions if f.lines > MOST_LINES]
 
-    def uses_of_any(self) -> int:
-        """How often `Any` stands in the code, imports not counted."""
-        nodes = (node for source in self.sources.values() for node in ast.walk(source.tree))
-        return sum(isinstance(node, ast.Name) and node.id == "Any" for node in nodes)
-
-    def imports_in_functions(self) -> int:
-        """How many import statements stand inside functions."""
-        return sum(
-            len(
-                {
-                    inner
-                    for node in ast.walk(source.tree)
-                    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-                    for inner in ast.walk(node)
-                    if isinstance(inner, ast.Import | ast.ImportFrom)
-                }
-            )
-            for source in self.sources.values()
-        )
-
-    def shared_names(self) -> list[str]:
-        """The names that more than one file has."""
-        stems = Counter(Path(s.file).stem for s in self.sources.values())
-        return sorted(n for n, count in stems.items() if count > 1 and not n.startswith("__"))
+    def lines_of(self, folder: str) -> int:
+        """The lines of Python of a folder beside the sources."""
+        return sum(map(_lines, (self.checkout / folder).glob("**/*.py")))
 
     def figures(self) -> dict[str, int]:
-        """What is counted, in words, and how much of it there is."""
-        sources = self.sources.values()
-        lengths = [function.lines for function in self.functions]
+        """What the table counts, in words, and how much of it there is."""
         return {
-            "rooms": len(self.rooms),
-            "floors": self.floors(),
-            "arrows between rooms": sum(map(len, self.rooms.values())),
+            "lines of `models/` and `runner/`": sum(self.lines.values()),
+            "files": len(self.lines),
+            "lines of tests": self.lines_of("tests"),
             "circles of files": len(self.circles()),
-            "files, `__init__.py` not counted": sum("__init__" not in s.file for s in sources),
-            "lines": sum(len(source.text.splitlines()) for source in sources),
-            "lines of a function, median": round(median(lengths)),
-            "lines of the longest function": max(lengths),
-            f"functions over {MOST_LINES} lines": len(self.too_long()),
-            f"functions with more than {MOST_ARGUMENTS} arguments, kernels not counted": len(
-                self.too_many_arguments()
-            ),
-            "`Any`": self.uses_of_any(),
-            "imports inside functions": self.imports_in_functions(),
-            "`# fmt: skip`": sum(source.text.count("# fmt: skip") for source in sources),
-            "names that several files have": len(self.shared_names()),
+            "pairs of folders that import each other": len(self.mutual_folders()),
+            "lines of the longest function": max(function.lines for function in self.functions),
+            f"functions with more than {MOST_ARGUMENTS} arguments": len(self.too_many_arguments()),
         }
 
+    def areas(self) -> Iterator[tuple[Mapping[str, str], int]]:
+        """Each area of the plan, and how many lines it has."""
+        with (ROOT / "docs" / "areas.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        named = {name for row in rows for name in row["files"].split()}
+        for row in rows:
+            files = {
+                path.relative_to(self.checkout).as_posix()
+                for pattern in row["files"].split()
+                for path in self.checkout.glob(pattern)
+            }
+            own = {*row["files"].split()}
+            yield row, sum(self.lines[name] for name in files if name in own or name not in named)
 
-def table(figures: Mapping[str, int]) -> str:
-    """The figures beside those of the commit before, in Markdown."""
-    rows = [f"| `models/` and `runner/` | {BEFORE} | now |", "|---|---:|---:|"]
-    for (name, now), before in zip(figures.items(), BEFORE_FIGURES, strict=True):
-        rows.append(f"| {name} | {before:,} | {now:,} |")
-    return "\n".join(rows)
+
+def _lines(path: Path) -> int:
+    return len(path.read_text("utf-8").splitlines())
+
+
+def _folder(file: str) -> str:
+    """The folder of `models` or `runner` that a file is in, or one of these two."""
+    parts = file.split("/")
+    return "/".join(parts[:2]) if len(parts) > 2 else parts[0]
+
+
+def main(checkout: Path) -> None:
+    """Print the size, the areas and the order of a checkout."""
+    house = House(checkout)
+    for name, count in house.figures().items():
+        print(f"{count:7,}  {name}")
+    print(f"{house.lines_of('docs/published'):7,}  lines of docs/published\n\narea: {BEFORE}, now")
+    for row, count in house.areas():
+        words = row["step"], row["issue"], row["area"], row["lines"]
+        print("{:>3} {:3} {:32} {:>6}".format(*words), f"{count:6}")
+    for pair in house.mutual_folders():
+        print(f"import each other: {', '.join(pair)}")
+    for circle in house.circles():
+        print(f"circle: {', '.join(circle)}")
+    for function in dict.fromkeys((*house.too_long(), *house.too_many_arguments())):
+        print(function)
 
 
 if __name__ == "__main__":
-    house = House(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT)
-    print(table(house.figures()))
-    for circle in house.circles():
-        print(f"circle: {', '.join(circle)}", file=sys.stderr)
-    for function in dict.fromkeys((*house.too_long(), *house.too_many_arguments())):
-        print(function, file=sys.stderr)
+    if sys.argv[1:] == ["--table"]:
+        print(f"| | {BEFORE} | now |\n|---|---:|---:|")
+        for (name, now), before in zip(House().figures().items(), BEFORE_FIGURES, strict=True):
+            print(f"| {name} | {before:,} | {now:,} |")
+    else:
+        main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT)

@@ -14,6 +14,7 @@ import importlib.util
 import json
 import os
 import tempfile
+import uuid
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import astuple, dataclass
@@ -87,7 +88,7 @@ def imported_files(
 
 def _files_of(folder: Path, parts: list[str]) -> Iterator[Path]:
     """The files that run when a module of a package is imported, including parent packages."""
-    for depth, _ in enumerate(parts, 1):
+    for depth in range(1, len(parts) + 1):
         place = folder.joinpath(*parts[:depth])
         yield from filter(Path.is_file, (place.with_suffix(".py"), place / "__init__.py"))
 
@@ -117,7 +118,7 @@ def parse(content: bytes) -> Source:
 
 
 def _text(node: object) -> str:
-    """A syntax tree as text that does not depend on the version of Python."""
+    """A syntax tree without docstrings, as text that does not depend on the version of Python."""
     if isinstance(node, ast.AST):
         fields = ((name, getattr(node, name, None)) for name in node._fields)
         inside = (f"{k}={_text(v)}" for k, v in fields if v is not None and v != [])
@@ -129,40 +130,27 @@ def _text(node: object) -> str:
 
 def _is_docstring(node: object) -> bool:
     """Whether a node is a statement that consists of a string only."""
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+    return isinstance(node, ast.Expr) and isinstance(getattr(node.value, "value", None), str)
 
 
 def _imports(node: ast.AST) -> Iterator[str]:
-    if isinstance(node, ast.Import):
-        yield from (alias.name for alias in node.names)
-    elif isinstance(node, ast.ImportFrom):
-        base = "." * node.level + (node.module or "")
-        yield base
-        dot = "" if base.endswith(".") else "."
-        yield from (f"{base}{dot}{alias.name}" for alias in node.names)
-    elif isinstance(node, ast.If) and ast.unparse(node.test) in TYPES_ONLY:
-        for inner in node.orelse:
-            yield from _imports(inner)
-    else:
-        if name := _lazily_loaded(node):
-            yield name
-        for child in ast.iter_child_nodes(node):
-            yield from _imports(child)
-
-
-def _lazily_loaded(node: ast.AST) -> str | None:
-    """The module that a node imports at its first use: `lazy_loader.load("a.b")`."""
+    inner: Iterable[ast.AST] = ast.iter_child_nodes(node)
     match node:
+        case ast.Import():
+            yield from (alias.name for alias in node.names)
+        case ast.ImportFrom():
+            base = "." * node.level + (node.module or "")
+            dot = "" if base.endswith(".") else "."
+            yield from (base, *(f"{base}{dot}{alias.name}" for alias in node.names))
+        case ast.If() if ast.unparse(node.test) in TYPES_ONLY:
+            inner = node.orelse
         case ast.Call(
             func=ast.Attribute(value=ast.Name(id="lazy_loader"), attr="load"),
             args=[ast.Constant(value=str() as name)],
         ):
-            return name
-    return None
+            yield name
+    for child in inner:
+        yield from _imports(child)
 
 
 def cache_home() -> Path:
@@ -172,15 +160,22 @@ def cache_home() -> Path:
     candidates += [Path(xdg_folder) / "seatrial"] if xdg_folder else []
     candidates += [Path("~/.cache/seatrial").expanduser()]
     candidates += [Path(tempfile.gettempdir()) / f"seatrial-{os.getuid()}"]
-    return next(filter(_writable, candidates), candidates[-1])
+    for folder in candidates:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder
+    return candidates[-1]
 
 
-def _writable(folder: Path) -> bool:
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file that other processes see complete or not at all; raises OSError."""
+    temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 @cache
@@ -195,11 +190,8 @@ def _cached() -> dict[str, Source]:
 
 def _save() -> None:
     """Write newly parsed sources to the cache file; a failure to write is not an error."""
-    if not _parsed:
-        return
-    _parsed.clear()
-    rows = {key: astuple(value) for key, value in list(_cached().items())[-MOST_KEPT:]}
-    temporary = cache_home() / f"{KEPT_FILE}.{os.getpid()}"
-    with suppress(OSError):
-        temporary.write_text(json.dumps(rows))
-        temporary.replace(cache_home() / KEPT_FILE)
+    if _parsed:
+        _parsed.clear()
+        rows = {key: astuple(value) for key, value in list(_cached().items())[-MOST_KEPT:]}
+        with suppress(OSError):
+            replace_file(cache_home() / KEPT_FILE, json.dumps(rows).encode())

@@ -144,7 +144,10 @@ def prepare(
     model of the plant; None means the nominal one, scaled.
     """
     vessel, period = trial.vessel, trial.sample_time_s
-    t = period * np.arange(round(mission.duration_s / period), dtype=np.float64)
+    count = round(mission.duration_s / period)
+    if deployed and trial.samples is not None:
+        count = min(count, trial.samples)
+    t = period * np.arange(count, dtype=np.float64)
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
     weather = weather_of(trial, seeds, len(t))
     plant = allotted(trial, mission, plant_of(trial, deployed, true))

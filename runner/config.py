@@ -87,6 +87,7 @@ class Trial:
     limits: Limits = Limits()  # of its size
     horizons_s: tuple[float, ...] = ()  # of predictions that are stored beside the free run
     deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
+    samples: int | None = None  # to train, to test and to deploy with, at most; None: all
 
     def __post_init__(self) -> None:
         for group, part in (

@@ -16,7 +16,6 @@ from functools import partial
 from threading import Event
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
 from seatrial.runner.background import in_background
@@ -212,15 +211,9 @@ MakeView = Callable[[], AbstractContextManager[View]]
 
 
 @contextmanager
-def shown(
-    url: str, sweep_id: int, compile_times: CompileTimes, make_view: MakeView = terminal_view
-) -> Iterator[None]:
-    """Show the progress of a sweep in the view that `make_view` opens while the block runs.
-
-    The time that its processes spend compiling is not counted into the estimate of the time left.
-    """
-    pace = Pace(compile_times)
-    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, pace)):
+def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Iterator[None]:
+    """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
+    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, Pace())):
         yield
 
 
@@ -261,27 +254,20 @@ def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
         planned=status.planned,
         running=running,
         failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
-        left_s=pace.left_s(done, status.planned, running),
+        left_s=pace.left_s(done, status.planned),
     )
 
 
 class Pace:
-    """Estimates the time left from the rate of trials after the first one that ends.
+    """Estimates the time left from the rate of trials after the first one that ends."""
 
-    The time of compiling is left out: of several trials that run at once, the part of those whose
-    processes compile.
-    """
-
-    def __init__(self, compile_times: CompileTimes) -> None:
-        self._compile_times = compile_times
-        self._compiled_s = 0.0  # by all processes, until the last call
-        self._lost_s = 0.0
+    def __init__(self) -> None:
         self._before: int | None = None  # trials done at the start
         self._first: tuple[int, float] | None = None  # trials done and time [s] at the first end
 
-    def left_s(self, done: int, planned: int, running: int) -> float | None:
+    def left_s(self, done: int, planned: int) -> float | None:
         """Return the time [s] until all trials are done; None while it cannot be estimated."""
-        now_s = self._now_s(running)
+        now_s = time.monotonic()
         if self._before is None:
             self._before = done
         if self._first is None and done > self._before:
@@ -289,13 +275,6 @@ class Pace:
         if self._first is None or done == self._first[0] or now_s <= self._first[1]:
             return None
         return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
-
-    def _now_s(self, running: int) -> float:
-        """Return a monotonic time [s] that stands still while all running trials compile."""
-        compiled_s = max(self._compiled_s, self._compile_times.total_s())
-        self._lost_s += (compiled_s - self._compiled_s) / max(running, 1)
-        self._compiled_s = compiled_s
-        return time.monotonic() - self._lost_s
 
 
 class LiveLine:

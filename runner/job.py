@@ -4,6 +4,7 @@ import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from sys import intern
 from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import Diverged, SeatrialError
@@ -13,6 +14,7 @@ from seatrial.runner.database.mask import without_address, without_passwords
 from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.plugins import attributed
+from seatrial.runner.precompile import kinds
 from seatrial.runner.provenance import Provenance
 from seatrial.runner.vocabulary import GROUPS
 
@@ -180,6 +182,7 @@ class Planner:
             results_dir=trial.results_dir,
             rerun=trial.rerun,
             labels=trial.sweep,
+            kinds=tuple(map(intern, kinds(trial))),
         )
 
 
@@ -193,6 +196,7 @@ class Plan:
     results_dir: Path
     rerun: bool
     labels: SweepLabels
+    kinds: tuple[str, ...]  # of its parts, as `precompile` takes them
 
     def __str__(self) -> str:
         return shown(self.overrides)

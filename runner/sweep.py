@@ -9,10 +9,10 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, cast
 
 from hydra.core.config_loader import ConfigLoader
@@ -26,7 +26,6 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import console, database
 from seatrial.runner.composition import Composer, SharingLoader, order_of
@@ -46,6 +45,7 @@ from seatrial.runner.job import (
 )
 from seatrial.runner.launching import LaunchResult, check, launch
 from seatrial.runner.overrides import nested_sweeps
+from seatrial.runner.precompile import precompile
 from seatrial.runner.provenance import Provenance, collect
 from seatrial.runner.stop_signals import leave_shield
 
@@ -140,6 +140,7 @@ def _text(value: object) -> str:
 
 
 log = logging.getLogger(__name__)
+COMPILING = ("basic", "submitit_slurm")  # launchers whose processes compile for themselves
 SKIPPED = "%s: already in the logbook as run %d"
 
 
@@ -202,13 +203,11 @@ class SweepJob:
 
     sweep_id: int
     provenance: Provenance
-    compile_times: CompileTimes
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it."""
         if "SUBMITIT_LOCAL_JOB_ID" in os.environ:
             leave_shield()
-        self.compile_times.join()
         order = order_of(config, HydraConfig.get())
         try:
             trial = build_trial(order.config, order.names)
@@ -295,15 +294,12 @@ class SeatrialSweeper(Sweeper):
         """
         check(self._choice, arguments)
         url, provenance = plan.database_url, self.session.provenance()
-        with (
-            database.Logbook.open(url, results_dir=plan.results_dir) as logbook,
-            TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as folder,
-        ):
+        with database.Logbook.open(url, results_dir=plan.results_dir) as logbook:
             sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned)
             self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
-            job = SweepJob(sweep_id, provenance, CompileTimes(Path(folder)))
+            job = SweepJob(sweep_id, provenance)
             sweep = SweepUnderway(logbook, job, planned)
-            with console.shown(url, sweep_id, job.compile_times, self.session.view):
+            with console.shown(url, sweep_id, self.session.view):
                 try:
                     yield sweep
                 except BaseException:  # what Ctrl-C has interrupted may fail by any exception
@@ -329,7 +325,15 @@ class SeatrialSweeper(Sweeper):
                 hydra_context=self._context, task_function=job, config=self._config
             )
 
+        if len(plans) > 1 and self._choice not in COMPILING:
+            composer = Composer(self._loader, self._config)
+            precompile((plan.kinds, partial(_trial, composer, plan)) for plan in plans)
         return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
+
+
+def _trial(composer: Composer, plan: Plan) -> Trial:
+    order = composer.order(list(plan.overrides))
+    return build_trial(order.config, order.names)
 
 
 def begin_sweep(

@@ -428,7 +428,8 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         else trial.excitation.split(recording.t)
     )
     recording = recording.with_thruster(vessel.thruster)
-    return ExcitationData(recording, split.train, split.test, truth, sailed)
+    train, test = (mask & (np.cumsum(mask) <= (trial.samples or np.inf)) for mask in split)
+    return ExcitationData(recording, train, test, truth, sailed)
 
 
 def sailed_excitation(prepared: MissionSetup) -> SimulatedMission:

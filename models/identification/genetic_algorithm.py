@@ -72,11 +72,6 @@ class Nsga2Search:
         best = self.population.rank == 0
         return self.population.units[best], self.population.values[best]
 
-    @property
-    def ended(self) -> bool:
-        """Always false: the algorithm has no termination criterion of its own."""
-        return False
-
 
 def survivors(units: Array, values: Array, size: int) -> Population:
     """The best `size` individuals: complete fronts, and the least crowded of the last front.

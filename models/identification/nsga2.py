@@ -18,14 +18,12 @@ from scipy.spatial import cKDTree
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
-from seatrial.models.identification.genetic_algorithm import Operators
+from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
 from seatrial.models.identification.multiobjective_search import (
-    Algorithm,
     RunningMetric,
     SearchResult,
     Space,
     search,
-    searcher,
 )
 from seatrial.models.identification.objectives import Metric, Objectives, objective_findings
 from seatrial.models.identification.output_error import (
@@ -153,7 +151,6 @@ class Nsga2(PredictionOptions):
     objective: Metric
     grouped: bool
     log_scale: tuple[str, ...]
-    algorithm: Algorithm
     population: Annotated[int, Ge(4), Le(10_000)] | None
     population_cap: Annotated[int, Ge(4), Le(10_000)]
     generations: PositiveInt
@@ -277,9 +274,9 @@ class Nsga2(PredictionOptions):
         )
         scale = objectives.floor
         metric = RunningMetric(scale, self.window, self.threshold)
-        algorithm = searcher(self.algorithm, operators, scale, m, rng)
         floor = self.objective_floor * scale
-        return search(objectives, space, floor, metric, algorithm, self.generations)
+        searcher = Nsga2Search(operators, m, rng)
+        return search(objectives, space, floor, metric, searcher, self.generations)
 
 
 def front_findings(

@@ -73,8 +73,8 @@ def stated(benchmark: Any) -> Callable[..., None]:
     """Keeps figures that are no ratio: `work` is run once and gives them by name.
 
     Each is a mapping with `shown`, the text of the table, `limit`, what was asked, where something
-    was, and `short`, by how much it falls short, where it does; any other entry is kept for the
-    figures that `docs/growth.py` draws. Of `growth`, entries are size [-], seconds and MB.
+    was, and `short`, by how much it falls short, where it does; any other entry is kept in
+    `results/bench.json`. Of `growth`, entries are size [-], seconds and MB.
     """
 
     def keep(

@@ -1,105 +1,167 @@
-"""Machine code on disk: keyed by the sources, shared by processes that start at once."""
+"""Machine code on disk: named by the sources and the signature, shared by every process."""
 
+import importlib
 import os
-import shutil
+import pkgutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
+from numba.core.dispatcher import Dispatcher
+
+from seatrial import models
 
 ROOT = Path(__file__).parents[2]
 
-PROGRAM = """
-import numpy as np
-from seatrial.models.vessel import basis, thruster
-from seatrial.models.compiled import cache_folder
-force = thruster.acting_force(thruster.SecondOrderLag(2.0, 0.8), np.ones((50, 2)), 0.1)
-stats = thruster._filter.stats
-print(cache_folder().name, sum(stats.cache_misses.values()), repr(float(force[-1, 0])))
+PACKAGE = {
+    "__init__.py": "",
+    "law.py": """
+from seatrial.models.compiled import kernel
+@kernel
+def inner(x):
+    '''Twice x.'''
+    return 2.0 * x
+""",
+    "ship.py": """
+from seatrial.models.compiled import kernel
+from seatrial.models.law import inner
+@kernel
+def drag(x):
+    return inner(x) + 1.0
+@kernel
+def side(gains):
+    return gains.kp * 2
+@kernel
+def turn(x):
+    return x * x
+""",
+}
+HEAD = """
+import logging, sys
+logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+from seatrial.models.ship import drag, side, turn
+from seatrial.models.law import inner
+"""
+TAIL = """
+print("misses", sum(sum(k.stats.cache_misses.values()) for k in (inner, drag, side, turn)))
 """
 
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """The sources alone, so that nothing changes them meanwhile."""
-    for folder in ("models", "seatrial"):
-        shutil.copytree(ROOT / folder, tmp_path / "checkout" / folder, symlinks=True)
-    shutil.copy(ROOT / "pyproject.toml", tmp_path / "checkout")
-    return tmp_path / "checkout"
+    """A package of its own that compiles as ours does."""
+    folder = tmp_path / "seatrial" / "models"
+    folder.mkdir(parents=True)
+    own = {
+        name: (ROOT / "models" / name).read_text() for name in ("compiled.py", "source_digest.py")
+    }
+    for name, text in (PACKAGE | own | {"../__init__.py": ""}).items():
+        (folder / name).write_text(text)
+    return tmp_path
 
 
-def start(cache: Path, root: Path, program: str = PROGRAM) -> "subprocess.Popen[str]":
-    environment = os.environ | {"SEATRIAL_CACHE": str(cache), "PYTHONPATH": str(root)}
+def start(root: Path, program: str) -> "subprocess.Popen[str]":
+    environment = os.environ | {"SEATRIAL_CACHE": str(root / "cache"), "PYTHONPATH": str(root)}
     return subprocess.Popen(
-        [sys.executable, "-c", program], env=environment, cwd=root, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        [sys.executable, "-c", HEAD + program + TAIL], env=environment, cwd=root, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
 
 
-def finish(process: "subprocess.Popen[str]") -> list[str]:
-    out, error = process.communicate(timeout=240)
-    assert process.returncode == 0, error
-    return out.split()
+def lines(process: "subprocess.Popen[str]") -> list[str]:
+    out, _ = process.communicate(timeout=240)
+    assert process.returncode == 0, out
+    return out.splitlines()
 
 
-def test_a_second_process_compiles_nothing(tmp_path: Path, checkout: Path) -> None:
-    folder, missed, force = finish(start(tmp_path, checkout))
-    assert int(missed) > 0
-    assert finish(start(tmp_path, checkout)) == [folder, "0", force]
+def test_a_second_process_compiles_nothing_and_the_first_says_so_once(checkout: Path) -> None:
+    program = "print(drag(3.0), turn(3.0))"
+    message = "compiling (first run on this machine)"
+    assert lines(start(checkout, program)) == [message, "7.0 9.0", "misses 3"]
+    assert lines(start(checkout, program)) == ["7.0 9.0", "misses 0"]
 
 
-def test_processes_that_start_at_once_share_one_compilation(tmp_path: Path, checkout: Path) -> None:
-    answers = [finish(process) for process in [start(tmp_path, checkout) for _ in range(4)]]
-    assert len({force for _, _, force in answers}) == 1
-    assert sum(int(missed) for _, missed, _ in answers) == 1
-    assert finish(start(tmp_path, checkout))[1] == "0"  # what they left is whole
+def test_processes_that_save_at_once_keep_all_their_code(checkout: Path) -> None:
+    arguments = ("3.0", "3", "3j", "3.0")
+    at_once = [start(checkout, f"print(turn({argument}))") for argument in arguments]
+    assert [lines(process)[1] for process in at_once] == ["9.0", "9", "(-9+0j)", "9.0"]
+    assert lines(start(checkout, "print(turn(3.0), turn(3), turn(3j))")) == [
+        "9.0 9 (-9+0j)", "misses 0",
+    ]  # fmt: skip
 
 
-def test_a_changed_source_begins_an_empty_cache(tmp_path: Path, checkout: Path) -> None:
-    folder, _, force = finish(start(tmp_path, checkout))
-    callee = checkout / "models" / "vessel" / "thruster.py"
-    text = callee.read_text()
-    assert "lag.b[i, 0] * target" in text
-    callee.write_text(text.replace("lag.b[i, 0] * target", "0.0 * target"))
-    changed, missed, other = finish(start(tmp_path, checkout))
-    assert changed != folder
-    assert int(missed) > 0
-    assert other != force
+def test_a_changed_callee_compiles_and_a_changed_docstring_does_not(checkout: Path) -> None:
+    law, program = checkout / "seatrial" / "models" / "law.py", "print(drag(3.0))"
+    lines(start(checkout, program))
+    text = law.read_text()
+    law.write_text(text.replace("Twice x.", "Twice x.\n\n    As it was.").replace("@", "# law\n@"))
+    assert lines(start(checkout, program)) == ["7.0", "misses 0"]
+    law.write_text(text.replace("2.0 *", "3.0 *"))
+    assert lines(start(checkout, program))[1:] == ["10.0", "misses 2"]
 
 
-def test_a_changed_comment_or_docstring_compiles_nothing(tmp_path: Path, checkout: Path) -> None:
-    """Not in the kernel's own file either, where it moves the kernel to other lines."""
-    folder, _, force = finish(start(tmp_path, checkout))
-    for name in ("thruster.py", "basis.py"):
-        path = checkout / "models" / "vessel" / name
-        first, *rest = path.read_text().split('"""')
-        rest = [f"{text}\n\nMore.\n" if n % 2 == 0 else text for n, text in enumerate(rest)]
-        path.write_text("# a comment\n\n" + '"""'.join([first, *rest]))
-    assert finish(start(tmp_path, checkout)) == [folder, "0", force]
-
-
-def test_code_that_was_changed_under_a_running_process_is_not_kept(
-    tmp_path: Path, checkout: Path
-) -> None:
+def test_code_that_was_changed_under_a_running_process_is_not_kept(checkout: Path) -> None:
     """Its folder is named by the sources that it started with."""
-    change = "from pathlib import Path; import seatrial.models.vessel.thruster"
-    change += "; path = Path('models/vessel/thruster.py')"
-    change += "; text = path.read_text(); path.write_text(text + '\\nADDED = 1\\n')\n"
-    folder, missed, force = finish(start(tmp_path, checkout, change + PROGRAM))
-    assert int(missed) > 0
-    assert not list((tmp_path / folder).glob("*.nb?"))
-    path = checkout / "models" / "vessel" / "thruster.py"
-    path.write_text(path.read_text().removesuffix("\nADDED = 1\n"))
-    assert finish(start(tmp_path, checkout)) == [folder, missed, force]
+    law = checkout / "seatrial" / "models" / "law.py"
+    text = law.read_text()
+    change = f"open({str(law)!r}, 'w').write({text.replace('2.0', '3.0')!r}); print(drag(3.0))"
+    assert lines(start(checkout, change))[1:] == ["7.0", "misses 2"]
+    assert not list((checkout / "cache").rglob("*.nbc"))
+    law.write_text(text)
+    assert lines(start(checkout, "print(drag(3.0))"))[1:] == ["7.0", "misses 2"]
 
 
-def test_nothing_is_lost_where_the_cache_cannot_be_written(tmp_path: Path, checkout: Path) -> None:
-    """A folder that is full or read-only is no error: every process compiles for itself."""
-    blocked = (
-        "from seatrial.models import compiled\n"
-        "compiled.cache_folder = lambda: compiled.Path('/proc')\n"
+def test_types_from_elsewhere_are_told_apart(checkout: Path) -> None:
+    """By their modules, which other programs need not have, and by the content of these files."""
+    for name, factor in (("one", 1), ("two", 10)):
+        (checkout / f"{name}.py").write_text(
+            "from typing import NamedTuple\n"
+            "from seatrial.models.compiled import kernel\n"
+            "class Gains(NamedTuple):\n"
+            "    kp: float\n"
+            "@kernel\n"
+            f"def part(gains): return {factor} * gains.kp\n"
+        )
+    program = "import {0}; print(side({0}.Gains(1.0)), {0}.part({0}.Gains(1.0)))"
+    one, two = program.format("one"), program.format("two")
+    assert lines(start(checkout, one))[1:] == ["2.0 1.0", "misses 1"]
+    assert lines(start(checkout, two))[1:] == ["2.0 10.0", "misses 1"]
+    (checkout / "two.py").unlink()
+    assert lines(start(checkout, one)) == ["2.0 1.0", "misses 0"]
+    text = (checkout / "one.py").read_text()
+    (checkout / "one.py").write_text(text.replace("return 1 ", "return 5 "))
+    assert lines(start(checkout, one))[1:] == ["2.0 5.0", "misses 1"]
+
+
+def test_damaged_files_are_made_again(checkout: Path) -> None:
+    program = "print(turn(3.0), turn(3))"
+    lines(start(checkout, program))
+    for file, content in zip((checkout / "cache").rglob("*.nbc"), (b"", b"damaged"), strict=True):
+        file.write_bytes(content)
+    assert lines(start(checkout, program))[1:] == ["9.0 9", "misses 2"]
+    assert lines(start(checkout, program)) == ["9.0 9", "misses 0"]
+
+
+def test_what_cannot_be_kept_is_compiled(checkout: Path) -> None:
+    """Where nothing can be written, and for a kernel that is in no file."""
+    blocked = "from seatrial.models import compiled\n"
+    blocked += "compiled.cache_folder = lambda: compiled.Path('/proc')\n"
+    typed = "print(turn(3.0), compiled.kernel(lambda x: x + 1.0)(1.0))"
+    assert lines(start(checkout, blocked + typed))[1:] == ["9.0 2.0", "misses 1"]
+
+
+def test_no_two_kernels_have_one_name() -> None:
+    """Within `models/` the name of a kernel, with its bytecode, stands for its code."""
+    kernels: dict[int, Dispatcher] = {}
+    for module in pkgutil.walk_packages(models.__path__, f"{models.__name__}."):
+        for value in vars(importlib.import_module(module.name)).values():
+            if isinstance(value, Dispatcher):
+                kernels[id(value)] = value
+    names = Counter(
+        (k.py_func.__module__, k.py_func.__qualname__, k.targetoptions.get("forceinline"))
+        for k in kernels.values()
     )
-    _, missed, force = finish(start(tmp_path, checkout, blocked + PROGRAM))
-    assert int(missed) > 0
-    assert float(force) != 0.0
+    assert len(names) > 50
+    assert [name for name, count in names.items() if count > 1] == []

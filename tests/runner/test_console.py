@@ -16,11 +16,10 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
-from seatrial.models.compile_lock import CompileTimes
 from seatrial.runner import console as progress
 from seatrial.runner.console import LiveLine, NewWarnings, Pace, PlainLines, Standing, duration
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results, RunStart, SweepStatus
+from seatrial.runner.database.records import Results, RunStart
 from seatrial.runner.hydra_errors import CONF
 
 ROOT = Path(__file__).parents[2]
@@ -49,43 +48,13 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return clock
 
 
-def test_the_pace_counts_from_the_first_that_ends(tmp_path: Path, clock: SimpleNamespace) -> None:
-    pace = Pace(CompileTimes(tmp_path))
+def test_the_pace_counts_from_the_first_that_ends(clock: SimpleNamespace) -> None:
+    pace = Pace()
     lefts = []
     for done, clock.now in ((2, 0.0), (2, 50.0), (3, 60.0), (5, 64.0), (10, 74.0)):
-        lefts.append(pace.left_s(done, 10, 1))
+        lefts.append(pace.left_s(done, 10))
     # Two were done before; workers start; the first has nothing to compare with; two more in 4 s.
     assert lefts == [None, None, None, pytest.approx(10.0), 0.0]
-
-
-@pytest.mark.parametrize("workers", [1, 3])
-def test_compiling_is_not_counted_into_the_time_left(
-    tmp_path: Path, clock: SimpleNamespace, workers: int
-) -> None:
-    """One trial in 2 s, but for 30 s in which all workers compile: seven take 14 s, not 119."""
-    pace, lefts = Pace(CompileTimes(tmp_path)), []
-    for done, clock.now, compiled in (
-        (0, 0.0, 0.0),
-        (1, 9.0, 7.0),
-        (2, 41.0, 37.0),
-        (3, 43.0, 37.0),
-    ):
-        for worker in range(workers):
-            (tmp_path / f"{worker + 1}").write_text(f"{compiled} 0.0")
-        status = SweepStatus(1, "", 10, {"finished": done, "running": workers}, 0, [], None)
-        lefts.append(progress._standing(status, pace).left_s)
-    assert lefts == [None, None, pytest.approx(16.0), pytest.approx(14.0)]
-
-
-def test_compiling_of_one_worker_slows_down_by_its_share(
-    tmp_path: Path, clock: SimpleNamespace
-) -> None:
-    """Of two workers with trials of 4 s, one compiles for 8 s: the other runs two meanwhile."""
-    pace, lefts = Pace(CompileTimes(tmp_path)), []
-    for done, clock.now, compiled in ((0, 0.0, 0.0), (2, 4.0, 0.0), (4, 12.0, 8.0), (6, 16.0, 8.0)):
-        (tmp_path / "1").write_text(f"{compiled} 0.0")
-        lefts.append(pace.left_s(done, 10, 2))
-    assert lefts == [None, None, pytest.approx(6 * 2.0), pytest.approx(4 * 2.0)]
 
 
 def test_a_standing_in_words() -> None:
@@ -133,7 +102,7 @@ def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFi
     url = f"sqlite:///{tmp_path}/results.db"
     with Logbook.open(url, results_dir=tmp_path) as logbook:
         sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=1,2,3", ["seed=1,2,3"], 3)
-        with caplog.at_level(logging.INFO), progress.shown(url, sweep_id, CompileTimes(tmp_path)):
+        with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
             for seed in (1, 2):
                 run = logbook.begin_run(start(seed), sweep_id)
                 if seed == 1:
@@ -163,7 +132,7 @@ def test_a_broken_logbook_ends_the_display_not_the_sweep(
 ) -> None:
     with (
         caplog.at_level(logging.INFO),
-        progress.shown(f"sqlite:///{tmp_path}/none.db", 1, CompileTimes(tmp_path)),
+        progress.shown(f"sqlite:///{tmp_path}/none.db", 1),
     ):
         progress_told(caplog, "the progress is no longer shown: ")
 

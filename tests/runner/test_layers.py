@@ -16,7 +16,6 @@ FLOORS = (
     "models.returned",
     "models.ranges",
     "models.source_digest",
-    "models.compile_lock",
     "models.compiled",
     "models.elementary",
     "models.packs",
