@@ -13,13 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from threading import Event
+from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.compile_lock import CompileTimes
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.background import in_background
 from seatrial.runner.database.mask import styled
 from seatrial.runner.database.terminal import error_line, visible
 from seatrial.runner.invocation import results_program, trial_program
@@ -222,6 +221,20 @@ def shown(
     pace = Pace(compile_times)
     with make_view() as view, in_background(partial(_watch, url, sweep_id, view, pace)):
         yield
+
+
+@contextmanager
+def in_background(work: Callable[[Event], None]) -> Iterator[None]:
+    """Run `work` in a thread while the block runs; it gets the event that the block has ended."""
+    ended = Event()
+    thread = Thread(target=work, args=(ended,), daemon=True)
+    try:
+        thread.start()
+        yield
+    finally:
+        ended.set()
+        if thread.is_alive():  # a signal can come before it has started
+            thread.join()
 
 
 def duration(seconds: float) -> str:
