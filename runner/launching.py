@@ -11,7 +11,7 @@ twice: a trial that is launched again while it is running remains with its proce
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
 from hydra.core.utils import JobStatus
@@ -26,7 +26,7 @@ from seatrial.runner.vocabulary import ENDINGS
 # Libraries read these variables when a worker starts; a trial uses one thread.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 WAIT_S = 0.5
-AT_ONCE = {"basic": 32}  # it holds the configurations of all its jobs
+BASIC = 32  # jobs that the basic launcher is given at once: it holds their configurations
 
 
 @dataclass
@@ -49,20 +49,16 @@ def check(options: DictConfig) -> None:
 @contextmanager
 def ready(make: Callable[[], Launcher], choice: str) -> Iterator[Launcher]:
     """Create the launcher `choice`; its workers end with the block, however it ends."""
-    launcher, cancel = make(), None
-    if choice == "submitit_slurm":
-        from seatrial.runner.slurm_queue import watch_the_queue
+    launcher = make()
+    workers: AbstractContextManager[object] = nullcontext()
+    if isinstance(launcher, Processes):
+        workers = closing(launcher)
+    elif choice == "submitit_slurm":
+        from seatrial.runner.slurm_queue import watched_queue
 
-        cancel = watch_the_queue().cancel
-    try:
+        workers = watched_queue()
+    with workers:
         yield launcher
-    except BaseException:
-        if cancel is not None:
-            cancel()
-        raise
-    finally:
-        if isinstance(launcher, Processes):
-            launcher.close()
 
 
 def launch(
@@ -73,7 +69,7 @@ def launch(
     Raises ConfigurationError if the launcher cannot be used here.
     """
     launched = LaunchResult()
-    size = size or AT_ONCE.get(choice) or max(len(plans), 1)
+    size = size or (BASIC if choice == "basic" else max(len(plans), 1))
     with _one_thread():
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]

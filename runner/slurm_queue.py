@@ -6,6 +6,8 @@ cluster.
 """
 
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from submitit.slurm.slurm import SlurmInfoWatcher, SlurmJob
 
@@ -47,13 +49,14 @@ class QueueWatcher(SlurmInfoWatcher):
         """Return whether a job has ended, successfully or not."""
         return self.get_state(job_id, mode) in {*ENDED, FORGOTTEN}
 
-    def cancel(self) -> None:
-        """Cancel the jobs that have not ended."""
-        if self.jobs:
-            subprocess.run(["scancel", "--quiet", *self.jobs], check=False)
 
-
-def watch_the_queue() -> QueueWatcher:
-    """Make submitit read the state of its jobs from the queue."""
+@contextmanager
+def watched_queue() -> Iterator[None]:
+    """Make submitit read the state of its jobs from the queue; cancel them if the block fails."""
     SlurmJob.watcher = watcher = QueueWatcher()
-    return watcher
+    try:
+        yield
+    except BaseException:
+        if watcher.jobs:
+            subprocess.run(["scancel", "--quiet", *watcher.jobs], check=False)
+        raise

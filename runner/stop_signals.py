@@ -10,7 +10,7 @@ finalisers and callbacks.
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
@@ -19,12 +19,8 @@ AGAIN_S = 0.05
 PATIENCE_S = 5.0  # with an import, a transaction or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
 DELICATE = (
-    "importlib._bootstrap",
-    "logging",
-    "omegaconf",
-    "seatrial.runner.database.liveness",
-    "seatrial.runner.database.logbook",
-    "sqlalchemy",
+    *("importlib._bootstrap", "logging", "omegaconf", "sqlalchemy"),
+    *("seatrial.runner.database.liveness", "seatrial.runner.database.logbook"),
 )
 
 
@@ -45,7 +41,7 @@ class StopSignals:
         """Handle the signals in the block; an ignored signal (nohup) stays ignored."""
         numbers = [signal.Signals[name] for name in names]
         before = {number: signal.getsignal(number) for number in (*numbers, signal.SIGALRM)}
-        hook, sys.unraisablehook = sys.unraisablehook, self._dropped(sys.unraisablehook)
+        self._hook, sys.unraisablehook = sys.unraisablehook, self._unraisable
         for number in numbers:
             if before[number] is not signal.SIG_IGN:
                 signal.signal(number, self._handle)
@@ -54,7 +50,7 @@ class StopSignals:
         finally:
             if self._timer is not None:
                 signal.setitimer(signal.ITIMER_REAL, *self._timer)
-            sys.unraisablehook = hook
+            sys.unraisablehook = self._hook
             for number, handler in before.items():
                 signal.signal(number, handler)
 
@@ -75,16 +71,11 @@ class StopSignals:
         timer = signal.setitimer(signal.ITIMER_REAL, after_s)
         self._timer = self._timer or timer
 
-    def _dropped(
-        self, hook: Callable[["sys.UnraisableHookArgs"], object]
-    ) -> Callable[["sys.UnraisableHookArgs"], None]:
-        def unraisable(dropped: "sys.UnraisableHookArgs") -> None:
-            if isinstance(dropped.exc_value, StopSignal):
-                self._again(AGAIN_S)
-            else:
-                hook(dropped)
-
-        return unraisable
+    def _unraisable(self, dropped: "sys.UnraisableHookArgs") -> None:
+        if isinstance(dropped.exc_value, StopSignal):
+            self._again(AGAIN_S)
+        else:
+            self._hook(dropped)
 
 
 def _is_delicate(frame: FrameType | None) -> bool:
