@@ -1,8 +1,8 @@
 # seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`, `make bench`;
-# each sets up .venv by itself, `make slow` another one, .venv-ray, as well.
+# each sets up .venv by itself, `make ray` another one, .venv-ray.
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
 
-.PHONY: demo robustness coverage manoeuvring benchmark readme published bench docs gallery test slow ray abuse check clean help
+.PHONY: demo robustness coverage manoeuvring benchmark readme published bench docs gallery test slow nightly nightly-tests ray abuse check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -37,9 +37,10 @@ help:
 	@echo 'make coverage   how many true coefficients the 95 % intervals cover, COVERAGE_SEEDS=100; docs/identification.md'
 	@echo 'make benchmark   every entrant on the tasks of conf/benchmark: results/benchmark/index.html, docs/benchmark.md'
 	@echo 'make docs    the guide as pages in site, built strictly and without a network; make gallery: its figures alone'
-	@echo 'make test    the test suite; make slow: the tests that take longer, those of Ray as well'
+	@echo 'make test    the test suite; make slow: the tests that take longer'
+	@echo 'make nightly what takes hours: $(NIGHTLY); it goes on after a failure'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
-	@echo 'make abuse   kills, crowds, outages, full disks and malformed inputs; a part of it is in make slow'
+	@echo 'make abuse   20 kills, writers at once, full disks; a part of it is in make slow'
 	@echo 'make check   ruff, mypy --strict, and imports that do not resolve (basedpyright)'
 	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
 	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md'
@@ -52,7 +53,7 @@ NOISY := disturbance=noise,[constant,noise],[wind,noise] seed=range(0,20)
 demo: $(VENV)/demo.stamp
 	$(BIN)/python -m runner -m --variant 'identifier=none,auto disturbance=calm seed=0' \
 	    --variant '$(THESIS) disturbance=calm seed=0' --variant 'identifier=none,auto $(NOISY)' \
-	    --variant '$(THESIS) $(NOISY)' deploy_unphysical=true hydra/launcher=joblib
+	    --variant '$(THESIS) $(NOISY)' deploy_unphysical=true hydra/launcher=processes
 	$(BIN)/python -m runner.compare table --metric e_pos_mae --statistic median,n --baseline identifier=none
 	$(BIN)/python -m runner.compare table --metric velocity_rmse_restarts --dof sway --statistic median,n \
 	    --baseline identifier=none
@@ -75,7 +76,7 @@ RECORDINGS = $(subst $(SPACE),$(COMMA),$(BELUGA:%=$$SEATRIAL_DATA/beluga/%.csv))
 define ROBUSTNESS
 $(BIN)/python -m runner -m --variant identifier=$(IDENTIFIERS) \
     --variant 'identifier=$(ORDERS) identifier.bootstrap=null' \
-    evaluation=none results_dir=results/robustness sweep.name=robustness hydra/launcher=joblib
+    evaluation=none results_dir=results/robustness sweep.name=robustness hydra/launcher=processes
 endef
 ANY_SEED := 'seed=range(0,$(SEEDS))'
 KEPT := || [ $$? -eq 1 ]
@@ -127,7 +128,7 @@ published: $(VENV)/demo.stamp
 	        continue; \
 	    fi; \
 	    $(BIN)/python -m runner experiment=$$experiment results_dir=results/published \
-	        hydra/launcher=joblib || [ $$? -eq 1 ] || exit 1; \
+	        hydra/launcher=processes || [ $$? -eq 1 ] || exit 1; \
 	done
 	$(BIN)/python -m runner.compare published --database results/published/results.db \
 	    --page results/published/index.html --summary
@@ -152,14 +153,21 @@ test: $(VENV)/test.stamp
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
 	$(PYTEST) -m slow --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
-	$(MAKE) ray
+
+# What is a product of everything, or takes hours: all of it, also after the failure of a part.
+NIGHTLY := nightly-tests published robustness coverage bench ray
+nightly:
+	failed=; for part in $(NIGHTLY); do $(MAKE) $$part || failed="$$failed $$part"; done; \
+	if [ -n "$$failed" ]; then echo "make nightly: failed:$$failed" >&2; exit 1; fi
+
+nightly-tests: $(VENV)/test.stamp
+	$(PYTEST) -m nightly --timeout 3600 --durations 25
 
 ray: $(RAY)/ray.stamp
-	$(RAY)/bin/python -m pytest -m 'slow and ray' --timeout 1800 tests/runner/test_launchers.py
+	$(RAY)/bin/python -m pytest -m ray --timeout 1800 tests/runner/test_launchers.py
 
-# At most 25 minutes on two cores. It ends with a table, and with 1 if anything did not hold.
 abuse: $(VENV)/test.stamp
-	$(BIN)/python -m tests.abuse
+	$(BIN)/python -m pytest -p no:benchmark -m nightly --durations 25 tests/abuse
 
 check: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .

@@ -6,14 +6,21 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-Five private parts of Hydra 1.3.8 are used, here, in `in_process` and in `yaml_files` alone. The
-first is its command-line parser, which by itself prints a usage message and ends the process
-instead of reporting one line. The second is its table of plugins: the public `Plugins.register`
-names a plugin after its module, which must be in the name space `hydra_plugins`, but seatrial
-installs no other name than its own. The third is its source of configuration files, with the table
-that names it: a vessel may also be a file of the working folder, or the model of a run. The fourth
-is what `--cfg` prints: it shows the numbers that options take from the vessel. The fifth is what
-completes a line in a shell: it is shown a sweep as one of its trials.
+These private parts of Hydra 1.3.8 and submitit 1.5.4 are used, and no others:
+
+get_args_parser     Hydra's command-line parser prints a usage message and ends the process by
+                    itself, instead of reporting one line (tests/runner/test_command_line.py).
+class_name_to_class Hydra's public `Plugins.register` names a plugin after its module, which must be
+                    in the name space `hydra_plugins`; seatrial installs no other name than its own
+                    (tests/runner/test_sweep.py).
+file_config_source, A vessel may also be a file of the working folder, or the model of a run
+SourcesRegistry     (tests/runner/test_yaml_files.py).
+get_sanitized_cfg,  What `--cfg` prints has the numbers that options take from the vessel
+Hydra               (tests/runner/test_vessel_options.py).
+_query              What completes a line in a shell is shown a sweep as one of its trials
+                    (tests/runner/test_completion.py).
+SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
+SlurmJob            _make_command (tests/runner/test_slurm.py).
 """
 
 import os
@@ -37,7 +44,7 @@ from seatrial.runner.composition import with_numbers
 from seatrial.runner.console import NewWarnings
 from seatrial.runner.database.mask import learn, masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.hydra_errors import EXPECTED, one_line
+from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.in_process import register
 from seatrial.runner.invocation import import_from_working_folder, program_version
 from seatrial.runner.overrides import left_to_jobs
@@ -90,6 +97,7 @@ def _main(stop: StopSignals) -> int:
         if sys.argv[1:] and (command := COMMANDS.get(sys.argv[1])):
             session.started = True
             return command(sys.argv[2:])
+        refuse_replaced(sys.argv[1:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)

@@ -92,6 +92,6 @@ def _parser() -> argparse.ArgumentParser:
         "--entrant", action="append", help="of the task, or an identifier; default: all of the task"
     )
     parser.add_argument("--results-dir", type=Path, default=RESULTS)
-    parser.add_argument("--launcher", default="joblib")
+    parser.add_argument("--launcher", default="processes")
     parser.add_argument("--dry-run", action="store_true", help="print the commands of the trials")
     return parser

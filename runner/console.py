@@ -13,12 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from threading import Event
+from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.background import in_background
 from seatrial.runner.database.mask import styled
 from seatrial.runner.database.terminal import error_line, visible
 from seatrial.runner.invocation import results_program, trial_program
@@ -215,6 +214,20 @@ def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Itera
     """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
     with make_view() as view, in_background(partial(_watch, url, sweep_id, view, Pace())):
         yield
+
+
+@contextmanager
+def in_background(work: Callable[[Event], None]) -> Iterator[None]:
+    """Run `work` in a thread while the block runs; it gets the event that the block has ended."""
+    ended = Event()
+    thread = Thread(target=work, args=(ended,), daemon=True)
+    try:
+        thread.start()
+        yield
+    finally:
+        ended.set()
+        if thread.is_alive():  # a signal can come before it has started
+            thread.join()
 
 
 def duration(seconds: float) -> str:

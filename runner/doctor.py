@@ -31,7 +31,7 @@ EXTRAS = {
     "rivals": "identifier=sparse",
     "ros": "excitation=recording with bags of ROS and MCAP",
     "search": "hydra/sweeper=optuna",
-    "slurm": "hydra/launcher=submitit_local, submitit_slurm",
+    "slurm": "hydra/launcher=submitit_slurm",
     "ulog": "excitation=recording with logs of PX4",
 }
 PROGRAMS = {

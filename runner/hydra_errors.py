@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -10,12 +10,17 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from seatrial.models.errors import SeatrialError
+from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "hydra/launcher=joblib": "use hydra/launcher=processes",
+    "hydra/launcher=submitit_local": "use hydra/launcher=processes",
+}
 # Launchers that need an extra, and the name of the extra.
-LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
+LAUNCHERS = {"submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
 _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/']*)'")
 _NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
@@ -25,6 +30,13 @@ _NO_NAME = re.compile(r"null|true|false|[-+.\d].*|[\[{].*", re.IGNORECASE)
 _NOT_A_CHOICE = re.compile(r"Config group override must be")
 _NO_VARIABLE = re.compile(r"Environment variable '(?P<name>[^']*)' not found")
 _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
+
+
+def refuse_replaced(words: Iterable[str]) -> None:
+    """Raise ConfigurationError if a word of the command line is gone, with what replaces it."""
+    for word in words:
+        if word in REPLACED:
+            raise ConfigurationError(f"{word} is gone: {REPLACED[word]}")
 
 
 def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
@@ -70,9 +82,13 @@ def _missing_config(error: MissingConfigException) -> str:
     match = _NOT_FOUND.search(str(error))
     if match is None:
         return _joined(str(error))
+    text = f"{match['group']}={match['option']}"
+    if text in REPLACED:
+        return f"{text} is gone: {REPLACED[text]}"
     if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
-        return f"hydra/launcher={match['option']} is not installed: pip install 'seatrial[{extra}]'"
+        return f"{text} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])
+    known = [name for name in known if f"{match['group']}={name}" not in REPLACED]
     close = get_close_matches(match["option"], known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return (

@@ -19,6 +19,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.core.utils import JobRuntime
+from hydra.plugins.plugin import Plugin
 from hydra.types import RunMode
 from hydra.version import VersionBase
 
@@ -27,10 +28,11 @@ from seatrial.runner import console
 from seatrial.runner.composition import order_of
 from seatrial.runner.database.mask import learn, without_address, without_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.hydra_errors import EXPECTED, one_line
+from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.invocation import import_from_working_folder, trial_program
 from seatrial.runner.job import Order
 from seatrial.runner.overrides import left_to_jobs
+from seatrial.runner.processes import Processes
 from seatrial.runner.provenance import Provenance, collect
 from seatrial.runner.search import SearchSweeper
 from seatrial.runner.search_path import CONF, UserFolders
@@ -41,8 +43,12 @@ from seatrial.runner.yaml_files import FileConfigSource
 if TYPE_CHECKING:
     from hydra._internal.hydra import Hydra
 
-# As the files of conf/hydra/sweeper name them.
-SWEEPER, SEARCH = "hydra_plugins.seatrial.Sweeper", "hydra_plugins.seatrial.Search"
+# As the files of conf/hydra/sweeper and conf/hydra/launcher name them.
+PLUGINS: dict[str, type[Plugin]] = {
+    "hydra_plugins.seatrial.Processes": Processes,
+    "hydra_plugins.seatrial.Search": SearchSweeper,
+    "hydra_plugins.seatrial.Sweeper": SeatrialSweeper,
+}
 # Launchers configure the logging of the process that they run in; the caller's stays as it is.
 QUIET = ("hydra/job_logging=none", "hydra/hydra_logging=none")
 
@@ -114,8 +120,7 @@ def composed(overrides: Sequence[str]) -> Order:
 
 def register(overrides: Sequence[str]) -> None:
     """Make our plugins and source of files known to Hydra; `overrides` are those of the call."""
-    sweepers = {SWEEPER: SeatrialSweeper, SEARCH: SearchSweeper}
-    Plugins.instance().class_name_to_class.update(sweepers)
+    Plugins.instance().class_name_to_class.update(PLUGINS)
     Plugins.instance().register(UserFolders)
     SourcesRegistry.instance().types["file"] = FileConfigSource
     FileConfigSource.overrides = overrides
@@ -124,6 +129,7 @@ def register(overrides: Sequence[str]) -> None:
 @contextmanager
 def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
     """Provide a Hydra of our own, and errors in one line; its state is as before afterwards."""
+    refuse_replaced(overrides)
     for text in overrides:
         learn(text)
     stop = StopSignals()

@@ -28,7 +28,7 @@ else:
     threadpoolctl = lazy_loader.load("threadpoolctl")
     trials = lazy_loader.load("seatrial.runner.trial", suppress_warning=True)
 
-State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost"]
+State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost", "bug"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ class Outcome:
     """The outcome of an order.
 
     skipped: the trial was in the logbook already; busy: another process is running it; lost: the
-    logbook could not store the results, so there is no row (then `run_id` is None).
+    logbook could not store the results, so there is no row (then `run_id` is None); bug: nothing is
+    stored, and `error` is the traceback.
     """
 
     state: State

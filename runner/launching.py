@@ -1,8 +1,8 @@
 """Launch of the trials of a sweep with Hydra's launchers, and recovery from lost workers.
 
-basic    runs the trials in this process, one after the other; a lost process ends the sweep
-joblib   a killed worker breaks the pool of workers, and ends the sweep
-others   (submitit, ray) the other trials go on, and the lost trials are launched once more
+basic              runs the trials in this process; a lost process ends the sweep
+processes, ray,    the other trials go on, and the lost trials are launched once more
+submitit_slurm
 
 The logbook holds the state of trials whose launcher has lost them, and prevents that a trial is run
 twice: a trial that is launched again while it is running remains with its process.
@@ -11,29 +11,22 @@ twice: a trial that is launched again while it is running remains with its proce
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
 from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
+from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
-from seatrial.runner.joblib_workers import joblib_workers
-from seatrial.runner.stop_signals import shielded_children
+from seatrial.runner.processes import Processes
 from seatrial.runner.vocabulary import ENDINGS
 
-POOL_LOST = (
-    "a worker process was killed or ran out of memory, which ends the sweep: "
-    "finished runs are kept, the same command runs the rest"
-)
 # Libraries read these variables when a worker starts; a trial uses one thread.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 WAIT_S = 0.5
-# submitit starts one process per job at once; basic holds the configurations of all its jobs.
-AT_ONCE = {"submitit_local": os.cpu_count(), "basic": 32}
+BASIC = 32  # jobs that the basic launcher is given at once: it holds their configurations
 
 
 @dataclass
@@ -41,95 +34,73 @@ class LaunchResult:
     """The outcomes of a sweep's trials that the launcher reported; the logbook holds the rest."""
 
     outcomes: list[Outcome] = field(default_factory=list)
-    bugs: list[Exception] = field(default_factory=list)  # exceptions that are not stored in a row
+    bugs: list[Outcome] = field(default_factory=list)  # not stored in a row
     error: str | None = None  # why the rest was not launched
 
 
-def check(choice: str, arguments: Sequence[str]) -> None:
-    """Raise ConfigurationError if the launcher would write a password to its files."""
-    if choice.startswith("submitit") and any(
-        without_passwords(argument) != argument for argument in arguments
-    ):
-        raise ConfigurationError(
-            f"hydra/launcher={choice} writes its jobs to files, and the password of database.url"
-            " with them: expected the address in SEATRIAL_DATABASE, and database=postgresql"
-        )
+def check(options: DictConfig) -> None:
+    """Raise ConfigurationError for wrong options of the launcher `processes`."""
+    number = options.get("n_jobs", -1)
+    if isinstance(number, bool) or not isinstance(number, int) or (number < 1 and number != -1):
+        expected = "expected a number of processes, or -1 for one on each core"
+        raise ConfigurationError(f"hydra.launcher.n_jobs: got {number}, {expected}")
+
+
+@contextmanager
+def ready(make: Callable[[], Launcher], choice: str) -> Iterator[Launcher]:
+    """Create the launcher `choice`; its workers end with the block, however it ends."""
+    launcher = make()
+    workers: AbstractContextManager[object] = nullcontext()
+    if isinstance(launcher, Processes):
+        workers = closing(launcher)
+    elif choice == "submitit_slurm":
+        from seatrial.runner.slurm_queue import watched_queue
+
+        workers = watched_queue()
+    with workers:
+        yield launcher
 
 
 def launch(
-    make: Callable[[], Launcher],
-    choice: str,
-    plans: Sequence[Plan],
-    sweep_id: int,
-    size: int | None,
+    launcher: Launcher, choice: str, plans: Sequence[Plan], sweep_id: int, size: int | None
 ) -> LaunchResult:
-    """Run the plans with the launcher that `make` creates, at most `size` of them at a time.
+    """Run the plans with a launcher, at most `size` of them at a time.
 
-    Raises ConfigurationError if the launcher `choice` cannot be used here.
+    Raises ConfigurationError if the launcher cannot be used here.
     """
     launched = LaunchResult()
-    if not plans:
-        return launched
-    launcher = make()
-    if choice == "submitit_slurm":
-        from seatrial.runner.slurm_queue import watch_the_queue
-
-        watch_the_queue()
-    size = size or AT_ONCE.get(choice) or len(plans)
-    with _single_threaded_workers(), _workers(choice, launcher):
+    size = size or (BASIC if choice == "basic" else max(len(plans), 1))
+    with _one_thread():
         for start in range(0, len(plans), size):
             batch = plans[start : start + size]
             try:
-                if not _launch_batch(launcher, batch, start, launched):
-                    _relaunch_lost(launcher, batch, start, sweep_id, launched)
-            except BrokenProcessPool:
-                launched.error = POOL_LOST
-                break
+                if _launch_batch(launcher, batch, start, launched):
+                    continue
+                lost = _wait_for_end(batch, sweep_id)
+                if lost:
+                    _launch_batch(launcher, lost, start, launched)  # there is no third attempt
+                    _wait_for_end(lost, sweep_id)
             except Exception as error:
                 message = " ".join(str(error).split()) or type(error).__name__
                 raise ConfigurationError(f"hydra/launcher={choice}: {message}") from error
     return launched
 
 
-def _workers(choice: str, launcher: Launcher) -> AbstractContextManager[object]:
-    """Around the workers of a launcher on this machine: who gets signals, and what ends them."""
-    if choice == "joblib":
-        return joblib_workers(launcher)
-    # submitit starts a process for each trial, which gets signals, and one that waits for it
-    return shielded_children() if choice == "submitit_local" else nullcontext()
-
-
 def _launch_batch(
     launcher: Launcher, batch: Sequence[Plan], start: int, launched: LaunchResult
 ) -> bool:
     """Launch a batch; returns False if the launcher lost one of its workers."""
-    overrides = [list(plan.overrides) for plan in batch]
     try:
-        returns = launcher.launch(overrides, initial_job_idx=start)
+        jobs = launcher.launch([list(plan.overrides) for plan in batch], initial_job_idx=start)
     except Exception as error:
-        if _is_loss(error):
+        kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
+        if kinds & {("submitit", "UncompletedJobError"), ("ray", "RayError")}:
             return False
         raise
-    for job in returns:
-        completed = job.status is JobStatus.COMPLETED
-        (launched.outcomes if completed else launched.bugs).append(job._return_value)
-    return True
-
-
-def _is_loss(error: Exception) -> bool:
-    """Return whether an error of a launcher means that a worker was lost."""
-    kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(error).__mro__}
-    return ("submitit", "UncompletedJobError") in kinds or ("ray", "RayError") in kinds
-
-
-def _relaunch_lost(
-    launcher: Launcher, batch: Sequence[Plan], start: int, sweep_id: int, launched: LaunchResult
-) -> None:
-    """Launch the lost trials of a batch once more, after the other trials have ended."""
-    lost = _wait_for_end(batch, sweep_id)
-    if lost:
-        _launch_batch(launcher, lost, start, launched)  # there is no third attempt
-        _wait_for_end(lost, sweep_id)
+    ended = [job.return_value for job in jobs if job.status is not JobStatus.UNKNOWN]
+    launched.outcomes += [outcome for outcome in ended if outcome.state != "bug"]
+    launched.bugs += [outcome for outcome in ended if outcome.state == "bug"]
+    return len(ended) == len(jobs)
 
 
 def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
@@ -141,14 +112,13 @@ def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
 
 
 @contextmanager
-def _single_threaded_workers() -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         yield
     finally:
         for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
+            os.environ.pop(name)
+            if value is not None:
                 os.environ[name] = value

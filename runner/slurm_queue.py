@@ -5,19 +5,17 @@ that a job has ended, so a sweep with a lost job would wait for ever. `squeue` w
 cluster.
 """
 
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from submitit.slurm.slurm import SlurmInfoWatcher, SlurmJob
 
 EVERY_S = 60  # longest time [s] between two queries; shorter after a submission
 # squeue(1), JOB STATE CODES: the final states. A preempted job is either queued again, or
 # disappears from the queue.
 ENDED = {
-    "BOOT_FAIL",
-    "CANCELLED",
-    "COMPLETED",
-    "DEADLINE",
-    "FAILED",
-    "NODE_FAIL",
-    "OUT_OF_MEMORY",
+    *("BOOT_FAIL", "CANCELLED", "COMPLETED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY"),
     "TIMEOUT",
 }
 FORGOTTEN = "FORGOTTEN"  # ended longer ago than Slurm remembers (MinJobAge, five minutes)
@@ -26,15 +24,22 @@ FORGOTTEN = "FORGOTTEN"  # ended longer ago than Slurm remembers (MinJobAge, fiv
 class QueueWatcher(SlurmInfoWatcher):
     """Queries squeue for all jobs of the user at once, including those that ended recently."""
 
-    def _make_command(self) -> list[str] | None:
-        if not self._registered - self._finished:
-            return None
+    def __init__(self) -> None:
+        super().__init__(delay_s=EVERY_S)
+        self.jobs: set[str] = set()
+
+    def register_job(self, job_id: str) -> None:
+        """Watch a job."""
+        super().register_job(job_id)
+        self.jobs.add(job_id)
+
+    def _make_command(self) -> list[str]:
         return ["squeue", "--me", "--array", "--noheader", "--states=all", "--format=%i|%T|%N"]
 
     def read_info(self, string: bytes | str) -> dict[str, dict[str, str]]:
-        """Return the state and nodes of each submitted job, from the output of squeue."""
+        """Return the state and nodes of each watched job, from the output of squeue."""
         answer = string if isinstance(string, str) else string.decode()
-        listed = dict.fromkeys(self._registered, (FORGOTTEN, ""))
+        listed = dict.fromkeys(self.jobs, (FORGOTTEN, ""))
         for line in answer.splitlines():
             job, state, nodes = line.strip().split("|")
             listed[job] = (state, nodes)
@@ -45,6 +50,13 @@ class QueueWatcher(SlurmInfoWatcher):
         return self.get_state(job_id, mode) in {*ENDED, FORGOTTEN}
 
 
-def watch_the_queue() -> None:
-    """Make submitit read the state of its jobs from the queue."""
-    SlurmJob.watcher = QueueWatcher(delay_s=EVERY_S)
+@contextmanager
+def watched_queue() -> Iterator[None]:
+    """Make submitit read the state of its jobs from the queue; cancel them if the block fails."""
+    SlurmJob.watcher = watcher = QueueWatcher()
+    try:
+        yield
+    except BaseException:
+        if watcher.jobs:
+            subprocess.run(["scancel", "--quiet", *watcher.jobs], check=False)
+        raise

@@ -5,7 +5,7 @@ configured launcher, and ends with a summary from the logbook.
 """
 
 import logging
-import os
+import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -43,11 +43,10 @@ from seatrial.runner.job import (
     prepare,
     shown,
 )
-from seatrial.runner.launching import LaunchResult, check, launch
+from seatrial.runner.launching import LaunchResult, check, launch, ready
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.precompile import precompile
 from seatrial.runner.provenance import Provenance, collect
-from seatrial.runner.stop_signals import leave_shield
 
 if TYPE_CHECKING:  # what is slow to import
     from seatrial.runner import budget
@@ -205,10 +204,17 @@ class SweepJob:
     provenance: Provenance
 
     def __call__(self, config: DictConfig) -> Outcome:
-        """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it."""
-        if "SUBMITIT_LOCAL_JOB_ID" in os.environ:
-            leave_shield()
-        order = order_of(config, HydraConfig.get())
+        """Run one trial, unless it is in the logbook; `lost` if the logbook cannot store it.
+
+        Returns a bug as an outcome: its exception need not fit through the pipe of a worker.
+        """
+        try:
+            order = order_of(config, HydraConfig.get())
+            return self._perform(order)
+        except (Exception, SystemExit) as error:
+            return Outcome("bug", None, type(error).__name__, traceback.format_exc())
+
+    def _perform(self, order: Order) -> Outcome:
         try:
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
@@ -290,9 +296,9 @@ class SeatrialSweeper(Sweeper):
     ) -> Iterator["SweepUnderway"]:
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
 
-        On Ctrl-C its runs are marked as interrupted.
+        On Ctrl-C its runs are marked as interrupted, after its workers have ended.
         """
-        check(self._choice, arguments)
+        check(self._config.hydra.launcher)
         url, provenance = plan.database_url, self.session.provenance()
         with database.Logbook.open(url, results_dir=plan.results_dir) as logbook:
             sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned)
@@ -301,7 +307,8 @@ class SeatrialSweeper(Sweeper):
             sweep = SweepUnderway(logbook, job, planned)
             with console.shown(url, sweep_id, self.session.view):
                 try:
-                    yield sweep
+                    with ready(partial(self._make_launcher, job), self._choice) as self._launcher:
+                        yield sweep
                 except BaseException:  # what Ctrl-C has interrupted may fail by any exception
                     logbook.give_up_sweep(sweep_id)
                     raise
@@ -312,7 +319,7 @@ class SeatrialSweeper(Sweeper):
         self.session.say(lines)
         self.session.exit_code, self.session.error = exit_code, launched.error
         if launched.bugs:
-            raise launched.bugs[0]
+            raise RuntimeError(launched.bugs[0].error)
 
     @property
     def _choice(self) -> str:
@@ -320,15 +327,15 @@ class SeatrialSweeper(Sweeper):
         return str(self._config.hydra.runtime.choices["hydra/launcher"])
 
     def _launch(self, plans: Sequence[Plan], job: SweepJob) -> LaunchResult:
-        def make() -> Launcher:
-            return Plugins.instance().instantiate_launcher(
-                hydra_context=self._context, task_function=job, config=self._config
-            )
-
         if len(plans) > 1 and self._choice not in COMPILING:
             composer = Composer(self._loader, self._config)
             precompile((plan.kinds, partial(_trial, composer, plan)) for plan in plans)
-        return launch(make, self._choice, plans, job.sweep_id, self.max_batch_size)
+        return launch(self._launcher, self._choice, plans, job.sweep_id, self.max_batch_size)
+
+    def _make_launcher(self, job: SweepJob) -> Launcher:
+        return Plugins.instance().instantiate_launcher(
+            hydra_context=self._context, task_function=job, config=self._config
+        )
 
 
 def _trial(composer: Composer, plan: Plan) -> Trial:

@@ -216,9 +216,9 @@ def compare(folder: Path, identifier: str) -> None:
 @pytest.mark.slow
 def test_workers_find_the_parts_of_the_working_folder(tmp_path: Path) -> None:
     folder = written(tmp_path)
-    sweep = ("-m", "identifier=fit,none", "seed=0,1", "hydra/launcher=joblib")
+    sweep = ("-m", "identifier=fit,none", "seed=0,1", "hydra/launcher=processes")
     out = run(folder, "seatrial.runner", *sweep, *SURGE, "hydra.launcher.n_jobs=2")
     assert "4 runs: 4 finished" in out
-    parts = ("-m", "controller=pd_python,pid_ff", "hydra/launcher=joblib")
+    parts = ("-m", "controller=pd_python,pid_ff", "hydra/launcher=processes")
     out = run(folder, "seatrial.runner", *parts, *SHORT, "hydra.launcher.n_jobs=2")
     assert "2 runs: 2 finished" in out

@@ -51,7 +51,7 @@ if __name__ == "__main__":  # workers import this file
     estimator = st.Estimator("ls", vessel="surge_linear", basis="physical")
     print(len(cross_val_score(estimator, recording.blocks(4), cv=KFold(2))))
     sweep = st.sweep(
-        ["identifier=none,ls"], launcher="joblib", seed=range(2), vessel="surge_linear",
+        ["identifier=none,ls"], launcher="processes", seed=range(2), vessel="surge_linear",
         excitation="prbs", controller="none",
     )
     print(len(sweep.runs(status="finished")))
@@ -78,7 +78,7 @@ if __name__ == "__main__":
     print(st.Vessel.from_yaml("tug.yaml").inertia.loc["surge", "surge"])
     sweep = st.sweep(
         [{"identifier.factor": factor} for factor in (0.5, 2.0)], vessel="tug.yaml",
-        excitation="prbs", identifier="scaling", controller="none", launcher="joblib",
+        excitation="prbs", identifier="scaling", controller="none", launcher="processes",
     )
     for number in sorted(sweep.runs(status="finished").index):
         print(sweep.model(number).inertia.loc["surge", "surge"])
@@ -144,7 +144,7 @@ for attempt in range(2):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+@pytest.mark.parametrize("launcher", ["basic", "processes"])
 def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: str) -> None:
     (tmp_path / "script.py").write_text(INTERRUPTED)
     process = program("script.py", launcher, folder=tmp_path)

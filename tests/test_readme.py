@@ -47,7 +47,7 @@ def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
     recipe = subprocess.run(
         ["make", "--dry-run", "demo"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
-    demo = re.search(r"-m runner (-m --variant.*?hydra/launcher=joblib)", recipe, re.DOTALL)
+    demo = re.search(r"-m runner (-m --variant.*?hydra/launcher=processes)", recipe, re.DOTALL)
     assert demo is not None
     words = shlex.split(demo[1].replace("\\\n", " "))
     subprocess.run(

@@ -225,7 +225,7 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
 
     assert "identifier: " in said("seatrial", "--help")
     assert list(tmp_path.iterdir()) == []
-    sweep = ("-m", "identifier=none,ls", "evaluation=none", "hydra/launcher=joblib")
+    sweep = ("-m", "identifier=none,ls", "evaluation=none", "hydra/launcher=processes")
     assert "compare: seatrial-results table --rows identifier" in said("seatrial", *sweep)
     assert "run 3 finished; see seatrial-results show 3" in said(
         "seatrial", "identifier=ls", "evaluation=none", "seed=1"

@@ -139,7 +139,7 @@ def sweep(
         Options with several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten trials.
         A mapping is a set of options that change together, like `--variant`.
     launcher
-        basic (one after the other), joblib (all cores), submitit_slurm, ...
+        basic (one after the other), processes (all cores), submitit_slurm, ...
     name
         Name of the sweep, for tables and lists.
     database

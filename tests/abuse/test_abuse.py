@@ -1,134 +1,214 @@
-"""The law that judges hostile tries catches what it is there for; and a part of the tries."""
+"""Kills, two writers and full disks: nothing is lost or doubled, the same command finishes."""
 
-import json
+import os
+import random
 import signal
 import subprocess
-import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.abuse import isolated, ledger
-from tests.abuse.inputs import nothing
-from tests.abuse.isolated import Answer, Order
-from tests.abuse.ledger import Entry
-from tests.runner.programs import ROOT, program, wait
+from tests.abuse.stage import Program, Stage, wait
+
+SHORT = ("identifier=none", "evaluation=none", "excitation.interval_s=120")
+MANY = (*SHORT, "identifier=none,ls", "disturbance=calm,noise", "seed=range(0,3)")
+FEW = (*SHORT, "disturbance=noise", "seed=range(0,4)")
+TWO = ("hydra/launcher=processes", "hydra.launcher.n_jobs=2")
+STOPS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+INTERRUPTED = "seatrial: interrupted: finished runs are kept, the same command runs the rest"
+
+pytestmark = pytest.mark.timeout(3600)
+nightly = partial(pytest.param, marks=pytest.mark.nightly)
+slow = partial(pytest.param, marks=pytest.mark.slow)
 
 
-def answer(code: int = 2, err: str = "seatrial: no\n", **changes: object) -> Answer:
-    values = {"out": b"", "err": err.encode(), "seconds": 1.0, "new": ()} | changes
-    return Answer(Order("seatrial", (), nothing), Path(), code, **values)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class Calm:
+    """Times [s] to the start of an undisturbed sweep and of each trial, and its metrics."""
+
+    start_s: float
+    each_s: float
+    metrics: list[tuple[object, ...]]
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> Calm:
+    stage = Stage(tmp_path_factory.mktemp("calm"), MANY, 12)
+    began = time.monotonic()
+    program = stage.sweep()
+    stage.await_sweep(program)
+    start_s = time.monotonic() - began
+    code, _, err = program.ended()
+    assert code == 0, err
+    each_s = (time.monotonic() - began - start_s) / 12
+    return Calm(start_s, each_s, stage.complete())
+
+
+# How a sweep is killed. Each returns when the sweep and all it has started are gone.
+
+
+def kill_all(stage: Stage, program: Program, chance: random.Random) -> None:
+    program.send_all(signal.SIGKILL)
+
+
+def kill_parent(stage: Stage, program: Program, chance: random.Random) -> None:
+    """What the command has started must end by itself."""
+    program.process.kill()
+    program.process.wait()
+    wait(lambda: not program.family(), 90.0)
+
+
+def kill_child(stage: Stage, program: Program, chance: random.Random) -> None:
+    """The command must go on without one of the processes that it has started."""
+    others = [pid for pid in program.family() if pid != program.process.pid]
+    if others:
+        with suppress(ProcessLookupError):
+            os.kill(chance.choice(others), signal.SIGKILL)
+    code, out, err = program.ended()
+    assert code == 0, (out, err)
+
+
+def stop_parent(stage: Stage, program: Program, chance: random.Random) -> None:
+    number = chance.choice(STOPS)
+    program.process.send_signal(number)
+    stopped(program, number)
+
+
+def stop_all(stage: Stage, program: Program, chance: random.Random) -> None:
+    """As a terminal does."""
+    number = chance.choice(STOPS)
+    program.send_all(number)
+    stopped(program, number)
+
+
+def stopped(program: Program, number: signal.Signals) -> None:
+    code, out, err = program.ended()
+    if "results: " in out:  # it was done before the signal came
+        assert code in (0, 128 + number, -number), (code, err)
+    else:
+        assert code == 128 + number, (number, code, err)
+        assert err.splitlines()[-1] == INTERRUPTED
+    wait(lambda: not program.family(), 90.0)
+
+
+BLOWS = (kill_all, kill_child, stop_all, kill_parent, stop_parent)
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("launcher", "server", "kills"),
     [
-        (answer(), None),
-        (answer(0, "", out=b"\tdone\n", new=("results/results.db",)), None),
-        (answer(3), "exit code 3"),
-        (answer(-9), "ended by SIGKILL"),
-        (answer(-24), "took longer"),
-        (answer(0, "", seconds=1e4), "took longer"),
-        (answer(1, "Traceback (most recent call last):\n  here\nValueError: no\n"), "ValueError"),
-        (answer(2, ""), "without a message"),
-        (answer(2, "one\ntwo\n"), "2 lines"),
-        (answer(2, "x" * 1001), "1001 characters"),
-        (answer(2, "seatrial: got \x1b[31m\n"), "U+001B"),
-        (answer(0, "", out="\x9b".encode()), "U+009B"),
-        (answer(2, new=("results/results.db",)), "left behind"),
-        (answer(0, "", new=("series/.a.parquet.7.tmp",)), "left behind"),
+        slow(TWO, False, 5),
+        nightly(TWO, False, 20),
+        nightly(TWO, True, 20),
+        nightly((), False, 20),
+        nightly((), True, 20),
     ],
 )
-def test_the_law_tells_what_is_wrong(given: Answer, said: str | None) -> None:
-    broken = isolated.broken(given)
-    assert broken is None if said is None else said in (broken or "")
-
-
-@pytest.mark.slow
-def test_limits_end_a_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Endless work, endless waiting, too much memory, a crash: each is told from the others."""
-
-    def endless() -> int:
-        while True:
-            pass
-
-    bodies = {
-        "work": endless,
-        "wait": lambda: time.sleep(60.0),
-        "memory": lambda: len(bytearray(2 * isolated.MEMORY)),
-        "bug": lambda: 1 // 0,
-        "none": lambda: 0,
-    }
-    monkeypatch.setattr(isolated, "PROCESSOR_S", 1.0)
-    monkeypatch.setattr(isolated, "WALL_S", 10.0)
-    monkeypatch.setattr(isolated, "_call", lambda order: bodies[order.arguments[0]]())
-    orders = [(n, Order("seatrial", (name,), nothing)) for n, name in enumerate(bodies)]
-    said = {
-        a.order.arguments[0]: isolated.broken(a) or "" for _, a in isolated.run(orders, tmp_path)
-    }
-    assert "took longer" in said["work"]
-    assert "took longer" in said["wait"]
-    assert "MemoryError" in said["memory"]
-    assert "ZeroDivisionError" in said["bug"]
-    assert said["none"] == ""
-
-
-def test_what_does_not_hold_is_counted_and_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_kills_leave_the_results_of_an_undisturbed_sweep(
+    launcher: tuple[str, ...],
+    server: bool,
+    kills: int,
+    calm: Calm,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
-    entry = Entry("storms")
-    for height in (1, 9):
-        with entry.attempt(f"wave {height}", "python again"):
-            assert height < 5, "too high"
-    assert (entry.tried, entry.held) == (2, 1)
-    assert [violation.partition("\n")[0] for violation in entry.violations] == ["wave 9: too high"]
-    assert "repeat: python again" in capsys.readouterr().out
-    assert "| storms | 2 | 1 | 1 |" in ledger.table([entry])
-    ledger.write([entry], 1, tmp_path / "new" / "abuse.json")
-    assert json.loads((tmp_path / "new" / "abuse.json").read_text())["entries"][0]["violated"] == 1
+    chance = random.Random(20260201)
+    for first in range(0, kills, 5):
+        folder = tmp_path / str(first)
+        folder.mkdir()
+        postgres: Any = request.getfixturevalue("postgres") if server else None
+        stage = Stage(folder, (*MANY, *launcher), 12, postgres and postgres.new_database())
+        finished: frozenset[str] = frozenset()
+        for number, blow in enumerate(BLOWS):
+            program = stage.sweep()
+            try:
+                if number or first % 2:  # else while it starts
+                    stage.await_sweep(program)
+                    time.sleep(chance.uniform(0.0, 0.6 * calm.start_s + 5.0 * calm.each_s))
+                else:
+                    time.sleep(chance.uniform(0.0, calm.start_s))
+                blow(stage, program, chance)
+            finally:
+                program.send_all(signal.SIGKILL)
+                program.process.wait()
+            finished = stage.check(finished)
+        assert stage.complete() == calm.metrics
 
 
-GUARDED = """
-import subprocess, sys, time
-from tests.abuse.guard import guarded
-with guarded() as folder:
-    children = [subprocess.Popen(["sleep", "60"], start_new_session=True) for _ in range(2)]
-    disk = folder / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "tmpfs", disk], stderr=subprocess.DEVNULL)
-    print(folder, *(child.pid for child in children), flush=True)
-    time.sleep(60.0 if sys.argv[1] == "waits" else 0.0)
-"""
+@pytest.mark.parametrize(
+    ("server", "writers"), [slow(False, 2), nightly(True, 2), nightly(False, 8), nightly(True, 8)]
+)
+def test_writers_at_once_share_the_trials(
+    server: bool, writers: int, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    postgres: Any = request.getfixturevalue("postgres") if server else None
+    stage = Stage(tmp_path, FEW, 4, postgres and postgres.new_database())
+    programs = [stage.sweep() for _ in range(writers)]
+    while any(program.process.poll() is None for program in programs):
+        stage.check()  # a reader beside them
+        time.sleep(0.5)
+    for program in programs:
+        code, out, err = program.ended()
+        assert code == 0, (out, err)
+    with stage.logbook() as logbook:
+        assert logbook is not None
+        assert [run.attempt for run in logbook.runs()] == [1] * 4
+    stage.complete()
 
 
-@pytest.mark.parametrize("number", [None, signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_nothing_is_left_however_the_tries_end(tmp_path: Path, number: int | None) -> None:
-    with program("-c", GUARDED, "waits" if number else "ends", folder=tmp_path) as process:
-        assert process.stdout is not None
-        folder, *pids = process.stdout.readline().split()
-        assert len(pids) == 2
-        if number:
-            process.send_signal(number)
-        assert process.wait(20.0) == -(number or 0)
-    wait(lambda: number is None or not Path(folder).exists())
-    assert not any(Path("/proc", pid, "exe").exists() for pid in pids)
-    assert folder not in Path("/proc/mounts").read_text()
-    assert not Path(folder).exists()
+@contextmanager
+def disk(stage: Stage, size: str) -> Iterator[Callable[[str], None]]:
+    """Let the results folder be a disk of this size, which the yielded function mounts anew."""
+
+    def mount(*arguments: str) -> str:
+        said = subprocess.run(["mount", *arguments], capture_output=True, text=True, check=False)
+        return said.stderr or ("failed" if said.returncode else "")
+
+    def remount(options: str) -> None:
+        assert not mount("-o", f"remount,{options}", place)
+
+    (stage.folder / "results").mkdir()
+    place = str(stage.folder / "results")
+    if os.geteuid() != 0:
+        pytest.skip("only root may mount a tmpfs")
+    if said := mount("-t", "tmpfs", "-o", f"size={size}", "tmpfs", place):
+        pytest.skip(f"mount: {said}")
+    try:
+        yield remount
+    finally:
+        subprocess.run(["umount", "--lazy", place], check=True)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_a_part_of_the_hostile_tries_holds(tmp_path: Path) -> None:
-    """`make abuse` tries all of it."""
-    said = subprocess.run(
-        [sys.executable, "-m", "tests.abuse", "--quick", "--output", tmp_path / "abuse.json"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    print(said.stdout)
-    assert said.returncode == 0, said.stdout + said.stderr
-    entries = json.loads((tmp_path / "abuse.json").read_text())["entries"]
-    assert all(entry["tried"] > 0 or entry["skipped"] for entry in entries)
+@pytest.mark.parametrize("size", [slow("400k"), *map(nightly, ("4k", "64k", "256k", "640k"))])
+def test_a_full_disk_loses_nothing(size: str, tmp_path: Path) -> None:
+    stage = Stage(tmp_path, FEW, 4)
+    with disk(stage, size) as remount:
+        code, _, err = stage.sweep().ended()
+        assert code in (1, 2)
+        assert len(err.splitlines()) < 40, err
+        finished = stage.check()
+        remount("size=64m")
+        stage.complete()
+        assert finished <= stage.check()
+
+
+@pytest.mark.nightly
+def test_a_disk_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    stage = Stage(tmp_path, FEW, 4)
+    with disk(stage, "64m") as remount:
+        remount("ro")
+        code, _, err = stage.sweep().ended()
+        assert (code, err.count("\n")) == (2, 1), err
+        remount("rw")
+        stage.complete()
+        remount("ro")
+        code, out, err = stage.start("-m", "runner.compare", "runs").ended()
+        assert code == 0, (out, err)
+        code, _, err = stage.start("-m", "runner", *SHORT, "seed=99").ended()
+        assert (code, err.count("\n")) == (2, 1), err

@@ -1,4 +1,4 @@
-"""64 trials of a second or more: with joblib on all cores, and one after the other.
+"""64 trials of a second or more: with `processes` on all cores, and one after the other.
 
 The launchers take turns, a quarter of the trials at a time, so that other work on the machine
 weighs on both alike. The start of the programs and of the workers is left out: time is counted
@@ -20,7 +20,7 @@ TRIALS, TURNS = 64, 4
 WANTED = 1.6  # times, on two cores
 ROOT = Path(__file__).parents[2]
 TRIAL = ("identifier=none", "evaluation=none", "excitation.interval_s=1400")
-LAUNCHERS = ("basic", "joblib")
+LAUNCHERS = ("basic", "processes")
 METRICS = "SELECT seed, stage, model, dof, name, value FROM metric JOIN run ON run.id = run_id"
 
 
@@ -34,19 +34,20 @@ def test_launchers(stated: Callable[..., None], tmp_path: Path) -> None:
                 span, durations, found[launcher] = _measured(launcher, folder)
                 total[launcher] += span
                 each.setdefault(launcher, []).extend(durations)
-            assert found["basic"] == found["joblib"] != []
-        ratio = total["basic"] / total["joblib"]
+            assert found["basic"] == found["processes"] != []
+        ratio = total["basic"] / total["processes"]
         one = {launcher: median(durations) for launcher, durations in each.items()}
         return {
-            f"joblib against basic on {os.cpu_count()} cores": {
-                "shown": f"{ratio:.2f} times faster: {total['joblib']:.1f} s against"
+            f"processes against basic on {os.cpu_count()} cores": {
+                "shown": f"{ratio:.2f} times faster: {total['processes']:.1f} s against"
                 f" {total['basic']:.1f} s",
                 "limit": f"at least {WANTED:g}",
                 **({"short": f"{ratio:.2f} of {WANTED:g}"} if ratio < WANTED else {}),
                 "ratio": ratio,
             },
             "a trial, median": {
-                "shown": f"{one['basic']:.2f} s with basic, {one['joblib']:.2f} s with joblib",
+                "shown": f"{one['basic']:.2f} s with basic,"
+                f" {one['processes']:.2f} s with processes",
             },
         }
 

@@ -37,7 +37,7 @@ REFUSED = {
     "vessel=miliampere": (
         "vessel: no option 'miliampere', did you mean milliampere? expected one of "
     ),
-    "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, joblib",
+    "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, processes",
     "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
     "identifier.budget_s=abc": "identifier.budget_s: got 'abc', expected a number or null",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",

@@ -1,6 +1,7 @@
 """Imports point down: a folder imports only what stands before it."""
 
 import ast
+import re
 from collections.abc import Iterator
 from importlib.util import resolve_name
 from pathlib import Path
@@ -61,7 +62,7 @@ ONLY = {
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
-    *("__main__", "sweep", "joblib_workers", "launching", "composition", "overrides"),
+    *("__main__", "sweep", "processes", "launching", "composition", "overrides"),
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }
@@ -115,3 +116,15 @@ def test_the_rules_see_a_breach() -> None:
     assert refused("runner.compare.comparison_table", "seatrial.models.vessel.table.Vessel")
     assert not refused("runner.trial", "seatrial.models.vessel.table.Vessel")
     assert len(SOURCES) > 100
+
+
+def test_private_parts_of_other_packages_are_listed_with_their_tests() -> None:
+    listed = ast.get_docstring(ast.parse((ROOT / "runner" / "__main__.py").read_text())) or ""
+    private = re.compile(r"hydra\._internal|submitit|joblib\.externals|loky")
+    used = {
+        name.rpartition(".")[2] for path in SOURCES for name in imports(path) if private.match(name)
+    }
+    assert used == used & set(re.findall(r"\w+", listed)) != set()
+    tests = re.findall(r"tests/\S+\.py", listed)
+    assert len(tests) == 6
+    assert all((ROOT / test).is_file() for test in tests)

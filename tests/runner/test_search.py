@@ -391,10 +391,10 @@ def test_the_gains_of_the_ferry_are_better_on_seeds_that_were_not_searched(tmp_p
 
 @pytest.mark.slow
 def test_candidates_side_by_side(tmp_path: Path) -> None:
-    """With joblib, a batch of candidates is sailed at once, and another start changes nothing."""
+    """A batch of candidates runs at once in workers, and another start changes nothing."""
     words = (
         "-m", "runner", *SEARCH, "identifier=none", "controller.kp=[interval(50,400),550,940]",
-        "seed=0,1", "search.trials=4", "search.batch=2", "hydra/launcher=joblib",
+        "seed=0,1", "search.trials=4", "search.batch=2", "hydra/launcher=processes",
     )  # fmt: skip
     code, out, err = ended(program(*words, folder=tmp_path))
     assert code == 0, err

@@ -1,5 +1,6 @@
 """What becomes of Slurm's jobs, learnt from the queue: no accounting is asked."""
 
+import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +8,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("submitit", reason="no submitit: pip install -e '.[slurm]'")
+from seatrial.runner.database import Logbook
 from seatrial.runner.slurm_queue import QueueWatcher
+from tests.runner.programs import ended, rows, sweep, wait
 from tests.runner.slurm import Slurm
 
 Answer = Callable[[str], None]
@@ -36,27 +39,21 @@ def squeue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Answer:
     return answer
 
 
-@pytest.mark.parametrize("state", UNDER_WAY)
-def test_a_job_is_waited_for_while_it_may_end_by_itself(state: str, squeue: Answer) -> None:
-    squeue(f"7_0|{state}|sea")
-    assert not QueueWatcher().is_done("7_0", mode="force")
+@pytest.mark.parametrize("mode", ["under way", "over"])
+def test_a_job_is_waited_for_while_it_may_end_by_itself(mode: str, squeue: Answer) -> None:
+    for state in OVER if mode == "over" else UNDER_WAY:
+        squeue(f"6|RUNNING|sea\n7_0|{state}|sea\n7_1|RUNNING|sea")
+        watcher = QueueWatcher()
+        assert watcher.is_done("7_0", mode="force") is (mode == "over"), state
+        assert watcher.get_state("7_0") == state
+        assert not watcher.is_done("7_1", mode="force")
 
 
-@pytest.mark.parametrize("state", OVER)
-def test_a_job_that_has_ended_is_not_waited_for(state: str, squeue: Answer) -> None:
-    squeue(f"6|RUNNING|sea\n7_0|{state}|sea\n7_1|RUNNING|sea")
-    watcher = QueueWatcher()
-    assert watcher.is_done("7_0", mode="force")
-    assert watcher.get_state("7_0") == state
-    assert not watcher.is_done("7_1", mode="force")
-
-
-def test_what_the_queue_has_forgotten_has_ended(squeue: Answer) -> None:
+def test_what_the_queue_has_forgotten_has_ended_but_no_answer_is_not_an_end(
+    squeue: Answer,
+) -> None:
     squeue("8|RUNNING|sea")
     assert QueueWatcher().is_done("7", mode="force")
-
-
-def test_no_answer_is_not_an_end(squeue: Answer) -> None:
     squeue("")
     assert not QueueWatcher().is_done("7", mode="force")
 
@@ -81,3 +78,19 @@ def test_the_queue_of_a_real_slurm(slurm: Slurm, monkeypatch: pytest.MonkeyPatch
     assert watcher.get_state(two) == "CANCELLED"
     slurm.wait(lambda: watcher.get_state(three, mode="force") == "RUNNING")
     slurm.ask("scancel", three)
+
+
+@pytest.mark.slow
+def test_the_jobs_of_a_sweep_that_is_stopped_are_cancelled(slurm: Slurm, tmp_path: Path) -> None:
+    """Three jobs of ten minutes, of which the third waits for its turn."""
+    options = ("hydra/launcher=submitit_slurm", "hydra.launcher.partition=short", "seed=0,1,2")
+    process = sweep("excitation.interval_s=6000", *options, folder=tmp_path, **slurm.variables)
+    wait(lambda: rows(tmp_path, "SELECT id FROM run") or process.poll() is not None)
+    process.send_signal(signal.SIGTERM)
+    code, _, err = ended(process)
+    assert code == 143, err
+    assert err.splitlines()[-1].startswith("seatrial: interrupted")
+    slurm.wait(lambda: not slurm.ask("squeue", "--me", "--noheader"))
+    logbook = Logbook.read(f"sqlite:///{tmp_path}/results/results.db", results_dir=tmp_path)
+    with logbook:
+        assert {run.status for run in logbook.runs()} == {"interrupted"}

@@ -192,7 +192,7 @@ def test_a_bug_is_not_hidden(seatrial: Command, monkeypatch: pytest.MonkeyPatch)
         raise AssertionError("a bug")
 
     monkeypatch.setattr(Logbook, "begin_run", bug)
-    with pytest.raises(AssertionError, match="a bug"):
+    with pytest.raises(RuntimeError, match="AssertionError: a bug"):
         seatrial("-m", "seed=0,1")
 
 

@@ -168,7 +168,7 @@ def test_what_was_committed_is_not_done_twice(postgres: Postgres, results_dir: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", ["basic", "joblib"])
+@pytest.mark.parametrize("launcher", ["basic", "processes"])
 def test_a_sweep_goes_on_when_the_server_comes_back(
     server: Postgres, tmp_path: Path, launcher: str
 ) -> None:

@@ -92,7 +92,7 @@ def test_a_run_and_its_file_are_sailed_alike(here: Path, program: Program) -> No
 
 @pytest.mark.slow
 def test_workers_read_a_run_as_well(here: Path) -> None:
-    words = (f"vessel=run:{FERRY}", "seed=5,6", "hydra/launcher=joblib", "evaluation=none")
+    words = (f"vessel=run:{FERRY}", "seed=5,6", "hydra/launcher=processes", "evaluation=none")
     code, out, err = ended(process("-m", "runner", "-m", *words, folder=here))
     assert code == 0, (out, err)
     names = rows(here, "SELECT vessel, status FROM run WHERE seed IN (5, 6)")
