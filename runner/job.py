@@ -14,6 +14,7 @@ from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.plugins import attributed
 from seatrial.runner.provenance import Provenance
+from seatrial.runner.record.rows import Results
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -111,7 +112,7 @@ def _store_failure(
     run_id: int,
     status: Literal["diverged", "failed"],
     error: Exception,
-    results: "database.Results | None" = None,
+    results: "Results | None" = None,
 ) -> Outcome:
     """Store a run that did not finish, with its error."""
     kind = "Diverged" if status == "diverged" else type(error).__name__

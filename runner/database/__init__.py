@@ -17,16 +17,12 @@ if TYPE_CHECKING:
     from seatrial.runner.database.mask import without_passwords as without_passwords
     from seatrial.runner.database.reader import Reader as Reader
     from seatrial.runner.database.records import Answer as Answer
-    from seatrial.runner.database.records import Coefficient as Coefficient
-    from seatrial.runner.database.records import Metric as Metric
     from seatrial.runner.database.records import Problem as Problem
     from seatrial.runner.database.records import PruneResult as PruneResult
-    from seatrial.runner.database.records import Results as Results
     from seatrial.runner.database.records import RunClaim as RunClaim
     from seatrial.runner.database.records import RunDetail as RunDetail
     from seatrial.runner.database.records import RunStart as RunStart
     from seatrial.runner.database.records import RunSummary as RunSummary
-    from seatrial.runner.database.records import Series as Series
     from seatrial.runner.database.records import SeriesFile as SeriesFile
     from seatrial.runner.database.records import SweepStatus as SweepStatus
     from seatrial.runner.database.records import SweepSummary as SweepSummary
@@ -42,17 +38,8 @@ else:
             "logbook": ["Logbook"],
             "reader": ["Reader"],
             "records": [
-                *(
-                    "Answer",
-                    "RunClaim",
-                    "Coefficient",
-                    "Metric",
-                    "Problem",
-                    "PruneResult",
-                    "Results",
-                ),
-                *("RunDetail", "RunStart", "RunSummary", "Series", "SeriesFile", "SweepStatus"),
-                *("SweepSummary", "Verification"),
+                *("Answer", "Problem", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
+                *("RunSummary", "SeriesFile", "SweepStatus", "SweepSummary", "Verification"),
             ],
             "mask": ["without_passwords"],
         },

@@ -31,14 +31,13 @@ from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     PruneResult,
-    Results,
     RunClaim,
     RunStart,
-    Series,
     SeriesFile,
     integer,
     number,
 )
+from seatrial.runner.record.rows import Results, Series
 from seatrial.runner.vocabulary import Ending
 
 T = TypeVar("T")

@@ -36,18 +36,16 @@ from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
-    Coefficient,
-    Metric,
     Problem,
     RunDetail,
     RunSummary,
-    Series,
     SeriesFile,
     SweepStatus,
     SweepSummary,
     Verification,
 )
 from seatrial.runner.database.views import run_overview
+from seatrial.runner.record.rows import Coefficient, Metric, Series
 from seatrial.runner.vocabulary import LOST
 
 if TYPE_CHECKING:

@@ -29,6 +29,7 @@ from seatrial.runner.interface.query_options import (
 )
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.catalogue import METRICS
+from seatrial.runner.record.rows import Coefficient, Metric
 from seatrial.runner.vocabulary import GROUPS, Config
 
 if TYPE_CHECKING:
@@ -290,13 +291,13 @@ class Run:
     def metrics(self) -> "pd.DataFrame":
         """All metrics: columns stage, model, dof, name, value and unit."""
         with self.logbook.opened() as results:
-            return _rows(database.Metric, results.reader.metrics(self.number))
+            return _rows(Metric, results.reader.metrics(self.number))
 
     @property
     def coefficients(self) -> "pd.DataFrame":
         """All coefficients: columns model, dof, term, value, unit, std_error and true_value."""
         with self.logbook.opened() as results:
-            return _rows(database.Coefficient, results.reader.coefficients(self.number))
+            return _rows(Coefficient, results.reader.coefficients(self.number))
 
     @property
     def findings(self) -> "pd.DataFrame":

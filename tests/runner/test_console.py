@@ -20,8 +20,9 @@ from seatrial.models.compile_lock import CompileTimes
 from seatrial.runner import console as progress
 from seatrial.runner.console import LiveLine, NewWarnings, Pace, PlainLines, Standing, duration
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results, RunStart, SweepStatus
+from seatrial.runner.database.records import RunStart, SweepStatus
 from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.record.rows import Results
 
 ROOT = Path(__file__).parents[2]
 

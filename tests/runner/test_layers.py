@@ -37,10 +37,11 @@ FLOORS = (
     "runner.shared",
     "runner.options",
     "runner.record.catalogue",
+    "runner.record.rows",
+    "runner.record.coefficient_rows",
     "runner.checked_yaml",
     "runner.recording_map",
     "runner.database",
-    "runner.record.coefficient_rows",
     "runner.export",
     "runner.compare",
     "runner",
@@ -48,10 +49,11 @@ FLOORS = (
 # The comparison reads the database, and the tasks of the benchmark, alone; the database holds rows,
 # whatever they mean.
 GROUND = ("models.errors", "models.notation", "models.findings", "runner.vocabulary")
-NAMES = (*GROUND, "runner.record.catalogue")
+NAMES = (*GROUND, "runner.record.catalogue", "runner.record.rows")
 ONLY = {
     "runner.vocabulary": GROUND,
     "runner.record.catalogue": GROUND,
+    "runner.record.rows": (*GROUND, "runner.record.catalogue"),
     "runner.database": NAMES,
     "runner.compare": (
         *NAMES,

@@ -15,10 +15,10 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results
 from seatrial.runner.fingerprint import _plain, fingerprint
 from seatrial.runner.job import Order, Plan, prepare
 from seatrial.runner.planning import Checks, Planner
+from seatrial.runner.record.rows import Results
 from seatrial.runner.shared import SharedNodes
 from tests.runner.command import Command
 from tests.runner.database.samples import make_start

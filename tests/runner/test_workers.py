@@ -132,7 +132,7 @@ def test_a_trial_has_one_thread(tmp_path: Path) -> None:
     code = (
         "from threadpoolctl import threadpool_info\n"
         "import sys, types, numpy, scipy.linalg, seatrial.runner\n"
-        "from seatrial.runner.database.records import Results\n"
+        "from seatrial.runner.record.rows import Results\n"
         "def run(trial):\n"
         "    pools = {pool['num_threads'] for pool in threadpool_info()}\n"
         "    assert pools == {1}, pools\n"

@@ -12,9 +12,10 @@ from sqlalchemy import delete
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
-from seatrial.runner.database import Logbook, Metric, Reader, Results, Series
+from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.database.engine import BUSY_TIMEOUT_S
 from seatrial.runner.database.tables import Run
+from seatrial.runner.record.rows import Metric, Results, Series
 from tests.runner.database.samples import make_results, make_start
 
 

@@ -9,10 +9,11 @@ import pytest
 from sqlalchemy import delete, insert, update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, engine, series_files
+from seatrial.runner.database import Logbook, engine, series_files
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.records import SeriesFile
 from seatrial.runner.database.tables import Base, Metric, Run, Series, Sweep
+from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_results, make_start
 
 

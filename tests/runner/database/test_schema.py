@@ -14,9 +14,10 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, inspect
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, engine, schema, views
+from seatrial.runner.database import Logbook, engine, schema, views
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import Base
+from seatrial.runner.record.rows import Results
 from tests.runner.database.former import insert_first_results, migrated
 from tests.runner.database.samples import make_results, make_start
 
