@@ -19,7 +19,6 @@ from hydra.core.utils import JobStatus
 from hydra.plugins.launcher import Launcher
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.job import Outcome, Plan, states
 from seatrial.runner.joblib_workers import joblib_workers
 from seatrial.runner.stop_signals import shielded_children
@@ -43,17 +42,6 @@ class LaunchResult:
     outcomes: list[Outcome] = field(default_factory=list)
     bugs: list[Exception] = field(default_factory=list)  # exceptions that are not stored in a row
     error: str | None = None  # why the rest was not launched
-
-
-def check(choice: str, arguments: Sequence[str]) -> None:
-    """Raise ConfigurationError if the launcher would write a password to its files."""
-    if choice.startswith("submitit") and any(
-        without_passwords(argument) != argument for argument in arguments
-    ):
-        raise ConfigurationError(
-            f"hydra/launcher={choice} writes its jobs to files, and the password of database.url"
-            " with them: expected the address in SEATRIAL_DATABASE, and database=postgresql"
-        )
 
 
 def launch(

@@ -43,7 +43,7 @@ from seatrial.runner.job import (
     prepare,
     shown,
 )
-from seatrial.runner.launching import LaunchResult, check, launch
+from seatrial.runner.launching import LaunchResult, launch
 from seatrial.runner.overrides import nested_sweeps
 from seatrial.runner.planning import Planner
 from seatrial.runner.provenance import Provenance, collect
@@ -213,7 +213,7 @@ class SweepJob:
         try:
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
-            database.outage.expect(address.url)  # reached before: it holds the sweep
+            database.outage.expect(address)  # reached before: it holds the sweep
             outcome = perform(trial, order, self.provenance, self.sweep_id)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
@@ -293,7 +293,6 @@ class SeatrialSweeper(Sweeper):
 
         On Ctrl-C its runs are marked as interrupted.
         """
-        check(self._choice, arguments)
         url, provenance = plan.database_url, self.session.provenance()
         with (
             database.Logbook.open(url, results_dir=plan.results_dir) as logbook,

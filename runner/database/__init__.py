@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from seatrial.runner.database import records as records
     from seatrial.runner.database import schema as schema
     from seatrial.runner.database import tables as tables
-    from seatrial.runner.database.engine import display_url as display_url
     from seatrial.runner.database.logbook import Logbook as Logbook
-    from seatrial.runner.database.mask import without_passwords as without_passwords
     from seatrial.runner.database.reader import Reader as Reader
     from seatrial.runner.database.records import Answer as Answer
     from seatrial.runner.database.records import Problem as Problem
@@ -34,13 +32,11 @@ else:
         __name__,
         ["engine", "outage", "records", "schema", "tables"],
         {
-            "engine": ["display_url"],
             "logbook": ["Logbook"],
             "reader": ["Reader"],
             "records": [
                 *("Answer", "Problem", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
                 *("RunSummary", "SeriesFile", "SweepStatus", "SweepSummary", "Verification"),
             ],
-            "mask": ["without_passwords"],
         },
     )

@@ -201,9 +201,9 @@ def broken(answer: Answer) -> str | None:
         return f"traceback: {lines[-1][:200]}"
     if answer.code not in CODES:
         return f"exit code {answer.code}: {err[:200]}"
-    wrong = control_characters(answer.out) or control_characters(answer.err)
+    wrong = control_characters(answer.err)
     if wrong:
-        return f"control character {wrong} in the output"
+        return f"control character {wrong} in a message"
     if any(len(line) > LINE for line in lines):
         return f"a line of {max(map(len, lines))} characters: {err[:100]}..."
     if len(lines) > (1 if answer.code == 2 else LINES):

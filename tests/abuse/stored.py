@@ -190,7 +190,7 @@ def arguments(logbook: Path) -> st.SearchStrategy[Order]:
     @st.composite
     def draw_order(draw: st.DrawFn) -> Order:
         # browse starts a server, and is tried with ports that are none.
-        name = draw(st.sampled_from([*READING, *READING, "prune", "scrub", "browse"]))
+        name = draw(st.sampled_from([*READING, *READING, "prune", "browse"]))
         words = [name]
         given = [one for one in parser.commands[name].params if one.name != "execute"]
         optional = [
@@ -277,7 +277,6 @@ COMMANDS = (
         ("prune", "--orphans", "--yes"),
     ),
     *(
-        ("scrub",),
         ("published", "--summary"),
         ("runs", "--where", "seed<2"),
         ("verify",),
@@ -339,9 +338,9 @@ def _cell(chance: random.Random, folder: Path) -> None:
 
 def _schema(chance: random.Random, folder: Path) -> None:
     statements = (
-        "INSERT INTO alembic_version VALUES ('0001')",
-        "DELETE FROM alembic_version",
-        "UPDATE alembic_version SET version_num = 'future'",
+        "INSERT INTO seatrial_version VALUES ('0001')",
+        "DELETE FROM seatrial_version",
+        "UPDATE seatrial_version SET version_num = 'future'",
         "DROP TABLE metric",
         "DROP TABLE series",
         "DROP TABLE run",

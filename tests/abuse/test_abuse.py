@@ -35,7 +35,7 @@ def answer(code: int = 2, err: str = "seatrial: no\n", **changes: object) -> Ans
         (answer(2, "one\ntwo\n"), "2 lines"),
         (answer(2, "x" * 1001), "1001 characters"),
         (answer(2, "seatrial: got \x1b[31m\n"), "U+001B"),
-        (answer(0, "", out="\x9b".encode()), "U+009B"),
+        (answer(0, "\x9b"), "U+009B"),
         (answer(2, new=("results/results.db",)), "left behind"),
         (answer(0, "", new=("series/.a.parquet.7.tmp",)), "left behind"),
     ],

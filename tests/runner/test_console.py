@@ -215,7 +215,7 @@ def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> Non
     for text in (line, out.getvalue()):
         assert "vessel=\\x1b[2J\\u202egnp" in text
         assert not set(text) & {"\x1b", "\x9b", "\x07", "\u202e"}
-        assert text.count("y") < 210
+        assert len(text) < 1100
     assert "\n" not in line
 
 

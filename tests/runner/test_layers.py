@@ -71,7 +71,7 @@ EDGE = {
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }
-FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
+FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "matplotlib", "rich", "typer"}
 
 
 def module_of(path: Path) -> str:

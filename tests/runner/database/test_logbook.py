@@ -195,16 +195,6 @@ def test_a_closed_logbook_holds_no_lock(url: str, results_dir: Path) -> None:
     left.close()
 
 
-def test_passwords_are_not_stored(logbook: Logbook) -> None:
-    secret = "database.url=postgresql://me:s3cr3t@host/db?sslpassword=s3cr3t"
-    sweep = logbook.begin_sweep("x", f"python -m runner {secret}", [secret], 1)
-    start = make_start(overrides=[secret], command=secret, config={"url": secret})
-    run = logbook.begin_run(start, sweep).run_id
-    logbook.fail_run(run, "failed", "E", f"no {secret}", secret, Results(note=secret))
-    for table in ("sweep", "run"):
-        assert "s3cr3t" not in str(logbook.sql(f"SELECT * FROM {table}").rows)
-
-
 def test_series_are_refused_where_their_columns_differ() -> None:
     with pytest.raises(ValueError, match="1-d columns"):
         Series("x", {"t": np.zeros(2), "u": np.zeros(3)}, {"t": "s", "u": "m/s"})

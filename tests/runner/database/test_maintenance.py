@@ -34,9 +34,13 @@ def filled(logbook: Logbook) -> Logbook:
 
 def change(url: str, statement: object) -> None:
     """Change rows behind the logbook's back, foreign keys or not."""
-    writer = engine.maker(parse(url))
-    with writer.begin() as connection:
+    writer = engine.writer(parse(url))
+    with writer.connect() as connection:
+        if parse(url).sqlite:
+            raw = connection.connection.dbapi_connection
+            raw.execute("PRAGMA foreign_keys = OFF")  # type: ignore[union-attr]
         connection.execute(statement)  # type: ignore[call-overload]
+        connection.commit()
     writer.dispose()
 
 
