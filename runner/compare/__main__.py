@@ -16,15 +16,9 @@ from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - a
 from seatrial.runner.compare.cli import app
 from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.invocation import import_from_working_folder
+from seatrial.runner.invocation import REPLACED, import_from_working_folder
 
 PROGRAM = "seatrial-results"
-# Commands and options that are gone, and what to do instead.
-REPLACED = {
-    "scrub": "there is nothing to remove: passwords are not stored",
-    "--csv-plain": "CSV files always hold texts as they are",
-    "csv-plain": "use csv, which holds texts as they are",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -38,16 +32,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else list(arguments)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
-    for word in words:
-        if word in REPLACED:
-            return complain(f"{word}: {REPLACED[word]}")
     if words and "--help" not in words:
         plugins.load()  # which declare metrics
     try:
         refuse_passwords(words)
         code = get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False)
     except SeatrialError as error:
-        return complain(str(error))
+        return complain(_replacement(words) or str(error))
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
@@ -57,6 +48,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         message = _usage_message(error)
         if message is None:
             raise
+        message = _replacement(words) or message
         return complain(message) if message else 2
     return code if isinstance(code, int) else 0
 
@@ -65,6 +57,14 @@ def complain(message: str) -> int:
     """Print one line on stderr and return the exit code of bad input."""
     print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)
     return 2
+
+
+def _replacement(words: Sequence[str]) -> str:
+    """Return what replaces a command, figure or option that is gone; empty for any other."""
+    for text in (" ".join(words[:2]), *words):
+        if replaced := REPLACED.get(f"{PROGRAM} {text}"):
+            return f"{text} is gone: {replaced}"
+    return ""
 
 
 def _usage_message(error: Exception) -> str | None:

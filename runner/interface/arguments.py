@@ -75,8 +75,6 @@ def place_of(path: str | Path | None) -> list[str]:
     if path is None:
         return []
     url = database.engine.url_of(path)
-    file = database.engine.parse(url).path
-    if "://" not in str(path):  # as it was given
-        file = Path(path)
+    file = Path(path) if url != str(path) else database.engine.parse(url).path
     series = [] if file is None else [f"results_dir={_quoted(str(file.parent))}"]
     return [*series, f"database.url={_quoted(url)}"]
