@@ -30,6 +30,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, NoReturn
 
 import hydra
@@ -42,7 +43,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
 from seatrial.runner.console import NewWarnings
-from seatrial.runner.database.mask import learn, masked_output, without_passwords
+from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.in_process import register
@@ -80,10 +81,10 @@ COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
 
 def main() -> int:
     """Run the command in sys.argv and return its exit code."""
-    for text in (*sys.argv, os.environ.get("SEATRIAL_DATABASE", "")):
-        learn(text)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
     stop = StopSignals()
-    with masked_output(), stop.listening():
+    with stop.listening():
         return _main(stop)
 
 
@@ -94,6 +95,7 @@ def _main(stop: StopSignals) -> int:
     session = Session()
     overrides: Sequence[str] = ()
     try:
+        refuse_passwords(sys.argv)
         if sys.argv[1:] and (command := COMMANDS.get(sys.argv[1])):
             session.started = True
             return command(sys.argv[2:])
@@ -153,8 +155,7 @@ def _complain(line: str, code: int) -> int:
 
 
 def _say(line: str) -> None:
-    shown = error_line(without_passwords(line), sys.argv[1:])
-    print(f"seatrial: {shown}", file=sys.stderr)
+    print(f"seatrial: {error_line(line)}", file=sys.stderr)
 
 
 def _take_variants() -> list[list[str]]:

@@ -30,8 +30,8 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.database.records import Series
 from seatrial.runner.database.series_files import parquet_of
+from seatrial.runner.record.rows import Series
 from seatrial.runner.record.time_series import training_series
 
 VERSION = 1  # of these files

@@ -17,6 +17,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
+from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -140,6 +141,9 @@ class Database:
     """The address of the logbook; None: a SQLite file in the folder of results."""
 
     url: str | None
+
+    def __post_init__(self) -> None:
+        refuse_passwords([self.url or ""])
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.database.mask import styled
-from seatrial.runner.database.terminal import error_line, visible
+from seatrial.runner.database.terminal import error_line
 from seatrial.runner.invocation import results_program, trial_program
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -61,7 +60,7 @@ def sweep_summary(
         for outcome in outcomes
         if outcome.state == "lost"
     ]
-    lines.append(f"results: {_shown(url)}")
+    lines.append(f"results: {database.engine.display_url(url)}")
     lines.append(f"compare: {_comparison(status, url, factors)}")
     return lines
 
@@ -120,17 +119,13 @@ def compare(command: str, url: str, *arguments: str) -> str:
     """Return a command line of the comparison program, for the database at `url`."""
     words = [command, *arguments]
     if url != DEFAULT_DATABASE:
-        words += ["--database", _shown(url)]
+        words += ["--database", url]
     return f"{results_program()} {shlex.join(words)}"
 
 
 def trial_command(arguments: Sequence[str]) -> str:
     """Return a command line of the program that runs trials."""
     return f"{trial_program()} {shlex.join(arguments)}"
-
-
-def _shown(url: str) -> str:
-    return database.display_url(url)
 
 
 def _number(count: int, noun: str) -> str:
@@ -201,7 +196,7 @@ def terminal_view() -> Iterator[View]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
     columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
-    console = Console(file=styled(sys.stderr))
+    console = Console(file=sys.stderr)
     with Progress(*columns, console=console, transient=True) as progress:
         yield LiveLine(progress)
 
@@ -308,7 +303,7 @@ class LiveLine:
 
     def failure(self, line: str) -> None:
         """Print above the line."""
-        self._progress.console.print(visible(line), markup=False, highlight=False)
+        self._progress.console.print(line, markup=False, highlight=False)
 
 
 @dataclass

@@ -19,6 +19,7 @@ from packaging.specifiers import SpecifierSet
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.source_digest import cache_home
 from seatrial.runner import database
+from seatrial.runner.database.engine import ENVIRONMENT, file_url
 from seatrial.runner.invocation import PROJECT, ROOT, in_checkout, program_version, trial_program
 
 # Extras of users; the others are for work on the project itself.
@@ -77,7 +78,7 @@ def examined() -> Iterator[Check]:
     yield _cache()
     yield from (_program(name, use) for name, use in PROGRAMS.items())
     yield _data(os.environ.get("SEATRIAL_DATA"))
-    yield _logbook(os.environ.get("SEATRIAL_DATABASE") or database.engine.file_url(DEFAULT))
+    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else file_url(DEFAULT))
 
 
 DEFAULT = Path("results/results.db")
@@ -165,8 +166,9 @@ def _data(folder: str | None) -> Check:
 
 def _logbook(url: str) -> Check:
     """Check that the logbook can be read; a SQLite file is made by the first trial."""
-    shown = database.display_url(url)
+    shown = url
     try:
+        shown = database.engine.display_url(url)
         address = database.engine.parse(url)
         if address.path is not None and not address.path.exists():
             return Check("ok", "logbook", shown, f"made by the first trial of {trial_program()}")

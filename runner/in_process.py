@@ -26,7 +26,7 @@ from hydra.version import VersionBase
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import console
 from seatrial.runner.composition import order_of
-from seatrial.runner.database.mask import learn, without_address, without_passwords
+from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.invocation import import_from_working_folder, trial_program
@@ -73,8 +73,7 @@ class Call(Session):
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
-        words = shlex.join(without_address(self._words))
-        return replace(collect(), command=f"{trial_program()} {words}")
+        return replace(collect(), command=f"{trial_program()} {shlex.join(self._words)}")
 
 
 def run_trial(overrides: Sequence[str]) -> Call:
@@ -130,8 +129,7 @@ def register(overrides: Sequence[str]) -> None:
 def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
     """Provide a Hydra of our own, and errors in one line; its state is as before afterwards."""
     refuse_replaced(overrides)
-    for text in overrides:
-        learn(text)
+    refuse_passwords(overrides)
     stop = StopSignals()
     signals = current_thread() is main_thread()
     with _singletons_kept(), stop.listening(["SIGINT"]) if signals else nullcontext():
@@ -149,7 +147,7 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
                 # Before the start, any exception of Hydra is about the options; later it is a bug.
                 if call.started and not isinstance(error, EXPECTED):
                     raise
-                line = error_line(without_passwords(one_line(error, overrides)), overrides)
+                line = error_line(one_line(error, overrides))
                 if line == str(error) and isinstance(error, SeatrialError):
                     raise
                 raise ConfigurationError(line) from None

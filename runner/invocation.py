@@ -6,13 +6,19 @@ Every command that is printed for the user begins with one of these names.
 import shlex
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent  # the checkout, or the installed package
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "seatrial-results scrub": "passwords are not stored, so there are none to remove",
+    "seatrial-results --csv-plain": "CSV files always hold texts as they are",
+    "seatrial-results csv-plain": "use csv, which holds texts as they are",
+}
 
 
 def in_checkout(root: Path = ROOT) -> bool:

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Literal
 from seatrial.models.errors import Diverged, SeatrialError
 from seatrial.runner import database
 from seatrial.runner.config import Limits, SweepLabels, Trial, build_trial
-from seatrial.runner.database.mask import without_address, without_passwords
-from seatrial.runner.database.terminal import shortened
 from seatrial.runner.fingerprint import fingerprint
 from seatrial.runner.plugins import attributed
 from seatrial.runner.precompile import kinds
@@ -22,6 +20,7 @@ if TYPE_CHECKING:  # what is slow to import
     import threadpoolctl
 
     from seatrial.runner import trial as trials
+    from seatrial.runner.record.rows import Results
 else:
     import lazy_loader
 
@@ -68,9 +67,9 @@ class Outcome:
 
 
 def shown(overrides: Sequence[str]) -> str:
-    """Name a trial by its overrides, without passwords."""
-    texts = [text for text in without_address(overrides) if not text.startswith("dry_run=")]
-    return " ".join(shortened(without_passwords(text)) for text in texts) or "the default trial"
+    """Name a trial by its overrides."""
+    texts = [text for text in overrides if not text.startswith("dry_run=")]
+    return " ".join(texts) or "the default trial"
 
 
 def prepare(order: Order) -> Trial:
@@ -119,11 +118,11 @@ def _store_failure(
     run_id: int,
     status: Literal["diverged", "failed"],
     error: Exception,
-    results: "database.Results | None" = None,
+    results: "Results | None" = None,
 ) -> Outcome:
     """Store a run that did not finish, with its error."""
     kind = "Diverged" if status == "diverged" else type(error).__name__
-    message = without_passwords(" ".join(str(error).split())) or kind
+    message = " ".join(str(error).split()) or kind
     trace = "".join(traceback.format_exception(error))
     logbook.fail_run(
         run_id, status, error_type=kind, error=message, traceback=trace, results=results
@@ -132,7 +131,7 @@ def _store_failure(
 
 
 def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunStart":
-    # The address of the database may contain a password; the sweep has a row of its own.
+    # Where results are stored is no part of a trial; the sweep has a row of its own.
     apart = ("database", "sweep")
     stored = {key: value for key, value in order.config.items() if key not in apart}
     return database.RunStart(

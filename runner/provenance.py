@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
-from seatrial.runner.database.mask import without_address
 from seatrial.runner.fingerprint import source_digest
 from seatrial.runner.invocation import ROOT, in_checkout, typed_command
 
@@ -37,7 +36,7 @@ class Provenance:
     git_commit: str | None
     git_dirty: bool | None
     versions: dict[str, str]  # of packages; with python, platform and the number of cpus
-    command: str  # as typed, without the address of the logbook
+    command: str  # as typed
     sources: str  # digest of the code that computes results
 
 
@@ -50,7 +49,7 @@ def collect() -> Provenance:
         git_commit=commit,
         git_dirty=None if changes is None else changes != "",
         versions=_versions(),
-        command=typed_command(without_address(sys.orig_argv)),
+        command=typed_command(sys.orig_argv),
         sources=source_digest(),
     )
 

@@ -218,7 +218,7 @@ class SweepJob:
         try:
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
-            database.outage.expect(address.url)  # reached before: it holds the sweep
+            database.outage.expect(address)  # reached before: it holds the sweep
             outcome = perform(trial, order, self.provenance, self.sweep_id)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{order}: {error}")

@@ -42,7 +42,6 @@ from seatrial.runner.closed_loop import (
     prepare,
 )
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record import (
     coefficient_rows,
     deployment_metrics,
@@ -53,6 +52,7 @@ from seatrial.runner.record import (
     validation_metrics,
 )
 from seatrial.runner.record.coefficient_rows import numbered
+from seatrial.runner.record.rows import Metric, Results
 from seatrial.runner.roles import ROLES
 
 log = logging.getLogger(__name__)

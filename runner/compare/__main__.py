@@ -6,6 +6,7 @@ Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad inpu
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from typer.main import get_command
 
@@ -13,9 +14,9 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner import plugins
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
-from seatrial.runner.database.mask import masked_output, without_passwords
+from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.invocation import import_from_working_folder
+from seatrial.runner.invocation import REPLACED, import_from_working_folder
 
 PROGRAM = "seatrial-results"
 
@@ -29,21 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; None takes the arguments of this process."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    with masked_output(styled=not words or "--help" in words):  # the help has colours
-        return _run(words)
-
-
-def _run(arguments: Sequence[str]) -> int:
-    if arguments and "--help" not in arguments:
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
+    if words and "--help" not in words:
         plugins.load()  # which declare metrics
     try:
-        code = get_command(app).main(
-            args=list(arguments),
-            prog_name=PROGRAM,
-            standalone_mode=False,
-        )
+        refuse_passwords(words)
+        code = get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False)
     except SeatrialError as error:
-        return complain(str(error), arguments)
+        return complain(_replacement(words) or str(error))
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
@@ -53,18 +48,23 @@ def _run(arguments: Sequence[str]) -> int:
         message = _usage_message(error)
         if message is None:
             raise
-        return complain(message, arguments) if message else 2
+        message = _replacement(words) or message
+        return complain(message) if message else 2
     return code if isinstance(code, int) else 0
 
 
-def complain(message: str, arguments: Sequence[str] = ()) -> int:
-    """Print one line on stderr and return the exit code of bad input.
-
-    `arguments` are those of the command line; the line repeats at most a part of a long one.
-    """
-    line = error_line(without_passwords(message), arguments)
-    print(f"{PROGRAM}: {line}", file=sys.stderr)
+def complain(message: str) -> int:
+    """Print one line on stderr and return the exit code of bad input."""
+    print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)
     return 2
+
+
+def _replacement(words: Sequence[str]) -> str:
+    """Return what replaces a command, figure or option that is gone; empty for any other."""
+    for text in (" ".join(words[:2]), *words):
+        if replaced := REPLACED.get(f"{PROGRAM} {text}"):
+            return f"{text} is gone: {replaced}"
+    return ""
 
 
 def _usage_message(error: Exception) -> str | None:

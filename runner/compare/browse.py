@@ -92,21 +92,15 @@ def browse_database(database: str, port: int, open_browser: bool) -> int:
     """Serve the database until interrupted; return the exit code of Datasette.
 
     `database` is the URL or path of a SQLite logbook, `port` that on 127.0.0.1; `open_browser`
-    opens a web browser. Raises ConfigurationError for PostgreSQL, for a logbook with stored
-    passwords, and if Datasette is not installed.
+    opens a web browser. Raises ConfigurationError for PostgreSQL, and if Datasette is not
+    installed.
     """
     with open_results(database) as results:
         path = results.reader.address.path
         columns = columns_of(path) if path else {}
-        passwords = results.reader.stored_passwords()
     if path is None:
         raise ConfigurationError(
             "browse: Datasette reads SQLite; use a PostgreSQL client for PostgreSQL"
-        )
-    if passwords:  # Datasette does not mask them
-        raise ConfigurationError(
-            f"browse: {passwords[0].where}: {passwords[0].what}; expected a logbook without"
-            " passwords: seatrial-results scrub removes them"
         )
     if find_spec("datasette") is None:
         raise ConfigurationError(

@@ -20,7 +20,6 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
-from seatrial.runner.database.mask import styled
 from seatrial.runner.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage
@@ -60,7 +59,12 @@ def _program(
 
 
 Database = Annotated[
-    str, typer.Option("--database", metavar="URL", help="URL or file of the logbook.")
+    str,
+    typer.Option(
+        "--database",
+        metavar="URL",
+        help="URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
+    ),
 ]
 Form = Annotated[Format, typer.Option("--format", "-f", help="Output format of the table.")]
 Where = Annotated[
@@ -133,8 +137,7 @@ def show_grids(grids: Sequence[Grid], form: Format) -> None:
     if form is Format.JSON and len(texts) > 1:
         typer.echo("[" + ",\n".join(texts) + "]")
     else:
-        output = styled(sys.stdout) if form is Format.RICH else sys.stdout
-        print("\n\n".join(texts), file=output)
+        print("\n\n".join(texts))
 
 
 def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:

@@ -1,4 +1,4 @@
-"""Output formats of a grid: rich, md, csv, csv-plain, latex, json, html."""
+"""Output formats of a grid: rich, md, csv, latex, json, html."""
 
 import csv
 import html
@@ -15,20 +15,15 @@ from rich.table import Table
 from rich.text import Text
 
 from seatrial.runner.compare.grid import Cell, Grid, Scalar
-from seatrial.runner.database.terminal import guarded, visible
+from seatrial.runner.database.terminal import visible
 
 
 class Format(StrEnum):
-    """Names of the formats; csv and json are for programs, the others for readers.
-
-    In csv a text that a spreadsheet would compute, such as `=1+1`, has a quote mark before it; in
-    csv-plain it has none.
-    """
+    """Names of the formats; csv and json are for programs, the others for readers."""
 
     RICH = "rich"
     MD = "md"
     CSV = "csv"
-    CSV_PLAIN = "csv-plain"
     LATEX = "latex"
     JSON = "json"
     HTML = "html"
@@ -88,18 +83,14 @@ def _markdown_bold(cell: Cell) -> str:
 
 
 def _csv(grid: Grid) -> str:
-    return _csv_plain(grid, guarded)
-
-
-def _csv_plain(grid: Grid, guard: Callable[[Scalar], Scalar] = lambda value: value) -> str:
     records = grid.as_records()
     names = list(dict.fromkeys(name for record in records for name in record))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     headers = names or [header.replace("\n", " ") for header in grid.headers]
-    writer.writerow([guard(header) for header in headers])
+    writer.writerow(headers)
     for record in records:
-        writer.writerow([_csv_value(guard(record.get(name))) for name in names])
+        writer.writerow([_csv_value(record.get(name)) for name in names])
     return out.getvalue().rstrip("\n")
 
 
@@ -259,7 +250,6 @@ def _html_text(text: str) -> str:
 _WRITERS: Mapping[Format, Callable[[Grid], str]] = {
     Format.MD: _markdown,
     Format.CSV: _csv,
-    Format.CSV_PLAIN: _csv_plain,
     Format.LATEX: _latex,
     Format.JSON: _json,
     Format.HTML: _html,

@@ -1,6 +1,5 @@
 """Maintenance of a logbook: repeating failed trials, deleting old runs and checking files."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -35,28 +34,20 @@ def retry_commands(results: Results, where: str | None, statuses: Sequence[str])
     ]
     return [
         repeat_command(
-            results.reader.run(run.run_id).overrides, results.reader.address.path, rerun=False
+            results.reader.run(run.run_id).overrides, results.reader.address, rerun=False
         )
         for run in reversed(candidates)
     ]
 
 
-def execute_all(commands: Sequence[str], address: Address) -> int:
-    """Run the commands one after the other; return 0 if all succeeded, else 1.
-
-    The commands read the address of a PostgreSQL logbook from SEATRIAL_DATABASE.
-    """
-    environment = dict(os.environ)
-    if not address.sqlite:
-        environment["SEATRIAL_DATABASE"] = address.url.render_as_string(hide_password=False)
+def execute_all(commands: Sequence[str]) -> int:
+    """Run the commands one after the other; return 0 if all succeeded, else 1."""
     failed = 0
     for number, line in enumerate(commands, 1):
         print(f"{number} of {len(commands)}: {line}", file=sys.stderr, flush=True)
         arguments = shlex.split(line.removeprefix(trial_program()))
         program = [sys.executable, "-m", "seatrial.runner"]
-        failed += (
-            subprocess.run([*program, *arguments], check=False, env=environment).returncode != 0
-        )
+        failed += subprocess.run([*program, *arguments], check=False).returncode != 0
     print(f"{len(commands) - failed} of {len(commands)} finished", file=sys.stderr)
     return 1 if failed else 0
 
@@ -119,18 +110,6 @@ def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
     if pruned.left:
         raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
     return text
-
-
-def scrub(address: Address, results_dir: Path) -> str:
-    """Remove the passwords that older versions stored; return a summary on one line."""
-    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
-        rows = logbook.scrub()
-    if not rows:
-        return "no row contains a password"
-    return (
-        f"removed passwords from {rows} rows; earlier backups and exports still contain them:"
-        " change the password"
-    )
 
 
 def require_no_choice(*choices: object) -> None:

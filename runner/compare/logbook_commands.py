@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, animate, site, serve, published, audit, retry, export, prune, verify, scrub and browse.
+report, animate, site, serve, published, audit, retry, export, prune, verify and browse.
 """
 
 from dataclasses import replace
@@ -115,11 +115,10 @@ def retry(
     statuses = split(status) or ("failed", "interrupted")
     with compare.results.open_results(database) as results:
         commands = compare.housekeeping.retry_commands(results, where, statuses)
-        address = results.reader.address
     if not commands:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
     elif execute:
-        raise typer.Exit(compare.housekeeping.execute_all(commands, address))
+        raise typer.Exit(compare.housekeeping.execute_all(commands))
     for line in commands:
         typer.echo(line)
 
@@ -128,16 +127,10 @@ def retry(
 def export(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Output folder.")],
     database: Database = DEFAULT_DATABASE,
-    csv_plain: Annotated[
-        bool,
-        typer.Option(
-            "--csv-plain", help="CSV without quote marks before texts that begin with =, +, -, @."
-        ),
-    ] = False,
 ) -> None:
     """Write every table as Parquet and as CSV."""
     with compare.results.open_results(database) as results:
-        for path in results.reader.export(folder, guard=not csv_plain):
+        for path in results.reader.export(folder):
             typer.echo(path)
 
 
@@ -205,14 +198,6 @@ def audit(
     """List runs that mislead in a comparison, with the remedy: nothing is changed."""
     with compare.results.open_results(database) as results:
         show_grid(compare.audit.audit(results, where, sweep, tag), form)
-
-
-@app.command()
-def scrub(database: Database = DEFAULT_DATABASE, results_dir: ResultsDir = None) -> None:
-    """Remove the passwords of database addresses that older versions stored."""
-    with compare.results.open_results(database, results_dir) as results:
-        address, folder = results.reader.address, results.reader.results_dir
-    typer.echo(compare.housekeeping.scrub(address, folder), err=True)
 
 
 @app.command()

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.findings import Finding
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, number_text
 from seatrial.runner.compare.results import FINISHED, Results, Run, open_results
-from seatrial.runner.database.records import Finding
 from seatrial.runner.export.manoeuvre_tracks import (
     COMPARED,
     FINDING,

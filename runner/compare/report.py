@@ -22,7 +22,6 @@ from seatrial.runner.compare.results import Results, Run, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
-from seatrial.runner.database.mask import without_passwords
 from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import Run as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
@@ -265,7 +264,7 @@ def _provenance(results: Results, condition: Condition | None) -> list[tuple[str
         dirty = " with uncommitted changes" if row.git_dirty else ""
         facts = {"git commit": f"{row.git_commit or 'unknown'}{dirty}", "host": row.host}
         facts |= {str(name): str(version) for name, version in row.versions.items()}
-        facts |= {"command": without_passwords(row.command)} if row.command else {}
+        facts |= {"command": row.command} if row.command else {}
         for name, value in facts.items():
             counts_of.setdefault(name, Counter())[value] += 1
     return [

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import sqlalchemy as sa
-from sqlalchemy.engine import URL
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import Expression, Names, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, OfSweeps, parse
+from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Series
@@ -107,8 +107,7 @@ def open_results(database: str, results_dir: Path | None = None) -> Iterator["Re
     `results_dir` is the folder of its series; the default is the folder of a SQLite file, else
     `results`.
     """
-    url = database if "://" in database else URL.create("sqlite", database=database)
-    with Reader.read(url, results_dir=results_dir) as reader:
+    with Reader.read(url_of(database), results_dir=results_dir) as reader:
         yield Results(reader)
 
 

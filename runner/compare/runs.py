@@ -1,6 +1,7 @@
 """Lists of runs, the details of one run, and the command that repeats it."""
 
 import json
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,8 +16,7 @@ from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import RUN, Results
 from seatrial.runner.compare.where import Comparison, Condition
-from seatrial.runner.database.engine import file_url
-from seatrial.runner.database.mask import without_address
+from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.database.views import run_overview
@@ -46,7 +46,7 @@ COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
-PLACES = ("results_dir=", "database=")
+DATABASE = re.compile(r"[+~]*database(\.url)?=")
 SHOWN_BYTES = 16
 NEWEST = 50  # runs that a shell is offered
 
@@ -264,7 +264,7 @@ def traceback_of(results: Results, run_id: int) -> str:
 def command_of(results: Results, run_id: int) -> str:
     """Return the shell command, on one line, that repeats a run into the same logbook."""
     overrides = results.reader.run(run_id).overrides
-    return repeat_command(overrides, results.reader.address.path, rerun=True)
+    return repeat_command(overrides, results.reader.address, rerun=True)
 
 
 def answer(results: Results, query: str, timeout_s: float, limit: int) -> tuple[Grid, bool]:
@@ -274,19 +274,21 @@ def answer(results: Results, query: str, timeout_s: float, limit: int) -> tuple[
     return grid_of("", result.columns, rows, labels=0, digits=6), result.more
 
 
-def repeat_command(overrides: Sequence[str], database: Path | None, rerun: bool) -> str:
+def repeat_command(overrides: Sequence[str], address: Address, rerun: bool) -> str:
     """Return the shell command, on one line, that repeats a trial into the same logbook.
 
-    `database` is the SQLite file. With None (PostgreSQL) the command reads the address from
-    SEATRIAL_DATABASE, because a URL with a password does not belong on a command line.
+    The address of a PostgreSQL logbook that holds a password is in SEATRIAL_DATABASE.
     """
-    words = without_address(overrides)
-    if database is not None:
-        words = [word for word in words if not word.startswith(PLACES)]
-        words += _location(database)
-    elif "database=postgresql" not in words:
+    words = [
+        word for word in overrides if not DATABASE.match(word) and not word.startswith("rerun=")
+    ]
+    if address.path is not None:
+        words = [word for word in words if not word.startswith("results_dir=")]
+        words += _location(address.path)
+    elif address.url.password:
         words.append("database=postgresql")
-    words = [word for word in words if not word.startswith("rerun=")]
+    else:
+        words.append(f"database.url={_quoted(str(address))}")
     if any(word.startswith("experiment=") for word in words):
         words.append("hydra.mode=RUN")  # an experiment may define a sweep
     if rerun:

@@ -19,7 +19,7 @@ from seatrial.runner.compare.plots.sailed_missions import voyages
 from seatrial.runner.compare.plots.style import MODEL_COLOURS
 from seatrial.runner.compare.results import Results
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
 
 Kind = Literal["thrust", "moment", "rudder"]

@@ -12,21 +12,15 @@ if TYPE_CHECKING:
     from seatrial.runner.database import records as records
     from seatrial.runner.database import schema as schema
     from seatrial.runner.database import tables as tables
-    from seatrial.runner.database.engine import display_url as display_url
     from seatrial.runner.database.logbook import Logbook as Logbook
-    from seatrial.runner.database.mask import without_passwords as without_passwords
     from seatrial.runner.database.reader import Reader as Reader
     from seatrial.runner.database.records import Answer as Answer
-    from seatrial.runner.database.records import Coefficient as Coefficient
-    from seatrial.runner.database.records import Metric as Metric
     from seatrial.runner.database.records import Problem as Problem
     from seatrial.runner.database.records import PruneResult as PruneResult
-    from seatrial.runner.database.records import Results as Results
     from seatrial.runner.database.records import RunClaim as RunClaim
     from seatrial.runner.database.records import RunDetail as RunDetail
     from seatrial.runner.database.records import RunStart as RunStart
     from seatrial.runner.database.records import RunSummary as RunSummary
-    from seatrial.runner.database.records import Series as Series
     from seatrial.runner.database.records import SeriesFile as SeriesFile
     from seatrial.runner.database.records import SweepStatus as SweepStatus
     from seatrial.runner.database.records import SweepSummary as SweepSummary
@@ -38,22 +32,11 @@ else:
         __name__,
         ["engine", "outage", "records", "schema", "tables"],
         {
-            "engine": ["display_url"],
             "logbook": ["Logbook"],
             "reader": ["Reader"],
             "records": [
-                *(
-                    "Answer",
-                    "RunClaim",
-                    "Coefficient",
-                    "Metric",
-                    "Problem",
-                    "PruneResult",
-                    "Results",
-                ),
-                *("RunDetail", "RunStart", "RunSummary", "Series", "SeriesFile", "SweepStatus"),
-                *("SweepSummary", "Verification"),
+                *("Answer", "Problem", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
+                *("RunSummary", "SeriesFile", "SweepStatus", "SweepSummary", "Verification"),
             ],
-            "mask": ["without_passwords"],
         },
     )

@@ -24,11 +24,6 @@ from seatrial.runner.database.liveness import (
     is_gone,
     is_stale,
 )
-from seatrial.runner.database.mask import (
-    command_without_address,
-    without_address,
-    without_passwords,
-)
 from seatrial.runner.database.records import RunClaim, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, Run
 from seatrial.runner.vocabulary import GROUPS
@@ -156,12 +151,12 @@ def _row(
         "status": "running",
         **{name: getattr(start, name) for name in GROUPS},
         "seed": int(start.seed),
-        "config": clean(start.config),
-        "overrides": clean(without_address(start.overrides)),
+        "config": plain(start.config),
+        "overrides": plain(start.overrides),
         "git_commit": start.git_commit,
         "git_dirty": start.git_dirty,
-        "versions": clean(start.versions),
-        "command": command_without_address(start.command),
+        "versions": plain(start.versions),
+        "command": plain(start.command),
         "code": start.code,
         "experiment": start.experiment,
         "host": socket.gethostname(),
@@ -169,18 +164,6 @@ def _row(
         "started_at": moment,
         "process": identity(pid),
     }
-
-
-def clean(value: object) -> object:
-    """Convert a value to plain JSON without passwords, as the database stores it."""
-    value = plain(value)
-    if isinstance(value, str):
-        return without_passwords(value)
-    if isinstance(value, dict):
-        return {key: clean(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [clean(item) for item in value]
-    return value
 
 
 def reuse(connection: Connection, sweep_id: int, run_ids: Sequence[int]) -> set[int]:

@@ -8,13 +8,11 @@ timeout prevents this. Readers have their own engine with plain BEGIN, on a read
 import json
 import os
 import sqlite3
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
 from urllib.parse import quote
 
 from sqlalchemy import Connection, Engine, create_engine, event
@@ -29,12 +27,13 @@ from sqlalchemy.exc import (
     ProgrammingError,
 )
 from sqlalchemy.pool import QueuePool
+from tenacity import retry, retry_if_exception_message, stop_after_delay, wait_fixed
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.mask import learn, without_passwords
-from seatrial.runner.database.outage import wait_for_server
+from seatrial.runner.database.checked_rows import DamagedCellError
+from seatrial.runner.database.passwords import refuse_passwords
 
-# Database URLs: parsing, and display without passwords.
+ENVIRONMENT = "SEATRIAL_DATABASE"  # variable with an address, which may hold a password
 
 
 @dataclass(frozen=True)
@@ -51,39 +50,57 @@ class Address:
 
     def __str__(self) -> str:
         """The file, or the URL without its password, for messages."""
-        return str(self.path or display_url(self.url.set(drivername="postgresql")))
+        return str(self.path or self.url.set(drivername="postgresql"))
 
 
 def parse(url: str | URL) -> Address:
-    """Parse a database URL; raises LogbookError if it is invalid."""
+    """Parse the address of a logbook.
+
+    Args:
+        url: A URL; or ENVIRONMENT, for the address in this variable. Only there a password may be,
+            so configurations, commands and messages hold the name of the variable instead.
+
+    Raises:
+        ConfigurationError: The URL is text with a password.
+        LogbookError: It is no address of a SQLite file or of a PostgreSQL database.
+    """
+    where, got = "database.url", f" got {str(url)!r};"
+    if url == ENVIRONMENT:
+        where, got, url = ENVIRONMENT, "", os.environ.get(ENVIRONMENT, "")
+        if not url:
+            raise LogbookError(f"{where} is not set; expected postgresql://USER@HOST/NAME")
+    elif isinstance(url, str):
+        refuse_passwords([url])
     try:
-        parsed = _parsed(url)
+        parsed = make_url(url)
     except (ArgumentError, ValueError, TypeError):
         raise LogbookError(
-            f"database.url is not a database URL: got {without_passwords(str(url))!r};"
+            f"{where} is not a database URL:{got}"
             " expected sqlite:///FILE or postgresql://USER@HOST/NAME"
         ) from None
     dialect = parsed.get_backend_name()
     if dialect == "sqlite":
-        return Address(parsed, _sqlite_file(parsed))
-    if dialect in ("postgresql", "postgres"):
-        return Address(parsed.set(drivername="postgresql+psycopg"), None)
-    raise LogbookError(
-        f"database.url: unknown database dialect {dialect!r} in {display_url(parsed)};"
-        " expected sqlite or postgresql"
-    )
+        options = parsed.query or (isinstance(url, str) and "?" in url)  # make_url drops "?x"
+        if parsed.host or options or parsed.database in (None, "", ":memory:"):
+            raise LogbookError(
+                f"{where}: got {url}; expected sqlite:///FILE"
+                " (a file without options; write % and ? in its name as %25 and %3F)"
+            )
+        return Address(parsed, Path(parsed.database or "").absolute())
+    if dialect not in ("postgresql", "postgres"):
+        raise LogbookError(
+            f"{where}: unknown database dialect {dialect!r} in {parsed};"
+            " expected sqlite or postgresql"
+        )
+    if {"password", "sslpassword"} & set(parsed.query):
+        raise LogbookError(f"{where}: got a password after '?', expected //USER:PASSWORD@HOST/NAME")
+    return Address(parsed.set(drivername="postgresql+psycopg"), None)
 
 
-def _parsed(url: str | URL) -> URL:
-    if isinstance(url, URL):
-        if url.password:
-            learn(url.render_as_string(hide_password=False))
-        return url
-    learn(str(url))
-    parsed = make_url(url)
-    if parsed.get_backend_name() == "sqlite" and "?" in url:  # SQLAlchemy drops "?x" silently
-        _refuse_sqlite(url)
-    return parsed
+def url_of(place: str | Path) -> str:
+    """Return the address of a logbook that is given by its address, its file, or ENVIRONMENT."""
+    text = str(place)
+    return text if "://" in text or text == ENVIRONMENT else file_url(Path(text))
 
 
 def file_url(path: Path) -> str:
@@ -92,25 +109,9 @@ def file_url(path: Path) -> str:
     return f"sqlite:///{escaped}"
 
 
-def _refuse_sqlite(url: str | URL) -> NoReturn:
-    raise LogbookError(
-        f"database.url: got {display_url(url)}; expected sqlite:///FILE"
-        " (a file without options; write % and ? in its name as %25 and %3F)"
-    )
-
-
-def _sqlite_file(url: URL) -> Path:
-    if url.host or url.query or not url.database or url.database == ":memory:":
-        _refuse_sqlite(url)
-    return Path(url.database).absolute()
-
-
-def display_url(url: str | URL) -> str:
-    """Return `url` with every password replaced by three stars."""
-    if isinstance(url, URL):
-        return without_passwords(url.render_as_string(hide_password=True))
-    learn(str(url))
-    return without_passwords(str(url))
+def display_url(url: str) -> str:
+    """Return an address as it was given; that in ENVIRONMENT without its password."""
+    return str(parse(url)) if url == ENVIRONMENT else url
 
 
 BUSY_TIMEOUT_S = 30.0
@@ -118,21 +119,11 @@ CONNECT_TIMEOUT_S = 10
 _to_json = partial(json.dumps, allow_nan=False, ensure_ascii=False)
 
 
-def writer(address: Address) -> Engine:
-    """Create an engine for writing; it does not create a missing file."""
-    return _writer(address, "mode=rw", foreign_keys=True)
-
-
-def maker(address: Address) -> Engine:
-    """Create an engine that creates a missing file and may rebuild tables: no foreign keys."""
-    return _writer(address, "mode=rwc", foreign_keys=False)
-
-
-def _writer(address: Address, option: str, *, foreign_keys: bool) -> Engine:
+def writer(address: Address, *, create: bool = False) -> Engine:
+    """Create an engine for writing; with `create` it creates a missing SQLite file."""
     if address.path is None:
         return _postgresql(address, read_only=False)
-    connect = partial(_open_to_write, address.path, option, foreign_keys=foreign_keys)
-    return _sqlite(connect, "BEGIN IMMEDIATE")
+    return _sqlite(partial(_open_to_write, address.path, create), "BEGIN IMMEDIATE")
 
 
 def reader(address: Address) -> Engine:
@@ -157,14 +148,14 @@ def explained(address: Address) -> Iterator[None]:
         if "permission denied" not in str(error.orig):
             raise
         raise LogbookError(f"{address}: {one_line(error)}") from error
-    except (DBAPIError, sqlite3.Error) as error:
+    except (DBAPIError, sqlite3.Error, DamagedCellError) as error:
         raise LogbookError(f"{address}: {one_line(error)}") from error
 
 
 def one_line(error: Exception) -> str:
-    """Return the first line of a database error, without passwords."""
+    """Return the first line of a database error."""
     message = str(error.orig if isinstance(error, DBAPIError) else error).strip()
-    first = without_passwords(message.splitlines()[0]) if message else type(error).__name__
+    first = message.splitlines()[0] if message else type(error).__name__
     return first.replace("unable to open database file", "cannot open the database file")
 
 
@@ -209,29 +200,27 @@ def _release_locks(engine: Engine) -> None:
             end_transaction(connection)
 
 
-def _open_to_write(path: Path, option: str, *, foreign_keys: bool) -> sqlite3.Connection:
-    connection = _open_uri(path, option)
+def _open_to_write(path: Path, create: bool) -> sqlite3.Connection:
+    connection = _open_uri(path, "mode=rwc" if create else "mode=rw")
     try:
         _use_wal(connection, path)
         connection.execute("PRAGMA synchronous = NORMAL")
-        connection.execute(f"PRAGMA foreign_keys = {'ON' if foreign_keys else 'OFF'}")
+        connection.execute("PRAGMA foreign_keys = ON")
     except BaseException:
         connection.close()
         raise
     return connection
 
 
+@retry(
+    retry=retry_if_exception_message(match=".*locked"),
+    wait=wait_fixed(0.01),
+    stop=stop_after_delay(BUSY_TIMEOUT_S),
+    reraise=True,
+)
 def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
     """Enable the write-ahead log; repeated, because this ignores the busy timeout."""
-    deadline = time.monotonic() + BUSY_TIMEOUT_S
-    while True:
-        try:
-            (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
-            break
-        except sqlite3.OperationalError as error:
-            if "locked" not in str(error) or time.monotonic() > deadline:
-                raise
-            time.sleep(0.01)
+    (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
     if mode != "wal":
         raise LogbookError(
             f"{path}: this file system cannot hold a SQLite logbook (journal mode {mode!r},"
@@ -306,6 +295,5 @@ def _postgresql(address: Address, *, read_only: bool) -> Engine:
         raise LogbookError(
             f"{address}: PostgreSQL needs the package psycopg: pip install 'seatrial[postgresql]'"
         ) from error
-    wait_for_server(engine)
     _release_locks(engine)
     return engine

@@ -9,25 +9,21 @@ from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import csv, parquet
-from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, select
+from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, select
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.claims import clean
-from seatrial.runner.database.damaged_cells import UNREADABLE, DamagedCellError
-from seatrial.runner.database.mask import without_passwords
+from seatrial.runner.database.checked_rows import read
 from seatrial.runner.database.tables import Base, Utc
-from seatrial.runner.database.terminal import guarded
 
 FORMATS = ("parquet", "csv")
 _BATCH = 10_000  # rows held at once
 
 
-def export(connection: Connection, folder: Path, *, guard: bool = True) -> list[Path]:
+def export(connection: Connection, folder: Path) -> list[Path]:
     """Write every table to `folder`, as TABLE.parquet and TABLE.csv; returns the paths.
 
-    Times are UTC; JSON columns are text. With `guard`, text that a spreadsheet would compute has a
-    quote mark in the CSV files. A file is renamed into place when it is complete. Raises
+    Times are UTC; JSON columns are text. A file is renamed into place when it is complete. Raises
     LogbookError if the folder cannot be written.
     """
     try:
@@ -35,17 +31,15 @@ def export(connection: Connection, folder: Path, *, guard: bool = True) -> list[
         return [
             path
             for table in Base.metadata.sorted_tables
-            for path in _table(connection, table, folder, guard)
+            for path in _table(connection, table, folder)
         ]
     except OSError as error:
         raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
     except UnicodeEncodeError as error:
         raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
-    except UNREADABLE as error:
-        raise DamagedCellError(str(error)) from error
 
 
-def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> list[Path]:
+def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
     schema = pa.schema([(column.name, _arrow(column.type)) for column in table.columns])
     paths = [folder / f"{table.name}.{suffix}" for suffix in FORMATS]
     unfinished = [path.with_name(f".{path.name}.tmp") for path in paths]
@@ -56,7 +50,7 @@ def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> l
         ):
             for batch in _batches(connection, table, schema):
                 columns.write_table(batch)
-                lines.write_table(_guarded(batch) if guard else batch)
+                lines.write_table(batch)
         for temporary, path in zip(unfinished, paths, strict=True):
             temporary.replace(path)
     finally:
@@ -66,9 +60,8 @@ def _table(connection: Connection, table: Table, folder: Path, guard: bool) -> l
 
 
 def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterator[pa.Table]:
-    order = list(table.primary_key)
-    statement = select(table).order_by(*order).execution_options(yield_per=_BATCH)
-    for rows in connection.execute(statement).partitions():
+    statement = select(table).order_by(*table.primary_key)
+    for rows in read(connection, statement, _BATCH):
         arrays = [
             pa.array(_texts(column.type, values), field.type)
             for column, field, values in zip(
@@ -78,26 +71,11 @@ def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterato
         yield pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _guarded(batch: pa.Table) -> pa.Table:
-    arrays = [
-        pa.array([guarded(text) for text in column.to_pylist()], column.type)
-        if pa.types.is_string(column.type)
-        else column
-        for column in batch.columns
-    ]
-    return pa.Table.from_arrays(arrays, schema=batch.schema)
-
-
 def _texts(column: TypeEngine[object], values: Sequence[object]) -> Sequence[object]:
-    """Convert JSON values to text, and mask passwords that older versions stored in text."""
-    if isinstance(column, JSON):
-        return [
-            None if value is None else json.dumps(clean(value), ensure_ascii=False)
-            for value in values
-        ]
-    if isinstance(column, Text):
-        return [without_passwords(value) if isinstance(value, str) else value for value in values]
-    return values
+    """Convert JSON values to text."""
+    if not isinstance(column, JSON):
+        return values
+    return [None if value is None else json.dumps(value, ensure_ascii=False) for value in values]
 
 
 def _arrow(column: TypeEngine[object]) -> pa.DataType:

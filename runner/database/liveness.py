@@ -19,7 +19,8 @@ from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import Boolean, DateTime
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.engine import one_line
+from seatrial.runner.database.engine import Address, one_line
+from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.tables import Run
 
 HEARTBEAT_S = 5.0
@@ -115,8 +116,9 @@ _log = logging.getLogger(__name__)
 class Heartbeat:
     """A thread that updates the heartbeat of the watched runs; starts with the first of them."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, address: Address) -> None:
         self._engine = engine
+        self._address = address
         self._runs: set[int] = set()
         self._lock = Lock()
         self._stopped = Event()
@@ -150,13 +152,14 @@ class Heartbeat:
                 self._touch(runs)
 
     def _touch(self, runs: list[int]) -> None:
-        try:
+        alive = update(Run).where(Run.id.in_(runs), Run.status == "running")
+
+        def beat() -> None:
             with self._engine.begin() as connection:
-                connection.execute(
-                    update(Run)
-                    .where(Run.id.in_(runs), Run.status == "running")
-                    .values(heartbeat_at=database_now())
-                )
+                connection.execute(alive.values(heartbeat_at=database_now()))
+
+        try:
+            repeated(self._address, beat)
         except (SQLAlchemyError, LogbookError) as error:
             # The next heartbeat may succeed; if none does, the run counts as interrupted.
             _log.warning("no heartbeat for runs %s: %s", runs, one_line(error))

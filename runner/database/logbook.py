@@ -21,24 +21,23 @@ from sqlalchemy.engine import URL
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, scrub, tables
+from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, clean, give_up, give_up_gone, reuse
+from seatrial.runner.database.claims import claim, give_up, give_up_gone, reuse
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
-from seatrial.runner.database.mask import command_without_address, without_address
 from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import Reader
 from seatrial.runner.database.records import (
     PruneResult,
-    Results,
     RunClaim,
     RunStart,
-    Series,
     SeriesFile,
     integer,
     number,
+    plain,
 )
+from seatrial.runner.record.rows import Results, Series
 from seatrial.runner.vocabulary import Ending
 
 T = TypeVar("T")
@@ -50,15 +49,15 @@ class Logbook(Reader):
     def __init__(self, address: Address, results_dir: Path) -> None:
         super().__init__(address, engines.reader(address), results_dir)
         self._writer: Engine = engines.writer(address)
-        self._heartbeat = Heartbeat(self._writer)
+        self._heartbeat = Heartbeat(self._writer, address)
         self._began: dict[int, float] = {}  # run: time.monotonic() at its start
 
     @classmethod
     def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "Logbook":
-        """Open the logbook at `url`; create it (if `create`) or upgrade it if necessary.
+        """Open the logbook at `url`; create it (if `create`) if there is none.
 
-        Raises LogbookError, and changes nothing, if the database belongs to another program, has a
-        newer version, is damaged or cannot be reached.
+        Raises LogbookError, and changes nothing, if the database belongs to another program, has
+        another schema, is damaged or cannot be reached.
         """
         address = parse(url)
         schema.prepare(address, create=create, results_dir=results_dir)
@@ -67,7 +66,7 @@ class Logbook(Reader):
     def close(self) -> None:
         """Mark the runs that have not ended as interrupted, and close every connection."""
         if self._began:
-            hurry(self.address.url)
+            hurry(self.address)
         self._heartbeat.stop()
         super().close()
         self._writer.dispose()  # ends a transaction that Ctrl-C left open
@@ -95,7 +94,7 @@ class Logbook(Reader):
                 return task(connection)
 
         with engines.explained(self.address):
-            return repeated(transaction)
+            return repeated(self.address, transaction)
 
     def begin_sweep(
         self,
@@ -109,12 +108,12 @@ class Logbook(Reader):
     ) -> int:
         """Store the start of a sweep of `planned` trials; returns its id."""
         row = {
-            "name": clean(name),
-            "command": command_without_address(command),
-            "overrides": clean(without_address(overrides)),
+            "name": plain(name),
+            "command": plain(command),
+            "overrides": plain(list(overrides)),
             "planned": planned,
-            "tags": clean(tags),
-            "note": clean(note),
+            "tags": plain(tags),
+            "note": plain(note),
             "started_at": datetime.now(UTC),
             "host": socket.gethostname(),
             "pid": os.getpid(),
@@ -142,7 +141,7 @@ class Logbook(Reader):
 
         The program is about to end, so it does not wait for an unreachable server.
         """
-        hurry(self.address.url)
+        hurry(self.address)
         with suppress(LogbookError):  # without a heartbeat the runs count as interrupted anyway
             with self._writing() as connection:
                 give_up_gone(connection, sweep_id)
@@ -189,9 +188,9 @@ class Logbook(Reader):
         ending = {
             "status": status,
             "error_type": error_type,
-            "error": clean(error),
-            "traceback": clean(traceback),
-            "note": clean(results.note),
+            "error": plain(error),
+            "traceback": plain(traceback),
+            "note": plain(results.note),
             "drawn": None if results.drawn is None else list(results.drawn),
             "finished_at": datetime.now(UTC),
             "duration_s": self._duration(run_id),
@@ -231,15 +230,6 @@ class Logbook(Reader):
             deleted, paths = maintenance.delete_runs(connection, run_ids)
         failures = maintenance.remove(self.results_dir, paths)
         return PruneResult(deleted, len(paths) - len(failures), failures)
-
-    def scrub(self) -> int:
-        """Remove passwords that older versions stored; returns the number of changed rows."""
-        with self._writing() as connection:
-            rows = scrub.scrub(connection)
-        if rows:
-            with engines.explained(self.address):
-                scrub.reclaim(self.address)
-        return rows
 
     def remove_orphans(self) -> list[Path]:
         """Delete the series files that no row refers to, and return their paths.

@@ -3,12 +3,11 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
@@ -23,31 +22,27 @@ from sqlalchemy import (
     select,
     union_all,
 )
-from sqlalchemy.exc import DataError, OperationalError
+from sqlalchemy.exc import DataError
 
 from seatrial.models.errors import LogbookError
 from seatrial.models.findings import Finding
-from seatrial.runner.database import damaged_cells, maintenance, schema, scrub, sql_query, tables
+from seatrial.runner.database import checked_rows, maintenance, schema, sql_query, tables
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import clean
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
-    Coefficient,
-    Metric,
-    Problem,
     RunDetail,
     RunSummary,
-    Series,
     SeriesFile,
     SweepStatus,
     SweepSummary,
     Verification,
 )
 from seatrial.runner.database.views import run_overview
+from seatrial.runner.record.rows import Coefficient, Metric, Series
 from seatrial.runner.vocabulary import LOST
 
 if TYPE_CHECKING:
@@ -109,14 +104,13 @@ class Reader:
         Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
         """
         with engines.explained(self.address), self._engine.connect() as connection:
-            answer = sql_query.ask(connection, query, timeout_s, limit)
-        return replace(answer, rows=[tuple(map(_masked, row)) for row in answer.rows])
+            return sql_query.ask(connection, query, timeout_s, limit)
 
     def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
         try:
             with engines.explained(self.address):
-                return repeated(partial(self._rows, statement))
+                return repeated(self.address, partial(self._rows, statement))
         except DataError as error:  # a number beyond the range of its column
             raise LogbookError(f"{self.address}: {engines.one_line(error)}") from error
         except OverflowError as error:
@@ -127,22 +121,9 @@ class Reader:
             ) from error
 
     def _rows(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
-        with self._engine.connect() as connection, self._damage_located(connection):
-            return damaged_cells.read(statement.selected_columns, connection.execute(statement))
-
-    @contextmanager
-    def _damage_located(self, connection: Connection) -> Iterator[None]:
-        """Name the first damaged cell of the logbook if one cannot be read."""
-        try:
-            yield
-        except (damaged_cells.DamagedCellError, OperationalError) as error:
-            if isinstance(error, OperationalError) and "Could not decode" not in str(error.orig):
-                raise
-            damaged = next(damaged_cells.damaged_cells(connection), None)
-            where = f"{damaged.where}: {damaged.what}" if damaged else str(error)
-            raise LogbookError(
-                f"{self.address}: damaged: {where}; verify lists every such cell"
-            ) from error
+        with self._engine.connect() as connection:
+            (rows,) = checked_rows.read(connection, statement)
+            return rows
 
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
@@ -153,7 +134,7 @@ class Reader:
     def sweeps(self) -> list[SweepSummary]:
         """Return the sweeps, oldest first."""
         rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
-        return [SweepSummary(**_masked_cells(row)) for row in rows]
+        return [SweepSummary(**row._asdict()) for row in rows]
 
     def running_sweeps(self) -> list[int]:
         """Return the sweeps that have not ended and had a heartbeat of a run in the last minute."""
@@ -170,7 +151,7 @@ class Reader:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
         names = RunDetail.__dataclass_fields__
-        cells = {name: cell for name, cell in _masked_cells(row).items() if name in names}
+        cells = {name: cell for name, cell in row._asdict().items() if name in names}
         return RunDetail(summary=summaries[0], **cells)
 
     def trial(self, fingerprint: str) -> RunSummary | None:
@@ -243,26 +224,17 @@ class Reader:
             paths = maintenance.orphans(connection, self.results_dir)
         return [path for path in paths if files.owner(path)]
 
-    def stored_passwords(self) -> list[Problem]:
-        """Return the cells in which an older version stored a password."""
-        with self._reading() as connection:
-            return scrub.stored_passwords(connection)
-
     def verify(self) -> Verification:
         """Check the database, every foreign key and every series file."""
         with self._reading() as connection:
             return maintenance.verify(connection, self.results_dir)
 
-    def export(self, folder: Path, *, guard: bool = True) -> list[Path]:
-        """Write every table to `folder` as Parquet and CSV; returns the paths.
-
-        With `guard`, text that a spreadsheet would compute has a quote mark in the CSV files.
-        """
+    def export(self, folder: Path) -> list[Path]:
+        """Write every table to `folder` as Parquet and CSV; returns the paths."""
         with self._reading() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            with self._damage_located(connection):
-                return tables_export.export(connection, folder, guard=guard)
+            return tables_export.export(connection, folder)
 
     def prunable(
         self,
@@ -312,7 +284,6 @@ def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:
     values = row._asdict()
     del values["process"]
     values["status"] = _status(row)
-    values["error"] = _masked(values["error"])
     values["superseded"] = bool(values["superseded"])
     for name in ("started_at", "finished_at"):
         values[name] = _utc(values[name])
@@ -323,15 +294,6 @@ def _status(row: Row[*tuple[object, ...]]) -> str:
     """Return the status of the view; `interrupted` if the process of a running run has ended."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
-
-
-def _masked_cells(row: Row[*tuple[object, ...]]) -> dict[str, Any]:
-    return {name: _masked(cell) for name, cell in row._asdict().items()}
-
-
-def _masked(value: object) -> object:
-    """Mask the passwords that older versions stored in a cell."""
-    return clean(value) if isinstance(value, str | dict | list) else value
 
 
 def _utc(time: datetime | None) -> datetime | None:

@@ -1,79 +1,15 @@
-"""Records that are written to the logbook and read from it, as frozen dataclasses without SQL.
-
-Numbers are in SI units and angles in radians unless `unit` says otherwise. NaN is stored as NULL.
-"""
+"""Records of sweeps and runs in the logbook, as frozen dataclasses without SQL."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal, SupportsFloat, SupportsInt
+from typing import Literal, SupportsFloat, SupportsInt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from seatrial.models.findings import Finding as Finding
-from seatrial.runner.vocabulary import Config, Stage, Stream
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One figure of merit of a run."""
-
-    stage: Stage
-    model: str  # nominal, identified or plant
-    dof: str  # surge, sway, heave, roll, pitch, yaw, position, heading or all
-    name: str
-    value: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """One entry of a model: a hydrodynamic derivative, or an element of a matrix.
-
-    `true_value` is the coefficient of the plant, if the plant is known.
-    """
-
-    model: str  # nominal, residual, identified (= nominal + residual) or plant
-    dof: str
-    term: str
-    value: float | None
-    std_error: float | None
-    true_value: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
-class Series:
-    """Columns of equal length, each of shape (n,), with the unit of each; stored as one file."""
-
-    kind: str  # recording, residual, deployment_nominal, deployment_identified, ...
-    columns: Mapping[str, NDArray[Any]]
-    units: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        shapes = {name: column.shape for name, column in self.columns.items()}
-        if len({*shapes.values()}) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-            raise ValueError(
-                f"series {self.kind}: expected 1-d columns of one length, got {shapes}"
-            )
-        if self.columns.keys() != self.units.keys():
-            odd = sorted(self.columns.keys() ^ self.units.keys())
-            raise ValueError(f"series {self.kind}: no column or no unit for {', '.join(odd)}")
-
-
-@dataclass(frozen=True)
-class Results:
-    """The results of a run, which are stored beside its row."""
-
-    metrics: Sequence[Metric] = ()
-    coefficients: Sequence[Coefficient] = ()
-    diagnostics: Sequence[Finding] = ()  # rows of the table `diagnostic`
-    series: Sequence[Series] = ()
-    note: str | None = None
-    drawn: Sequence[Stream] | None = None  # random streams that the results depend on, if known
+from seatrial.runner.vocabulary import Config
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.records import Series, SeriesFile
+from seatrial.runner.database.records import SeriesFile
+from seatrial.runner.record.rows import Series
 
 if TYPE_CHECKING:
     import pyarrow as pa

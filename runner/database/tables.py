@@ -81,7 +81,6 @@ class Sweep(Base):
     finished_at: Mapped[datetime | None]
     host: Mapped[str]
     pid: Mapped[int]
-    # Since revision 0003.
     tags: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
     note: Mapped[str | None]
 
@@ -130,14 +129,12 @@ class Run(Base):
     started_at: Mapped[datetime]
     finished_at: Mapped[datetime | None]
     duration_s: Mapped[float | None]
-    # Since revision 0002.
     error_type: Mapped[str | None]
     command: Mapped[str | None]
     heartbeat_at: Mapped[
         datetime | None
     ]  # by the database's clock, because the clocks of hosts differ
     process: Mapped[str | None]  # see liveness.py
-    # Since revision 0003.
     code: Mapped[str | None] = mapped_column(String(16))  # digest of the code that computes
     # The fingerprint without the seed: equal for the replicates of one experiment.
     experiment: Mapped[str | None] = mapped_column(String(64))
@@ -212,7 +209,7 @@ class Series(Base):
 
 
 class Reuse(Base):
-    """A trial of a sweep that another run has finished or is running. Since revision 0002."""
+    """A trial of a sweep that another run has finished or is running."""
 
     __tablename__ = "reuse"
 

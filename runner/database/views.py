@@ -1,8 +1,8 @@
 """The views of the logbook, for comparisons in one line of SQL.
 
 The views are plain SQL, so the `sqlite3` and `psql` shells can read them. They hold no data, so
-they are not part of the migrations: a logbook with other views gets the current ones when it is
-next opened for writing (`view_version` holds the digest of its views).
+they are not part of the schema: a logbook with other views gets the current ones when it is next
+opened for writing (`view_version` holds the digest of its views).
 """
 
 from functools import cache
@@ -144,13 +144,9 @@ def _digest(views: tuple[str, ...]) -> str:
     return sha256("\n".join(views).encode()).hexdigest()[:16]
 
 
-def drop(connection: Connection) -> None:
-    """Remove the views; a migration cannot change tables that a view uses."""
+def renew(connection: Connection) -> None:
+    """Replace the views by the current ones."""
     for name in NAMES:
         connection.exec_driver_sql(f"DROP VIEW IF EXISTS {name}")
-
-
-def create(connection: Connection) -> None:
-    """Create the views; none of them may exist."""
     for statement in statements(connection.dialect.name):
         connection.exec_driver_sql(statement)

@@ -20,8 +20,9 @@ from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import options
 from seatrial.runner.database import Reader
-from seatrial.runner.database.records import Coefficient, RunDetail
+from seatrial.runner.database.records import RunDetail
 from seatrial.runner.record.coefficient_rows import device_values, vessel_of
+from seatrial.runner.record.rows import Coefficient
 from seatrial.runner.vocabulary import GROUPS, Config
 
 DERIVATIVE_LETTERS = "XYZKMN"  # of the forces, in the order of DOFS

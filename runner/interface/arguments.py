@@ -74,12 +74,7 @@ def place_of(path: str | Path | None) -> list[str]:
     """Return the overrides for a logbook, given by its file or address; None: the default one."""
     if path is None:
         return []
-    text = str(path)
-    if "://" not in text:
-        folder: Path | None = Path(text).parent
-        text = database.engine.file_url(Path(text))
-    else:
-        file = database.engine.parse(text).path
-        folder = None if file is None else file.parent
-    series = [] if folder is None else [f"results_dir={_quoted(str(folder))}"]
-    return [*series, f"database.url={_quoted(text)}"]
+    url = database.engine.url_of(path)
+    file = Path(path) if url != str(path) else database.engine.parse(url).path
+    series = [] if file is None else [f"results_dir={_quoted(str(file.parent))}"]
+    return [*series, f"database.url={_quoted(url)}"]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner.compare.cli import DEFAULT_DATABASE
 from seatrial.runner.compare.grid import grid_of
-from seatrial.runner.database import display_url
 from seatrial.runner.interface.arguments import overrides_of, place_of
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
@@ -233,7 +232,7 @@ def _check_logbook(vessel: object, database: str | Path | None) -> None:
         own = Logbook(DEFAULT_DATABASE if database is None else database).address
         if vessel.address != own or vessel.choice is None:
             raise ConfigurationError(
-                f"vessel: got {vessel.name} of {display_url(vessel.address)}, expected one of the "
+                f"vessel: got {vessel.name} of {vessel.address}, expected one of the "
                 "same logbook; vessel.save('yaml') writes it to a file"
             )
 

@@ -39,7 +39,7 @@ class Table:
         Parameters
         ----------
         form
-            rich, md, csv, csv-plain, latex, json or html.
+            rich, md, csv, latex, json or html.
 
         Returns
         -------

@@ -38,10 +38,12 @@ if TYPE_CHECKING:
 
     from seatrial.runner.compare.results import Observation, Results
     from seatrial.runner.database import RunDetail
+    from seatrial.runner.record import rows
 else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
+    rows = lazy_loader.load("seatrial.runner.record.rows", suppress_warning=True)
 
 
 class Logbook:
@@ -56,9 +58,7 @@ class Logbook:
     """
 
     def __init__(self, path: str | Path = DEFAULT_DATABASE, results_dir: Path | None = None):
-        address = str(path)
-        if "://" not in address:
-            address = database.engine.file_url(Path(address))
+        address = database.engine.url_of(path)
         file = database.engine.parse(address).path
         # Absolute, because the working folder may change.
         self.address = address if file is None else database.engine.file_url(file.absolute())
@@ -245,7 +245,7 @@ class Logbook:
         return chosen
 
     def __repr__(self) -> str:
-        return f"Logbook({database.display_url(self.address)!r})"
+        return f"Logbook({self.address!r})"
 
     def _repr_html_(self) -> str:
         try:
@@ -290,13 +290,13 @@ class Run:
     def metrics(self) -> "pd.DataFrame":
         """All metrics: columns stage, model, dof, name, value and unit."""
         with self.logbook.opened() as results:
-            return _rows(database.Metric, results.reader.metrics(self.number))
+            return _rows(rows.Metric, results.reader.metrics(self.number))
 
     @property
     def coefficients(self) -> "pd.DataFrame":
         """All coefficients: columns model, dof, term, value, unit, std_error and true_value."""
         with self.logbook.opened() as results:
-            return _rows(database.Coefficient, results.reader.coefficients(self.number))
+            return _rows(rows.Coefficient, results.reader.coefficients(self.number))
 
     @property
     def findings(self) -> "pd.DataFrame":

@@ -1,17 +1,9 @@
-"""Coefficients of a trial as rows of the logbook, and vessels built from stored rows.
-
-Example:
-
-    with Reader.read("sqlite:///results/results.db") as logbook:
-        vessel = stored_vessel(logbook, run_id=17, model="identified")
-"""
+"""Coefficients of a trial as rows of the logbook, and vessels built from stored rows."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seatrial.models.errors import LogbookError
 from seatrial.models.identification.problem import Identified
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel import basis
@@ -20,21 +12,7 @@ from seatrial.models.vessel.table import (
     Vessel,
     coefficient_unit,
 )
-from seatrial.runner.database.records import Coefficient
-
-if TYPE_CHECKING:
-    from seatrial.runner.database import Reader
-
-
-def stored_vessel(logbook: "Reader", run_id: int, model: str = "identified") -> Vessel:
-    """Load the coefficient table of a model (nominal, residual, identified, plant) of a run.
-
-    Raises LogbookError if the run stored no such model.
-    """
-    rows = [row for row in logbook.coefficients(run_id) if row.model == model]
-    if not rows:
-        raise LogbookError(f"run {run_id} has no coefficients of a model {model!r}")
-    return vessel_of(rows, f"{model} model of run {run_id}")
+from seatrial.runner.record.rows import Coefficient
 
 
 def vessel_of(rows: Iterable[Coefficient], name: str) -> Vessel:

@@ -12,8 +12,7 @@ from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.closed_loop import Design, SimulatedMission
-from seatrial.runner.database.records import Metric
-from seatrial.runner.record.metric_rows import metric, per_dof
+from seatrial.runner.record.rows import Metric, metric, per_dof
 from seatrial.runner.vocabulary import Stage
 
 STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts this long [s]

@@ -17,8 +17,7 @@ from seatrial.models.planning.planner import Plan
 from seatrial.models.recording.preprocessing import quality_checks, quality_series
 from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import Recording
-from seatrial.runner.database.records import Metric, Results, Series
-from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.record.rows import Metric, Results, Series, metric
 
 if TYPE_CHECKING:
     from seatrial.runner.closed_loop import ExcitationData

@@ -40,9 +40,8 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.closed_loop import Streams, prepare
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
-from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.record.rows import Metric, Results, metric
 
 log = logging.getLogger(__name__)
 HELM = "delta"

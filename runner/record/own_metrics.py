@@ -22,9 +22,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.database.records import Metric
 from seatrial.runner.record.catalogue import Definition, register
-from seatrial.runner.record.metric_rows import metric
+from seatrial.runner.record.rows import Metric, metric
 from seatrial.runner.vocabulary import Stage
 
 

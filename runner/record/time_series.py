@@ -24,8 +24,8 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import ExcitationData, SimulatedMission
-from seatrial.runner.database.records import Series
 from seatrial.runner.record.deployment_metrics import is_allocated
+from seatrial.runner.record.rows import Series
 from seatrial.runner.record.validation_metrics import Predicted
 
 

@@ -26,9 +26,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.database.records import Metric
 from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
-from seatrial.runner.record.metric_rows import metric, per_dof
+from seatrial.runner.record.rows import Metric, metric, per_dof
 from seatrial.runner.vocabulary import FILE_FINDING
 
 MODELS = ("nominal", "identified")

@@ -15,8 +15,8 @@ from statistics import median
 from typing import Any
 
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results
 from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.record.rows import Results
 from tests.benchmarks import sweeps
 from tests.benchmarks.conftest import growth
 from tests.runner.database.samples import make_results, make_start

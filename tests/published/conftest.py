@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 
 from seatrial.runner import trial as trials
-from seatrial.runner.database.records import Metric, Results
+from seatrial.runner.record.rows import Metric, Results
 from tests.trials import asked_for
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 
 Metric = Callable[..., dict[str, float]]
 

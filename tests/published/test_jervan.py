@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.runner.compare.printed_figures import FOLDER, read_file
-from seatrial.runner.database.records import Results
 from seatrial.runner.record.coefficient_rows import vessel_of
+from seatrial.runner.record.rows import Results
 
 Run = Callable[..., Results]
 Values = Callable[..., dict[str, float]]

@@ -12,8 +12,8 @@ import pytest
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Metric, Results
 from seatrial.runner.provenance import collect
+from seatrial.runner.record.rows import Metric, Results
 from seatrial.runner.trial import TrialDiverged
 
 

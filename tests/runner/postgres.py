@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+PASSWORD = "anchor"
+os.environ["PGPASSWORD"] = PASSWORD  # of the tests' own servers; addresses hold none
 INSTALL = "apt-get install postgresql, and pip install 'psycopg[binary]'"
 
 
@@ -58,7 +60,7 @@ class Postgres:
 
 
 def _url(port: int, database: str) -> str:
-    return f"postgresql://sailor:anchor@127.0.0.1:{port}/{database}"
+    return f"postgresql://sailor@127.0.0.1:{port}/{database}"
 
 
 def _binaries() -> Path | None:
@@ -98,7 +100,7 @@ def served(parent: Path | None = None) -> Iterator[Postgres]:
         owner = pwd.getpwnam(account)
         os.chown(folder, owner.pw_uid, owner.pw_gid)
     password = folder / "password"
-    password.write_text("anchor")
+    password.write_text(PASSWORD)
     password.chmod(0o644)
     try:
         subprocess.run(

@@ -35,9 +35,10 @@ FLOORS = (
     "runner.vocabulary",
     "runner.options",
     "runner.record.catalogue",
+    "runner.record.rows",
+    "runner.record.coefficient_rows",
     "runner.recording_map",
     "runner.database",
-    "runner.record.coefficient_rows",
     "runner.export",
     "runner.compare",
     "runner",
@@ -45,10 +46,11 @@ FLOORS = (
 # The comparison reads the database, and the tasks of the benchmark, alone; the database holds rows,
 # whatever they mean.
 GROUND = ("models.errors", "models.notation", "models.findings", "runner.vocabulary")
-NAMES = (*GROUND, "runner.record.catalogue")
+NAMES = (*GROUND, "runner.record.catalogue", "runner.record.rows")
 ONLY = {
     "runner.vocabulary": GROUND,
     "runner.record.catalogue": GROUND,
+    "runner.record.rows": (*GROUND, "runner.record.catalogue"),
     "runner.database": NAMES,
     "runner.compare": (
         *NAMES,
@@ -66,7 +68,7 @@ EDGE = {
     *("hydra_errors", "in_process", "yaml_files"),
     *("search", "search_path", "search_space"),
 }
-FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "alembic", "matplotlib", "rich", "typer"}
+FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "matplotlib", "rich", "typer"}
 
 
 def module_of(path: Path) -> str:

@@ -8,8 +8,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results
 from seatrial.runner.job import Order, Plan, Planner, prepare
+from seatrial.runner.record.rows import Results
 from tests.runner.command import Command
 from tests.runner.database.samples import make_start
 from tests.trials import ordered

@@ -20,7 +20,7 @@ from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.search_candidates import candidates, front, objectives_in, search_sweep
 from seatrial.runner.config import Trial
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Metric, Results
+from seatrial.runner.record.rows import Metric, Results
 from tests.runner.command import Command
 from tests.runner.programs import ended, finished, program, rows, wait
 

@@ -10,7 +10,7 @@ from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.kinematics import in_body
 from seatrial.runner import trial as trials
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 from tests.trials import asked_for, composed
 
 

@@ -8,7 +8,7 @@ import pytest
 from seatrial.models.errors import Diverged
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
 SHIP = (

@@ -17,9 +17,9 @@ from seatrial.runner.compare.benchmark.position import position_score
 from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, Score, score
 from seatrial.runner.compare.benchmark.task import Task
 from seatrial.runner.compare.results import FINISHED, Results
-from seatrial.runner.database.records import Coefficient, Series
 from seatrial.runner.database.tables import Diagnostic
 from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.record.rows import Coefficient, Series
 from seatrial.runner.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
 REFERENCES = (MEAN_MOTION, PERSISTENCE)

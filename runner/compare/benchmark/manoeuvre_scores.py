@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.runner.database.records import Series
 from seatrial.runner.export.manoeuvre_tracks import (
     Entry,
     Manoeuvre,
@@ -19,6 +18,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     sheet,
     track_of_series,
 )
+from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
 
 MODEL = "identified"

@@ -8,7 +8,7 @@ import numpy as np
 
 from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, Score
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 POSITION = ("x", "y")
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity

@@ -11,7 +11,7 @@ import numpy as np
 
 from seatrial.runner.compare.plots.force_units import largest_of, limits_of, prefixed
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
 
 # Units of inputs by the beginning of their names, and the size of the unit.

@@ -19,7 +19,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 Runs = Mapping[str, Series]  # series `prediction` by entrant, all of the same test file
 MODEL = "identified"

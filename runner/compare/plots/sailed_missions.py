@@ -8,7 +8,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.plots.request import PlotRequest, each_run
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 PREFIX = "deployment_"
 KINDS = ("deployment_nominal", "deployment_identified")

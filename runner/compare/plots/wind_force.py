@@ -21,7 +21,7 @@ from seatrial.runner.compare.plots.style import (
 )
 from seatrial.runner.compare.results import Results, Run
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 FIGURE = Figure(
     "wind",

@@ -7,8 +7,6 @@ import json
 import re
 from hashlib import sha256
 
-from seatrial.runner.database.mask import without_passwords
-
 SUMMARY, PROGRESS, FAILURES = "data/summary.js", "data/progress.js", "data/failures.js"
 RUN = re.compile(r"data/run-(\d{1,18})\.js")
 
@@ -39,5 +37,5 @@ def script_of(name: str, content: object) -> str:
     escaped. Numbers keep their full precision; `content` may hold no NaN.
     """
     text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    text = without_passwords(text).replace("<", "\\u003c")
+    text = text.replace("<", "\\u003c")
     return f"seatrial.receive({json.dumps(name)}, {text});\n"

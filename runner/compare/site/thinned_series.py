@@ -7,7 +7,7 @@ import numpy as np
 
 from seatrial.runner.compare.site.run_columns import Json
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 TRACK_SAMPLES = 600
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample

@@ -18,8 +18,8 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
-from seatrial.runner.database.records import Results
 from seatrial.runner.record import deployment_metrics
+from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
 EXPERIMENT = (

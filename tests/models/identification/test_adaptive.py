@@ -8,7 +8,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.adaptive import Update
 from seatrial.runner import trial as trials
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
 FERRY = ("controller=pid_ff", "controller.thruster_lead=true", "identifier=ls", "disturbance=calm")

@@ -14,13 +14,8 @@ from seatrial.models.findings import Finding
 from seatrial.runner.compare.benchmark.cells import cells
 from seatrial.runner.compare.benchmark.task import task_of
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import (
-    Coefficient,
-    Metric,
-    Results,
-    RunStart,
-    Series,
-)
+from seatrial.runner.database.records import RunStart
+from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 from seatrial.runner.vocabulary import Stream
 
 PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model

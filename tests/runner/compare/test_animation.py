@@ -15,7 +15,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare import animation
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.scene import BLADE, parts_of, scene_of, turning_side
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

@@ -12,7 +12,7 @@ from seatrial.runner.compare.audit import HEADERS, audit, ranges
 from seatrial.runner.compare.grid import Grid, Scalar
 from seatrial.runner.compare.results import Results
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Metric
+from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 
 Program = Callable[..., tuple[int, str, str]]

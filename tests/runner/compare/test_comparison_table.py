@@ -17,9 +17,9 @@ from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import Grid
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.database.records import Metric
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import Definition
+from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 
 

@@ -21,7 +21,7 @@ from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 
 Fill = Callable[[Logbook], None]

@@ -68,9 +68,7 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
 ) -> None:
     started: list[list[str]] = []
 
-    def start(
-        command: list[str], check: bool, env: dict[str, str]
-    ) -> subprocess.CompletedProcess[str]:
+    def start(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
         assert not check
         started.append(command)
         return subprocess.CompletedProcess(command, returncode=len(started) - 1)

@@ -12,7 +12,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.grid import Grid, Scalar
 from seatrial.runner.compare.results import Results
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Metric, RunStart
+from seatrial.runner.database.records import RunStart
+from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 from tests.runner.compare.test_comparison_table import cells, table
 

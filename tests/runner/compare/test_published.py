@@ -17,7 +17,7 @@ from seatrial.runner.compare.printed_figures import COLUMNS, FOLDER, read_folder
 from seatrial.runner.compare.published import judged
 from seatrial.runner.compare.results import Results, open_results
 from seatrial.runner.compare.verdicts import verdict_of
-from seatrial.runner.database.records import Metric
+from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

@@ -8,7 +8,7 @@ import pytest
 from seatrial.models.findings import Finding
 from seatrial.runner.compare.__main__ import run
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_start
 
 NAMES = ("count", "mean", "std", "median", "minimum", "maximum")

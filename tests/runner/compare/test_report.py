@@ -15,8 +15,8 @@ from seatrial.runner.compare import page as page_module
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import TABLES, ReportRequest, render_report
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.database.records import Series
 from seatrial.runner.record.catalogue import all_declared, definition_of
+from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

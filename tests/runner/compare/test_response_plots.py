@@ -15,7 +15,7 @@ from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import Results
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 

@@ -18,7 +18,7 @@ from seatrial.runner.compare.site import write_site
 from seatrial.runner.compare.site.thinned_series import STRETCHES, extremes
 from seatrial.runner.compare.statistics import paired_test
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.records import Coefficient, Metric
+from seatrial.runner.record.rows import Coefficient, Metric
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.site_pages import cells_of, close, commands_of, show

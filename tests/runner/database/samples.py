@@ -3,7 +3,8 @@
 import numpy as np
 
 from seatrial.models.findings import Finding
-from seatrial.runner.database import Coefficient, Metric, Results, RunStart, Series
+from seatrial.runner.database import RunStart
+from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 
 
 def make_start(trial: int = 0, **changes: object) -> RunStart:

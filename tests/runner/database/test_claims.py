@@ -13,9 +13,10 @@ import pytest
 from sqlalchemy import update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, claims, engine, liveness
+from seatrial.runner.database import Logbook, claims, engine, liveness
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import Run
+from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_start
 from tests.runner.postgres import Postgres
 

@@ -14,7 +14,6 @@ import pytest
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import Logbook
-from seatrial.runner.database.schema import backup
 from tests.runner.database.samples import make_results, make_start
 
 NOBODY = 65534
@@ -147,15 +146,37 @@ def test_a_truncated_file_is_told(tmp_path: Path) -> None:
         read_all(url)
 
 
-def test_a_backup_is_whole_while_others_write(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ("run SET seed = 'many'", "column seed holds str"),
+        ("run SET vessel = x'fffe'", "column vessel holds bytes"),
+        ("run SET vessel = CAST(x'fffe' AS TEXT)", "Could not decode to UTF-8 column 'vessel'"),
+        ("run SET started_at = 'yesterday'", "Invalid isoformat string: 'yesterday'"),
+        ("run SET config = '{broken'", "Expecting property name"),
+        ("run SET config = '[1]'", "column config holds list"),
+        ("run SET overrides = '{}'", "column overrides holds dict"),
+        ("metric SET value = 'lots'", "column value holds str"),
+    ],
+)
+def test_a_damaged_cell_is_told_by_readers_and_by_verify(
+    tmp_path: Path, change: str, line: str
+) -> None:
     url = fill(tmp_path)
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
-        logbook.begin_run(make_start(2))  # still in the write-ahead log
-        backup(tmp_path / "results.db", tmp_path / "copy.db")
-    with closing(sqlite3.connect(tmp_path / "copy.db")) as copy:
-        assert copy.execute("SELECT count(*) FROM run").fetchone() == (2,)
-        assert copy.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        assert copy.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+    with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
+        connection.execute(f"UPDATE {change}")
+    with Logbook.read(url) as reader:
+        table = change.split()[0]
+        (problem, unchecked) = reader.verify().problems
+        assert problem.where == f"table {table}"
+        assert line in problem.what
+        assert unchecked.what.startswith("series files were not checked")
+        read = {"run": lambda: reader.run(1), "metric": lambda: reader.metrics(1)}[table]
+        for task in (read, lambda: reader.export(tmp_path / "out")):
+            with pytest.raises(LogbookError, match=r"results\.db: ") as caught:
+                task()
+            assert line in str(caught.value)
+            assert "\n" not in str(caught.value)
 
 
 def test_at_rest_a_logbook_is_one_file(tmp_path: Path) -> None:

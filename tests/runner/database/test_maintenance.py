@@ -9,10 +9,11 @@ import pytest
 from sqlalchemy import delete, insert, update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, engine, series_files
+from seatrial.runner.database import Logbook, engine, series_files
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.records import SeriesFile
 from seatrial.runner.database.tables import Base, Metric, Run, Series, Sweep
+from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_results, make_start
 
 
@@ -33,9 +34,13 @@ def filled(logbook: Logbook) -> Logbook:
 
 def change(url: str, statement: object) -> None:
     """Change rows behind the logbook's back, foreign keys or not."""
-    writer = engine.maker(parse(url))
-    with writer.begin() as connection:
+    writer = engine.writer(parse(url))
+    with writer.connect() as connection:
+        if parse(url).sqlite:
+            raw = connection.connection.dbapi_connection
+            raw.execute("PRAGMA foreign_keys = OFF")  # type: ignore[union-attr]
         connection.execute(statement)  # type: ignore[call-overload]
+        connection.commit()
     writer.dispose()
 
 

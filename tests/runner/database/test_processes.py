@@ -12,7 +12,6 @@ import pytest
 from seatrial.runner.database import Logbook
 from seatrial.runner.database.engine import parse
 from tests.runner.database import workers
-from tests.runner.database.former import insert_first_results, migrated
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.database.workers import Worker
 
@@ -34,16 +33,6 @@ def test_eight_processes_write_a_thousand_runs(url: str, results_dir: Path) -> N
         assert {run.metrics for run in runs} == {30}
         assert {run.coefficients for run in runs} == {100}
         assert reader.verify().problems == []
-
-
-def test_a_logbook_that_eight_processes_upgrade_at_once(url: str, results_dir: Path) -> None:
-    migrated(url, "0001")
-    insert_first_results(url)
-    run_all(workers.do_nothing, url, results_dir)
-    with Logbook.read(url, results_dir=results_dir) as reader:
-        assert [run.status for run in reader.runs()] == ["finished", "interrupted"]
-        assert len(reader.metrics(1)) == 1
-    assert len(list(results_dir.glob("*.db"))) == (2 if parse(url).sqlite else 0)
 
 
 def test_a_trial_that_eight_processes_start_is_run_by_one(url: str, results_dir: Path) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Coefficient, Logbook, Metric, Results
+from seatrial.runner.database import Logbook
 from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
+from seatrial.runner.record.rows import Coefficient, Metric, Results
 from tests.runner.database.samples import make_results, make_start
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, Results, Series
+from seatrial.runner.database import Logbook
+from seatrial.runner.record.rows import Results, Series
 from tests.runner.database.samples import make_results, make_start
 
 Say = Callable[[object], None]

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner import options
 from seatrial.runner.database import Reader
-from seatrial.runner.record.coefficient_rows import stored_vessel
+from seatrial.runner.record.coefficient_rows import vessel_of
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
 from tests.runner.export.conftest import BELUGA, FERRY, LINEAR, SUPPLY
@@ -51,7 +51,7 @@ def test_every_coefficient_comes_back_to_the_last_digit(
     node = OmegaConf.to_container(OmegaConf.load(output))  # as Hydra reads it
     assert isinstance(node, dict)
     with Reader.read(f"sqlite:///{here}/results/results.db") as logbook:
-        stored = stored_vessel(logbook, run, model)
+        stored = vessel_of([r for r in logbook.coefficients(run) if r.model == model], model)
         config = logbook.run(run).config["vessel"]
     vessel = options.part(VesselParameters, node)
     assert isinstance(vessel, VesselParameters)

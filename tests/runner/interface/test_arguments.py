@@ -64,8 +64,10 @@ def test_what_is_no_value_is_refused() -> None:
         text_of(object())
 
 
-def test_places() -> None:
+def test_places(monkeypatch: pytest.MonkeyPatch) -> None:
     assert place_of(None) == []
     assert place_of("a/b.db") == ["results_dir=a", "database.url=sqlite:///a/b.db"]
     server = "postgresql://user@host/name"
     assert place_of(server) == [f"database.url='{server}'"]
+    monkeypatch.setenv("SEATRIAL_DATABASE", server)
+    assert place_of("SEATRIAL_DATABASE") == ["database.url=SEATRIAL_DATABASE"]

@@ -15,8 +15,6 @@ from hydra.core.plugins import Plugins
 import seatrial as st
 from seatrial.runner.database import Logbook
 from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.in_process import Call
-from seatrial.runner.interface.arguments import place_of
 from tests.runner.command import Command
 
 CHEAP = {"vessel": "surge_linear", "excitation": "prbs", "controller": "none", "identifier": "ls"}
@@ -203,16 +201,6 @@ def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
     assert len(st.open(tmp_path / "deep" / "ship.db").runs()) == 1
     with pytest.raises(st.LogbookError, match=r"results.db"):
         st.open()
-
-
-def test_a_password_is_not_stored_and_not_shown() -> None:
-    words = place_of("postgresql://crew:salt3dFish@nowhere.invalid/trials")
-    assert any("salt3dFish" in word for word in words)
-    assert "salt3dFish" not in Call(words).provenance().command
-    with pytest.raises(st.LogbookError) as caught:
-        st.run(database="postgresql://crew:salt3dFish@nowhere.invalid:1/trials", seed=1)
-    assert "salt3dFish" not in str(caught.value)
-    assert "salt3dFish" not in repr(st.Logbook("postgresql://crew:salt3dFish@nowhere.invalid/a"))
 
 
 def test_an_empty_logbook_says_so(seatrial: Command, tmp_path: Path) -> None:

@@ -16,11 +16,10 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
 from seatrial.runner.config import build_trial
-from seatrial.runner.database.records import Metric
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import METRICS, Definition
-from seatrial.runner.record.metric_rows import metric
 from seatrial.runner.record.own_metrics import OwnMetric
+from seatrial.runner.record.rows import Metric, metric
 from tests.trials import composed
 
 FORCE_IN_THE_LAG = ("identifier=ls", "disturbance=constant")  # a ferry of known thruster lag
@@ -92,7 +91,7 @@ def test_nothing_else_makes_rows_of_metrics() -> None:
     folder = Path(catalogue.__file__).parents[1]
     made = re.compile(r"(?<!class )\bMetric\(")
     makers = [path.name for path in folder.rglob("*.py") if made.search(path.read_text())]
-    assert makers == ["metric_rows.py"]
+    assert makers == ["rows.py"]
 
 
 @pytest.mark.parametrize("name", ["force", "e_pos", "e_psi", "error"])

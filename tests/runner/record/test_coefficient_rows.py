@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from seatrial.models.errors import LogbookError
 from seatrial.models.identification.problem import Identified
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
@@ -15,7 +14,7 @@ from seatrial.runner import trial as trials
 from seatrial.runner.database import Logbook, Reader
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.export.stored_model import read_model
-from seatrial.runner.record.coefficient_rows import state_space_coefficients, stored_vessel
+from seatrial.runner.record.coefficient_rows import state_space_coefficients, vessel_of
 from tests.trials import CONF, composed
 
 
@@ -32,7 +31,8 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
         logbook.finish_run(begun.run_id, results)
     with Reader.read(url, results_dir=tmp_path) as reader:
         for model in ("nominal", "identified"):
-            vessel = stored_vessel(reader, begun.run_id, model)
+            rows = [row for row in reader.coefficients(begun.run_id) if row.model == model]
+            vessel = vessel_of(rows, model)
             voyage = closed_loop.sail_mission(
                 trial, closed_loop.Streams(trial.seed), vessel, trial.excitation
             ).voyage
@@ -41,8 +41,6 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
                 np.testing.assert_allclose(
                     stored.columns[name], voyage.log.eta[:, column], atol=1e-9
                 )
-        with pytest.raises(LogbookError, match="no coefficients"):
-            stored_vessel(reader, begun.run_id, "unknown")
 
 
 def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> None:

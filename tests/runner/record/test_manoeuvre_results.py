@@ -9,9 +9,9 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.simulation.manoeuvre_sheet import FINDING
 from seatrial.runner import trial as trials
 from seatrial.runner.closed_loop import Streams
-from seatrial.runner.database.records import Results
 from seatrial.runner.record import manoeuvre_results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW
+from seatrial.runner.record.rows import Results
 from seatrial.runner.trial import excite
 from tests.trials import asked_for
 

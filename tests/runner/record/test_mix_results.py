@@ -5,7 +5,7 @@ import pytest
 
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
-from seatrial.runner.database.records import Results
+from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
 SHORT = (

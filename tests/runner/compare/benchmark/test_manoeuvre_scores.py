@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.runner.compare.benchmark.manoeuvre_scores import measures
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 LENGTH = 7.0
 CONFIG = {"vessel": {"length_m": LENGTH}, "excitation": {}}

@@ -12,7 +12,7 @@ from seatrial.runner.compare.benchmark.scores import (
     pooled,
     score,
 )
-from seatrial.runner.database.records import Series
+from seatrial.runner.record.rows import Series
 
 N = 2000
 PAIRS = ((0, 0.1), (1, 0.2), (2, 0.3))  # seed and noise of pooled series
