@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -14,6 +14,17 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
+    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
+    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
+    " identifier=prediction_times",
+    "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
+    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
+    " figure",
+}
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
@@ -70,6 +81,9 @@ def _missing_config(error: MissingConfigException) -> str:
     match = _NOT_FOUND.search(str(error))
     if match is None:
         return _joined(str(error))
+    text = f"{match['group']}={match['option']}"
+    if text in REPLACED:
+        return f"{text} is gone: {REPLACED[text]}"
     if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
         return f"hydra/launcher={match['option']} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])

@@ -21,7 +21,7 @@ GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "ev
 SHORT = ("identifier=none", "evaluation=none")
 STEERED = ("vessel=kvlcc2", "excitation=rudder_turn", "controller=autopilot", *SHORT)
 # Trials that take longer than an input is worth: they are planned, not run.
-SLOW = ("auto", "dsr", "grid", "least_squares", "nsga2", "prediction_times", "mix", "operation")
+SLOW = ("auto", "dsr", "least_squares", "nsga2", "mix", "operation")
 # Options that say how much there is to do, and values that would never end.
 SIZE = re.compile(
     r"(?:length_s|duration_s|interval_s|sample_time_s|step_s|horizon|population|generations"

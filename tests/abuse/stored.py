@@ -27,7 +27,6 @@ READING = (
     "report",
     "export",
     "verify",
-    "published",
     "retry",
     "model",
 )
@@ -278,7 +277,6 @@ COMMANDS = (
     ),
     *(
         ("scrub",),
-        ("published", "--summary"),
         ("runs", "--where", "seed<2"),
         ("verify",),
         ("verify",),

@@ -45,8 +45,6 @@ TOO_LARGE = {
     f"identifier=least_squares identifier.bootstrap={BILLION}": "identifier.bootstrap",
     f"identifier.folds={BILLION}": "identifier.folds",
     f"identifier=auto identifier.folds={BILLION}": "identifier.folds",
-    "identifier=grid identifier.points=1000000": "identifier.points",
-    f"identifier=prediction_times identifier.calls=[1,{10**12}]": "identifier.calls",
 }
 
 

@@ -45,7 +45,7 @@ AGES = ["999999w", "9" * 400 + "d", "٣d", "1e3d", "-1d"]
 KINDS = [".x", "a..b", "os", "x." * 2000 + "x"]
 BASE = {
     "show": ["1"], "stats": ["1"], "sql": ["SELECT 1"], "plot": ["track"],
-    "published": ["--summary"], "prune": ["--status", "failed"],
+    "prune": ["--status", "failed"],
     "report": ["--where", "seed>99"], "export": ["out"], "model": ["1", "--to", "yaml"],
 }  # fmt: skip
 
@@ -186,7 +186,7 @@ READERS = [
     *(["table", "--where", "plant.scale=0.5"], ["table", "--rows", "plant.scale"], ["stats", "4"]),
     *(["retry"], ["prune", "--where", "id=4"], ["prune", "--older-than", "1d"], ["export", "out"]),
     *(["sql", "SELECT * FROM run"], ["sql", "SELECT * FROM metric"], ["scrub"]),
-    *(["plot", "track"], ["report", "--where", "id=4"], ["published", "--summary"]),
+    *(["plot", "track"], ["report", "--where", "id=4"]),
 ]
 
 
