@@ -42,7 +42,7 @@ help:
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   20 kills, writers at once, full disks; a part of it is in make slow'
 	@echo 'make check   ruff, mypy --strict, and imports that do not resolve (basedpyright)'
-	@echo 'make published  every experiment of conf/experiment, and a page of printed figures beside ours'
+	@echo 'make published  every published experiment, and a page of printed figures beside ours'
 	@echo 'make bench   what a user would pick instead, measured beside ours: results/bench.json, docs/speed.md'
 	@echo 'make clean   remove .venv, .venv-ray and the caches (results stay)'
 
@@ -119,18 +119,18 @@ readme: demo
 
 # A run that fails or diverges (exit code 1) is kept and counted on the page. An experiment on
 # outside data, which names SEATRIAL_DATA, is left out where there are none.
-EXPERIMENTS := $(patsubst conf/experiment/%.yaml,%,$(wildcard conf/experiment/*.yaml))
+EXPERIMENTS := $(wildcard conf/experiment/*.yaml docs/published/experiment/*.yaml)
 published: $(VENV)/demo.stamp
-	for experiment in $(EXPERIMENTS); do \
-	    if [ -z "$$SEATRIAL_DATA" ] && \
-	            grep -q SEATRIAL_DATA conf/experiment/$$experiment.yaml; then \
+	for file in $(EXPERIMENTS); do \
+	    experiment=$${file##*/}; experiment=$${experiment%.yaml}; \
+	    if [ -z "$$SEATRIAL_DATA" ] && grep -q SEATRIAL_DATA $$file; then \
 	        echo "$$experiment: skipped, SEATRIAL_DATA is not set: no outside data"; \
 	        continue; \
 	    fi; \
-	    $(BIN)/python -m runner experiment=$$experiment results_dir=results/published \
-	        hydra/launcher=processes || [ $$? -eq 1 ] || exit 1; \
+	    $(BIN)/python -m runner --config-dir docs/published experiment=$$experiment \
+	        results_dir=results/published hydra/launcher=processes || [ $$? -eq 1 ] || exit 1; \
 	done
-	$(BIN)/python -m runner.compare published --database results/published/results.db \
+	$(BIN)/python -m docs.published --database results/published/results.db \
 	    --page results/published/index.html --summary
 
 bench: $(VENV)/bench.stamp

@@ -49,8 +49,6 @@ SWEEPS: Mapping[str, str] = {
     "surface": "identifier=surface_plsr identifier.bootstrap=null disturbance=noise"
     " evaluation=none",
     "front": f"{_SURGE} identifier=nsga2 identifier.population=40 identifier.generations=20",
-    "grid": f"{_SURGE} identifier=grid",
-    "times": f"{_SURGE} identifier=prediction_times",
     "subspace": "vessel=supply_vessel excitation=prbs excitation.length_s=1440 sample_time_s=1"
     " integration_step_s=1 'disturbance=[noise,process]' identifier=dsr identifier.bootstrap=null"
     " controller=none evaluation=none",
@@ -123,8 +121,6 @@ ENTRIES: Mapping[str, Entry] = {
     "search": Entry("search", "The best so far, and what was tried."),
     "spectrum": Entry("subspace", "The order is where the singular values fall off."),
     "surface": Entry("surface", "Error over order and number of terms; the choice is marked."),
-    "times": Entry("times", "What compiling costs once, and saves at every prediction."),
-    "topology": Entry("grid", "A long valley: two parameters that are hard to tell apart."),
     "track": Entry("ferry", "The hull to scale; both models sail in the same weather."),
     "wind": Entry(
         "ferry", "The wind of the mission, and its force.", "--where \"disturbance='wind+noise'\""

@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -11,14 +11,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.invocation import trial_program
+from seatrial.runner.invocation import REPLACED, trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
-# Commands and options that are gone, and what replaces them.
-REPLACED: Mapping[str, str] = {
-    "hydra/launcher=joblib": "use hydra/launcher=processes",
-    "hydra/launcher=submitit_local": "use hydra/launcher=processes",
-}
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)

@@ -18,6 +18,16 @@ REPLACED: Mapping[str, str] = {
     "seatrial-results scrub": "passwords are not stored, so there are none to remove",
     "seatrial-results --csv-plain": "CSV files always hold texts as they are",
     "seatrial-results csv-plain": "use csv, which holds texts as they are",
+    "hydra/launcher=joblib": "use hydra/launcher=processes",
+    "hydra/launcher=submitit_local": "use hydra/launcher=processes",
+    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
+    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
+    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
+    " identifier=prediction_times",
+    "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
+    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
+    " figure",
 }
 
 

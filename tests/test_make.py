@@ -172,7 +172,7 @@ def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -
     assert answer.returncode == 0, answer.stderr
     assert "measured: skipped, SEATRIAL_DATA is not set" in answer.stdout
     assert re.findall(r"experiment=(\w+)", asked(checkout)) == ["simulated"]
-    assert "-m runner.compare published" in asked(checkout)
+    assert "-m docs.published" in asked(checkout)
     assert make(checkout, "published", "SEATRIAL_DATA=/data").returncode == 0
     ran = re.findall(r"experiment=(\w+)", asked(checkout))
     assert sorted(ran) == ["measured", "simulated", "simulated"]

@@ -240,13 +240,6 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert said("seatrial-results", "site").strip() == "results/site/index.html"
     assert (tmp_path / "results" / "site" / "assets" / "uPlot.LICENSE").is_file()
     assert list((tmp_path / "results").rglob("*.html"))
-    page = tmp_path / "published.html"
-    assert "jervan_table_4_10" in said(
-        "seatrial-results", "published", "--summary", "--page", str(page)
-    )
-    assert "<code>seatrial experiment=jervan_table_4_10</code>" in page.read_text()
-    experiment = said("seatrial-results", "published", "--experiment", "jervan_table_4_10")
-    assert "seatrial experiment=jervan_table_4_10" in experiment
     with sqlite3.connect(tmp_path / "results" / "results.db") as database:
         (command, commit, versions) = database.execute(
             "SELECT command, git_commit, json_extract(versions, '$.seatrial') FROM run WHERE id = 3"

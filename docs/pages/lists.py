@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from docs.pages.markdown import code, prose, table
-from docs.pages.yaml_options import files
+from docs.pages.yaml_options import files, option_file
 from seatrial.runner.hydra_errors import CONF
 
 
@@ -27,9 +27,10 @@ def _sentence(head: str) -> str:
     return prose(re.split(r"(?<=[^.]{2}\.) (?=[A-Z'])", head)[0])
 
 
-def experiments() -> str:
-    """The experiments, a line each."""
-    rows = [[code(one.name), prose(one.head)] for one in files("experiment")]
+def experiments(folder: str = "conf") -> str:
+    """The experiments of a folder of options, a line each."""
+    paths = sorted((CONF.parent / folder / "experiment").glob("*.yaml"))
+    rows = [[code(one.name), prose(one.head)] for one in map(option_file, paths)]
     return table(("experiment", "what it repeats, and what is done differently"), rows)
 
 

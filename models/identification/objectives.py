@@ -11,18 +11,13 @@ sum (`mae`); the thesis's figures came from the magnitude of the mean error (`me
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from annotated_types import Ge
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
-from seatrial.models.identification.predictor import PredictionOptions, Predictor
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.predictor import Predictor
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag
 
 Metric = Literal["mae", "mse", "smape", "mean_error"]
 
@@ -91,72 +86,3 @@ def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
         Finding("objective", dof, float(value), unit, label=name)
         for (dof, name, unit), value in zip(objectives.labels, values, strict=True)
     ]
-
-
-# The objective of the multi-objective search on a grid of two parameters.
-#
-#     z(theta) = sum_j f_j(theta)                                                      (7.1)
-#
-# with the objectives of `nsga2`. Hoyer (2021), section 7.5 and Figure 7.20. The grid shows the
-# valleys and local minima of the objective; its minimum is the estimate.
-
-
-AXES = ("topology_first", "topology_second")
-MOST_NAMED = 6  # of the parameters in an error message
-
-
-@dataclass(frozen=True)
-class Grid(PredictionOptions):
-    """Evaluation of the objective at `points` equidistant values of each of two parameters."""
-
-    objective: Metric
-    points: Annotated[int, Ge(2)]
-
-    def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Raise ConfigurationError unless there are two parameters, both with bounds."""
-        free = self.unknowns(nominal)
-        if len(free) != len(AXES):
-            some = ", ".join(free.labels[:MOST_NAMED])
-            more = ", ..." if len(free) > MOST_NAMED else ""
-            raise ConfigurationError(
-                f"identifier.parameters: got {len(free)} ({some}{more}), expected two"
-            )
-        self.check_bounded(free)
-
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the lowest grid point, with the grid as findings."""
-        self.check(problem.nominal, problem.thruster, measured=False)
-        predictor = self.predictor(problem)
-        objectives = Objectives(predictor, self.objective, grouped=False)
-        free = predictor.free
-        axes = np.linspace(*self.box(free, problem.training), self.points).T
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(AXES))
-        z = objectives(points).sum(axis=1).reshape(self.points, self.points)
-        findings = [
-            Finding(name, dof, float(value), unit, i, label=label)
-            for name, dof, label, unit, axis in zip(
-                AXES, free.dofs, free.labels, free.units, axes, strict=True
-            )
-            for i, value in enumerate(axis)
-        ]
-        findings += [
-            Finding("topology", "all", float(value), "", i, j)
-            for (i, j), value in np.ndenumerate(z)
-        ]
-        findings.append(Finding("local_minima", "all", float(local_minima(z))))
-        best = points[int(np.argmin(z))]
-        findings += objective_findings(objectives, best)
-        residual = free.residual(best)
-        return Identified(free.model(problem.nominal, best), residual, None, tuple(findings))
-
-
-def local_minima(z: Array) -> int:
-    """Number of interior points of the grid z (n, m) that are lower than all eight neighbours."""
-    inner = z[1:-1, 1:-1]
-    n, m = z.shape
-    lower = np.ones_like(inner, dtype=bool)
-    for i in range(3):
-        for j in range(3):
-            if (i, j) != (1, 1):
-                lower &= inner < z[i : n - 2 + i, j : m - 2 + j]
-    return int(np.count_nonzero(lower))

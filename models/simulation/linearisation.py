@@ -93,29 +93,6 @@ def linearise(
     )
 
 
-def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
-    """The table linearised in the body velocity: F(nu_0) + dF/dnu (nu - nu_0).
-
-    Terms with a velocity are replaced by u, v, ... and, with `offset`, by the constant of the
-    tangent; the attitude in them is level and north. `nu` (n_dof,) [m/s, rad/s] is the operating
-    point. Terms without a velocity, and those in the velocity through the air, are unchanged.
-    """
-    n = len(vessel.dofs)
-    codes = basis.codes(vessel.terms) % N_VARIABLES
-    moving = np.any(np.isin(codes, [INDEX[name] for name in notation.VELOCITIES]), axis=1)
-    aerodynamic = np.any(np.isin(codes, [INDEX[name] for name in basis.AIR]), axis=1)
-    terms = tuple(vessel.terms[i] for i in np.flatnonzero(moving & ~aerodynamic))
-    constant = tuple(name for name in vessel.terms if name not in terms)
-    x = vessel.variables(np.zeros((1, n)), nu[None, :])
-    theta = vessel.on(terms).theta
-    columns = [INDEX[name] for name in vessel.velocities]
-    slope = gradient(basis.codes(terms), x[0])[:, columns].T @ theta
-    rest = basis.evaluate(terms, x) @ theta - nu @ slope
-    names = [*vessel.velocities, *(["1"] if offset and np.any(rest != 0.0) else [])]
-    linear = np.vstack([slope, rest])[: len(names)]
-    return vessel.on(constant) + Vessel(vessel.name, vessel.dofs, basis.terms(names), linear)
-
-
 def _variables_by_state(dofs: tuple[str, ...], x: Array, attitude: Array, wind: Array) -> Array:
     """dx / d(eta, nu), shape (N_VARIABLES, 2 n_dof), for all variables but accelerations."""
     n = len(dofs)

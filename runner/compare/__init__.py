@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
     from seatrial.runner.compare import plots as plots
-    from seatrial.runner.compare import printed_figures as printed_figures
-    from seatrial.runner.compare import published as published
-    from seatrial.runner.compare import published_page as published_page
-    from seatrial.runner.compare import published_summary as published_summary
     from seatrial.runner.compare import report as report
     from seatrial.runner.compare import results as results
     from seatrial.runner.compare import runs as runs
@@ -41,9 +37,7 @@ else:
                 "leaderboard",
                 "manoeuvre_comparison",
                 "plots",
-                "printed_figures",
             ),
-            *("published", "published_page", "published_summary"),
             *("report", "results", "runs", "selection", "site"),
         ],
     )

@@ -1,9 +1,8 @@
 """Commands on the whole logbook.
 
-report, animate, site, serve, published, audit, retry, export, prune, verify and browse.
+report, animate, site, serve, audit, retry, export, prune, verify and browse.
 """
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -26,7 +25,6 @@ from seatrial.runner.compare.cli import (
     app,
     axes_of,
     show_grid,
-    show_grids,
     shown_path,
     split,
 )
@@ -231,52 +229,3 @@ def animate(
     """
     with compare.results.open_results(database, results_dir) as results:
         typer.echo(shown_path(compare.animation.animate(results, run, to)))
-
-
-@app.command()
-def published(
-    experiment: Annotated[
-        str | None,
-        typer.Option("--experiment", "-e", help="Only this experiment of conf/experiment."),
-    ] = None,
-    summary: Annotated[
-        bool, typer.Option("--summary", help="Only the number of figures with each verdict.")
-    ] = False,
-    page: Annotated[
-        Path | None,
-        typer.Option("--page", help="Also write the tables and figures to this HTML file."),
-    ] = None,
-    printed: Annotated[
-        Path | None,
-        typer.Option(
-            "--printed", help="Folder of the printed figures.  [default: those of the package]"
-        ),
-    ] = None,
-    database: Database = DEFAULT_DATABASE,
-    results_dir: ResultsDir = None,
-    form: Form = Format.RICH,
-) -> None:
-    """Compare printed figures with the stored results: ratio, verdict and reason."""
-    figures = compare.printed_figures.read_folder(
-        printed or compare.printed_figures.FOLDER, experiment
-    )
-    with compare.results.open_results(database, results_dir) as results:
-        tables = [
-            compare.published.judged(results, printed_figures)
-            for printed_figures in figures.values()
-            if printed_figures
-        ]
-        if page is not None:
-            compare.published_page.write_published(results, tables, page)
-    if summary:
-        show_grids(compare.published_summary.summary_grids(tables), form)
-    else:
-        grids = [
-            compare.published_page.published_grid(rows)
-            for table in tables
-            for rows in compare.published.by_table(table)
-        ]
-        grids[-1] = replace(grids[-1], notes=[compare.published_summary.NOTE])
-        show_grids(grids, form)
-    if page is not None:
-        typer.echo(page, err=True)

@@ -19,6 +19,7 @@ from seatrial.runner.database.terminal import visible
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+TEMPLATES = Path(__file__).with_name("templates")
 SQLITE = b"SQLite format 3\0"  # the first bytes of a database
 WIDE = 7.0  # a wider figure fills a row of the page [inch]
 CSS_PX_PER_POINT = 4.0 / 3.0
@@ -38,10 +39,10 @@ class Picture:
     wide: bool
 
 
-def render_page(template: str, **context: object) -> str:
-    """Render a page from a template; a missing value is an error."""
+def render_page(template: str, folder: Path = TEMPLATES, **context: object) -> str:
+    """Render a page from a template of a folder; a missing value is an error."""
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).with_name("templates")),
+        loader=FileSystemLoader([folder, TEMPLATES]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -5,14 +5,18 @@ from functools import cache
 
 import pytest
 
+from docs.published.printed import HERE, file_of
 from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Metric, Results
+from tests.runner.compare.conftest import browser as browser
 from tests.trials import asked_for
 
 
 @cache
 def run_once(*overrides: str) -> Results:
-    trial = asked_for(*overrides)
+    name = overrides[0].removeprefix("experiment=")
+    moved = [f"hydra.searchpath=[file://{HERE}]"] if file_of(name).exists() else []
+    trial = asked_for(*overrides, *moved)
     trials.check(trial)
     return trials.run(trial)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from docs.published.grid import local_minima
 from seatrial.models.identification.problem import Problem
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
@@ -59,3 +60,37 @@ def test_mean_errors_vanish_at_two_printed_rows_of_table_7_5() -> None:
             predictor.errors(np.array([point]), metric)[0][0] for metric in ("mean_error", "mae")
         )
         assert np.all(mean < 0.03 * mae), excitation
+
+
+def test_islands_along_the_valley_come_of_the_mean_error(run: Callable[..., Results]) -> None:
+    """Figure 7.20a shows islands; the printed objective (6.4) has none, and its lowest point is
+    the truth, which the grid holds."""
+    minima = {}
+    for objective in ("mae", "mean_error"):
+        one = run("experiment=hoyer_figure_7_20", f"identifier.objective={objective}")
+        (minima[objective],) = (row.value for row in one.diagnostics if row.name == "local_minima")
+        lowest = [row.value for row in one.coefficients if row.model == "identified"]
+        assert lowest == pytest.approx([60.0, 20.0], rel=1e-9)
+    assert minima["mae"] == 1.0
+    assert minima["mean_error"] > 5.0
+
+
+def test_a_minimum_is_lower_than_all_its_neighbours() -> None:
+    z = np.ones((5, 6))
+    assert local_minima(z) == 0
+    z[0, 0] = z[2, 2] = z[3, 4] = 0.0
+    assert local_minima(z) == 2  # the one on the edge is not counted
+    z[2, 3] = 0.0  # a pair of equals is a floor, no minimum
+    assert local_minima(z) == 0
+
+
+@pytest.mark.slow
+def test_every_number_of_predictions_is_timed_in_every_way(run: Callable[..., Results]) -> None:
+    """Figure 7.21; no time is asserted."""
+    numbers = ("identifier.calls=[1,5]", "identifier.interpreted_calls=[1]")
+    one = run("experiment=hoyer_figure_7_21", "excitation.length_s=60", *numbers)
+    rows = [row for row in one.diagnostics if row.name.startswith("prediction_time")]
+    times = {(row.name, row.label, row.i): row.value for row in rows}
+    assert len(times) == 2 * (1 + 2 + 2)
+    for _, way, n in times:
+        assert times["prediction_time", way, n] >= times["prediction_time_compiled", way, n] > 0.0

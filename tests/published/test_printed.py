@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from docs.published.printed import FOLDER, Printed, file_of, read_folder
 from seatrial.models.vessel.basis import terms
-from seatrial.runner.compare.printed_figures import FOLDER, Printed, read_folder
 from seatrial.runner.hydra_errors import CONF
 
 SOURCES = {"Jervan": "000", "Ljungberg": "002", "Hoyer": "003", "Bargouth": "004"}
@@ -104,7 +104,8 @@ def test_the_columns_of_a_recording_are_copied_line_by_line(stem: str, behind: b
 def test_every_figure_that_can_be_answered_has_its_experiment() -> None:
     for name, figures in read_folder(FOLDER).items():
         answerable = any(one.source for one in figures)
-        assert (CONF / "experiment" / f"{name}.yaml").exists() == answerable, name
+        files = (CONF / "experiment" / f"{name}.yaml", file_of(name))
+        assert sum(file.exists() for file in files) == answerable, name
         for one in figures:
             assert one.source or one.note, f"{name}: {one.row}, {one.quantity} lacks a reason"
 

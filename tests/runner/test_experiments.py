@@ -1,6 +1,7 @@
 """Experiments: one file each, with the sweep in it; grids, variants and what replaces them."""
 
 import os
+from pathlib import Path
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -11,12 +12,15 @@ from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.sweep import jobs_of
 from tests.runner.command import Command
 
-EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+PUBLISHED = CONF.parent / "docs" / "published"  # experiments with identifiers of their own
+EXPERIMENTS = sorted(
+    path for folder in (CONF, PUBLISHED) for path in (folder / "experiment").glob("*.yaml")
+)
 
 
-def needs_data(experiment: str) -> None:
+def needs_data(experiment: Path) -> None:
     """Skip an experiment on outside data where there are none."""
-    text = (CONF / "experiment" / f"{experiment}.yaml").read_text()
+    text = experiment.read_text()
     if "SEATRIAL_DATA" in text and not os.environ.get("SEATRIAL_DATA"):
         pytest.skip("SEATRIAL_DATA is not set: no outside data")
 
@@ -66,19 +70,20 @@ def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     assert sorted(run.identifier for run in runs) == ["ls", "ls", "surface_plsr"]
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda path: path.stem)
 def test_every_trial_of_every_experiment_passes_its_checks(
-    seatrial: Command, experiment: str
+    seatrial: Command, experiment: Path
 ) -> None:
     needs_data(experiment)
-    answer = seatrial(f"experiment={experiment}", "seed=0", "dry_run=true")
+    folder = experiment.parents[1]
+    more = [] if folder == CONF else [f"--config-dir={folder}"]
+    answer = seatrial(*more, f"experiment={experiment.stem}", "seed=0", "dry_run=true")
     assert answer.code == 0, answer.err
     states = {line.split()[0] for line in answer.out.splitlines()[:-1]}
     assert states <= {"new"}, answer.out
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_an_experiment_names_one_option_of_each_group(experiment: str) -> None:
+def test_an_experiment_names_one_option_of_each_group() -> None:
     """Hydra does not tell which options a list took, so the logbook could not name them."""
-    text = (CONF / "experiment" / f"{experiment}.yaml").read_text()
-    assert not [line for line in text.splitlines() if "override /" in line and "[" in line]
+    lines = [line for path in EXPERIMENTS for line in path.read_text().splitlines()]
+    assert not [line for line in lines if "override /" in line and "[" in line]

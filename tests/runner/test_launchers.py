@@ -110,9 +110,7 @@ def test_a_launcher_that_cannot_start_is_one_line(
         (["hydra/launcher=processes", "hydra.launcher.n_jobs=two"], "got two, expected a number"),
     ],
 )
-def test_a_launcher_is_refused_in_one_line(
-    seatrial: Command, words: list[str], said: str
-) -> None:
+def test_a_launcher_is_refused_in_one_line(seatrial: Command, words: list[str], said: str) -> None:
     seatrial.pretend()
     assert said in seatrial.refuses("-m", "seed=0,1", *words)
 

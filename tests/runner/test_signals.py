@@ -156,8 +156,10 @@ def test_a_sweep_with_workers_ends_in_one_line(
     many = ("seed=range(0,4)", "hydra/launcher=processes", "hydra.launcher.n_jobs=2")
     process = sweep("excitation.interval_s=6000", *many, folder=tmp_path)
     wait(
-        lambda: any("spawn_main" in command for _, command in children(process.pid))
-        or process.poll() is not None
+        lambda: (
+            any("spawn_main" in command for _, command in children(process.pid))
+            or process.poll() is not None
+        )
     )
     workers = [pid for pid, _ in children(process.pid)]
     time.sleep(later_s)

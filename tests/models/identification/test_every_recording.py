@@ -16,8 +16,7 @@ from tests.trials import composed
 
 ROOT = Path(__file__).parents[3]
 DATA = os.environ.get("SEATRIAL_DATA")
-# The first identifies nothing, and takes its time with every vessel; the other runs a program.
-APART = {"prediction_times", "command"}
+APART = {"command"}  # runs a program
 IDENTIFIERS = sorted({path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml")} - APART)
 VESSELS = sorted(  # by force: these recordings have no inputs
     path.stem
@@ -25,7 +24,6 @@ VESSELS = sorted(  # by force: these recordings have no inputs
     if "\ninputs:" not in path.read_text()
 )
 SMALL = {
-    "grid": ["parameters=[surge.u_dot,surge.u]", "points=5", "ned_force=false"],
     "dsr": ["L=3", "J=6", "bootstrap=20"],
     "least_squares": ["horizons=[30]", "horizon=100"],
     "nsga2": ["population=8", "generations=2", "polish=null"],
@@ -47,8 +45,6 @@ pytestmark = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no o
 
 def recorded(vessel: str, identifier: str, *more: str):
     """The trial of a minute of surge-1 or random-1."""
-    if (identifier, vessel) == ("grid", "supply_vessel"):  # its drag is quadratic alone
-        more = (*more, "identifier.parameters=[surge.u_dot,'surge.|u|u']")
     name, start = ("surge-1", 410) if vessel.startswith("surge") else ("random-1", 100)
     return composed(
         f"vessel={vessel}", "excitation=recording", f"excitation.path={DATA}/beluga/{name}.csv",

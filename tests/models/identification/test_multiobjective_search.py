@@ -56,9 +56,7 @@ def test_one_optimum():
 
 def test_the_generator_decides_and_numpys_own_is_left_alone():
     before = np.random.get_state()[1].copy()
-    first, again, other = (
-        run(convex, seed, population=40, generations=5) for seed in (3, 3, 4)
-    )
+    first, again, other = (run(convex, seed, population=40, generations=5) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.points, again.points)
     assert first.points.shape != other.points.shape or np.any(first.points != other.points)
     np.testing.assert_array_equal(before, np.random.get_state()[1])

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
-from seatrial.models.simulation.linearisation import gradient, linearise, operating_force, tangent
+from seatrial.models.simulation.linearisation import gradient, linearise, operating_force
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import N_VARIABLES
 from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
@@ -119,37 +119,3 @@ def test_an_acceleration_in_a_product_is_refused(milliampere: Vessel) -> None:
     odd = milliampere + Vessel("odd", PLANAR, basis.terms(["u_dotu"]), np.ones((1, 3)))
     with pytest.raises(ConfigurationError, match="cannot be solved"):
         linearise(odd)
-
-
-@given(arrays(np.float64, 3, elements=away_from_zero(0.05, 2.0)))
-def test_a_tangent_has_the_force_and_the_finite_differences_of_the_table(
-    milliampere: Vessel, nu: np.ndarray
-) -> None:
-    flat, still, h = tangent(milliampere, nu), np.zeros((1, 3)), 1e-5
-    force = milliampere.inverse(still, nu[None, :])
-    np.testing.assert_allclose(flat.inverse(still, nu[None, :]), force, rtol=1e-9, atol=1e-6)
-    for step, name in zip(h * np.eye(3), ("u", "v", "r"), strict=True):
-        up, down = (milliampere.inverse(still, (nu + s * step)[None, :])[0] for s in (1.0, -1.0))
-        np.testing.assert_allclose(flat.row(name), (up - down) / (2.0 * h), rtol=1e-5, atol=1e-4)
-    assert {one.name for one in flat.terms} <= {"u_dot", "v_dot", "r_dot", "u", "v", "r", "1"}
-    np.testing.assert_array_equal(flat.inertia, milliampere.inertia)
-
-
-def test_a_tangent_without_offset_has_slopes_alone(milliampere: Vessel) -> None:
-    nu = np.array([0.5, -0.2, 0.1])
-    whole, slopes = tangent(milliampere, nu), tangent(milliampere, nu, offset=False)
-    assert "1" not in {one.name for one in slopes.terms}
-    assert (whole - slopes).row("1") == pytest.approx(whole.row("1"))
-    for name in ("u", "v", "r"):
-        np.testing.assert_array_equal(slopes.row(name), whole.row(name))
-
-
-def test_a_tangent_is_its_own_tangent_and_leaves_the_air_alone(milliampere: Vessel) -> None:
-    windy = milliampere + derivative_table("wind", PLANAR, WINDAGE)
-    nu = np.array([0.5, -0.2, 0.1])
-    once = tangent(windy, nu)
-    again = tangent(once, np.array([-1.0, 2.0, 0.3]))
-    np.testing.assert_allclose((again - once).theta, 0.0, atol=1e-9)
-    air = [one for one in windy.terms if "_q" in one.name]
-    assert air
-    np.testing.assert_array_equal(once.on(air).theta, windy.on(air).theta)

@@ -171,10 +171,10 @@ def fill_sailed(logbook: Logbook) -> None:
         logbook,
         start("nsga2", "calm"),
         coefficients=truth,
-        diagnostics=[*_pareto(), *_topology()],
+        diagnostics=_pareto(),
         sweep=sweep,
     )
-    finish(logbook, start("surface", "calm"), diagnostics=[*_surface(), *_times()], sweep=sweep)
+    finish(logbook, start("surface", "calm"), diagnostics=_surface(), sweep=sweep)
     finish(logbook, start("dsr", "calm"), diagnostics=_spectrum(), sweep=sweep)
     finish(
         logbook,
@@ -317,32 +317,6 @@ def _pareto() -> list[Finding]:
             value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
             found.append(Finding("pareto_objective", "all", value, unit, i=point, j=j, label=name))
     return found
-
-
-def _topology() -> list[Finding]:
-    """A bowl whose lowest point of 5 x 4 is i = 3, j = 1."""
-    found = [
-        Finding("topology_first", "surge", 900.0 + 100.0 * i, "kg", i=i, label="surge.u_dot")
-        for i in range(5)
-    ]
-    found += [
-        Finding("topology_second", "surge", 10.0 * j, "kg/s", i=j, label="surge.u")
-        for j in range(4)
-    ]
-    return found + [
-        Finding("topology", "all", 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, i=i, j=j)
-        for i in range(5)
-        for j in range(4)
-    ]
-
-
-def _times() -> list[Finding]:
-    return [
-        Finding(name, "all", first + each * n, "s", i=n, label=way)
-        for way, compilation, each in (("without JIT", 0.0, 0.1), ("with JIT", 5.0, 1e-4))
-        for name, first in (("prediction_time", compilation), ("prediction_time_compiled", 0.0))
-        for n in (1, 10, 100)
-    ]
 
 
 def _surface() -> list[Finding]:

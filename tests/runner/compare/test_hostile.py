@@ -40,7 +40,7 @@ AGES = ["999999w", "9" * 400 + "d", "٣d", "1e3d", "-1d"]
 KINDS = [".x", "a..b", "os", "x." * 2000 + "x"]
 BASE = {
     "show": ["1"], "stats": ["1"], "sql": ["SELECT 1"], "plot": ["track"],
-    "published": ["--summary"], "prune": ["--status", "failed"],
+    "prune": ["--status", "failed"],
     "report": ["--where", "seed>99"], "export": ["out"], "model": ["1", "--to", "yaml"],
 }  # fmt: skip
 

@@ -22,7 +22,7 @@ from tests.runner.compare import stored
 # what several panels share stands at one of them
 PARTLY_LABELLED = (
     *("coefficients", "residual", "errors", "surface", "wind", "excitation"),
-    *("response", "controllers", "topology", "critical_difference"),
+    *("response", "controllers", "critical_difference"),
 )
 
 VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
@@ -332,22 +332,6 @@ def test_a_folder_that_cannot_be_written_is_one_line(voyages: Results, tmp_path:
     (tmp_path / "file").write_text("")
     with pytest.raises(LogbookError, match="cannot write the figure"):
         draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")
-
-
-def test_a_topology_marks_its_lowest_point_and_the_true_values(voyages: Results) -> None:
-    grid, _ = axes_of("topology", voyages)
-    places = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in grid.lines}
-    assert places == {"lowest": (1200.0, 10.0), "true values": (1200.0, 10.0)}
-    assert grid.get_xlabel() == "surge.u_dot [kg]"
-    assert grid.get_ylabel() == "surge.u [kg/s]"
-
-
-def test_times_of_each_way_with_and_without_compilation(voyages: Results) -> None:
-    (axes,) = axes_of("times", voyages)
-    drawn_lines = [line.get_ydata().tolist() for line in axes.lines]
-    assert len(drawn_lines) == 4
-    assert drawn_lines[2] == pytest.approx([5.0001, 5.001, 5.01])
-    assert drawn_lines[3] == pytest.approx([1e-4, 1e-3, 1e-2])
 
 
 def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) -> None:

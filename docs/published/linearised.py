@@ -13,7 +13,8 @@ from typing import Annotated
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models import notation
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
     Identified,
@@ -28,10 +29,10 @@ from seatrial.models.identification.state_space_findings import fit, model_findi
 from seatrial.models.notation import PLANAR, POSE_UNIT
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.linearisation import linearise, operating_force, tangent
+from seatrial.models.simulation.linearisation import gradient, linearise, operating_force
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import AIR, N_VARIABLES, VARIABLES, Array
+from seatrial.models.vessel.basis import AIR, INDEX, N_VARIABLES, Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel
@@ -62,10 +63,9 @@ class Linearised(Identifier):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for a velocity that the vessel does not have."""
         check_forces("linearised", nominal)
-        unknown = [dof for dof in self.velocity or {} if dof not in nominal.dofs]
-        if unknown:
+        if unknown := set(self.velocity or {}) - set(nominal.dofs):
             raise ConfigurationError(
-                f"identifier.velocity: got {unknown[0]}, but {nominal.name} moves in "
+                f"identifier.velocity: got {min(unknown)}, but {nominal.name} moves in "
                 f"{', '.join(nominal.dofs)}"
             )
 
@@ -74,10 +74,7 @@ class Linearised(Identifier):
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The linear table and its sampled state-space model, with the errors of its free run.
-
-        Raises IdentificationError when `hold_s` exceeds the held-out part.
-        """
+        """The linear table and its sampled state-space model, with the errors of its free run."""
         nominal, held_out = problem.nominal, problem.validation
         velocity = np.array([(self.velocity or {}).get(dof, 0.0) for dof in nominal.dofs])
         table = tangent(nominal, velocity, self.operating_force)
@@ -87,13 +84,45 @@ class Linearised(Identifier):
         motion, still = parted(table)
         data = sampled(held_out, self.force, still.terms, "body_pose", self.hold_s, np.inf)
         model = replace(sampled_model(motion, still, data.period_s), outputs=data.outputs)
-        findings = (
-            *order_findings(model),
+        orders = {
+            "spectral_radius": model.spectral_radius,
+            "controllable_order": model.controllable_order,
+            "observable_order": model.observable_order,
+            "eigenvalues_at_one": int(np.sum(np.abs(model.eigenvalues - 1.0) < ONE)),
+        }  # Bargouth (2022), section 4.3
+        found = (
+            *(Finding(name, "all", float(value)) for name, value in orders.items()),
             *model_findings(model, 0, nominal.dofs),
-            *free_run_findings(model, data, held_out),
+            *free_run_errors(model, data, held_out),
         )
         table = replace(table, name="identified")
-        return Identified(table, table - nominal, findings=findings, state_space=model)
+        return Identified(table, table - nominal, findings=found, state_space=model)
+
+
+def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
+    """The table linearised in the body velocity: F(nu_0) + dF/dnu (nu - nu_0).
+
+    Terms with a velocity are replaced by u, v, ... and, with `offset`, by the constant of the
+    tangent; the attitude in them is level and north. `nu` (n_dof,) [m/s, rad/s] is the operating
+    point. Terms without a velocity, and those in the velocity through the air, are unchanged.
+    """
+    moving, aerodynamic = _have(vessel, notation.VELOCITIES), _have(vessel, AIR)
+    terms = tuple(vessel.terms[i] for i in np.flatnonzero(moving & ~aerodynamic))
+    constant = tuple(term for term in vessel.terms if term not in terms)
+    x = vessel.variables(np.zeros((1, len(nu))), nu[None, :])
+    theta = vessel.on(terms).theta
+    columns = [INDEX[name] for name in vessel.velocities]
+    slope = gradient(basis.codes(terms), x[0])[:, columns].T @ theta
+    rest = basis.evaluate(terms, x) @ theta - nu @ slope
+    names = [*vessel.velocities, *(["1"] if offset and np.any(rest != 0.0) else [])]
+    linear = np.vstack([slope, rest])[: len(names)]
+    return vessel.on(constant) + Vessel(vessel.name, vessel.dofs, basis.terms(names), linear)
+
+
+def _have(vessel: Vessel, variables: tuple[str, ...]) -> np.ndarray:
+    """Whether each term of a table has one of the variables, shape (n_terms,)."""
+    codes = basis.codes(vessel.terms) % N_VARIABLES
+    return np.any(np.isin(codes, [INDEX[name] for name in variables]), axis=1)
 
 
 def parted(table: Vessel) -> tuple[Vessel, Vessel]:
@@ -101,19 +130,15 @@ def parted(table: Vessel) -> tuple[Vessel, Vessel]:
 
     The restoring force is linearised about zero attitude; its value there is a constant force.
     """
-    known = [
-        term.name == "1" or bool({VARIABLES[c % N_VARIABLES] for c in term.codes} & set(AIR))
-        for term in table.terms
-    ]
-
-    def part(flag: bool) -> Vessel:
-        rows = [i for i, is_known in enumerate(known) if is_known == flag]
-        terms = tuple(table.terms[i] for i in rows)
-        return Vessel(table.name, table.dofs, terms, table.theta[rows])
-
-    motion, inputs = part(False), part(True)
-    n = len(table.dofs)
-    level = operating_force(motion, np.zeros(n), np.zeros(3), np.zeros(2))
+    known = _have(table, AIR) | np.array([term.name == "1" for term in table.terms])
+    motion, inputs = (
+        Vessel(
+            table.name, table.dofs,
+            tuple(table.terms[i] for i in np.flatnonzero(rows)), table.theta[rows],
+        )
+        for rows in (~known, known)
+    )  # fmt: skip
+    level = operating_force(motion, np.zeros(len(table.dofs)), np.zeros(3), np.zeros(2))
     if np.any(level != 0.0):
         inputs = inputs + Vessel("level", table.dofs, basis.terms(["1"]), level[None, :])
     return motion, inputs
@@ -128,48 +153,27 @@ def sampled_model(motion: Vessel, still: Vessel, period_s: float) -> StateSpace:
     return replace(model, B=B, D=D, inputs=inputs).discretised(period_s)
 
 
-def order_findings(model: StateSpace) -> list[Finding]:
-    """Orders and stability, Bargouth (2022), section 4.3."""
-    values: dict[str, float] = {
-        "spectral_radius": model.spectral_radius,
-        "controllable_order": model.controllable_order,
-        "observable_order": model.observable_order,
-        "eigenvalues_at_one": int(np.sum(np.abs(model.eigenvalues - 1.0) < ONE)),
-    }
-    return [Finding(name, "all", value) for name, value in values.items()]
-
-
-def free_run_findings(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Finding]:
+def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Finding]:
     """Fit [%] and root mean square error of a free run from the measured state, and the drift.
 
     The drift is the distance travelled at the end, in body axes: |y_N - y_0|.
     """
-    if not len(held_out.y):
-        raise IdentificationError(
-            f"identifier.hold_s: got {held_out.period_s:g} s, expected at most the "
-            f"{len(recording)} samples that are held out"
-        )
-    first = np.flatnonzero(recording.piece_starts)
-    first = first[np.unique(held_out.stretch)]
+    first = np.flatnonzero(recording.piece_starts)[np.unique(held_out.stretch)]
     free, drift = [], np.zeros(len(recording.dofs))
     ys, us = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
-    for start, y, u in zip(first, ys, us, strict=True):
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
+    with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
+        for start, y, u in zip(first, ys, us, strict=True):
             free.append(model.simulate(u, np.concatenate([y[0], recording.nu[start]])))
-        drift = np.maximum(drift, np.abs(y[-1] - y[0]))
-    return _residual_findings(held_out.y, np.vstack(free), drift, recording.dofs)
-
-
-def _residual_findings(y: Array, free: Array, drift: Array, dofs: tuple[str, ...]) -> list[Finding]:
-    units = [POSE_UNIT[dof] for dof in dofs]
-    with np.errstate(over="ignore", invalid="ignore"):
-        rmse = np.sqrt(np.mean(np.square(y - free), axis=0))
+            drift = np.maximum(drift, np.abs(y[-1] - y[0]))
+        rmse = np.sqrt(np.mean(np.square(held_out.y - np.vstack(free)), axis=0))
+    units = [POSE_UNIT[dof] for dof in recording.dofs]
+    quantities = {
+        "fit_free_run": (fit(held_out.y, np.vstack(free)), ["%"] * len(units)),
+        "body_pose_rmse_free_run": (rmse, units),
+        "body_drift": (drift, units),
+    }
     return [
         Finding(name, dof, float(value), unit)
-        for name, values, value_units in (
-            ("fit_free_run", fit(y, free), ["%"] * len(dofs)),
-            ("body_pose_rmse_free_run", rmse, units),
-            ("body_drift", drift, units),
-        )
-        for dof, value, unit in zip(dofs, values, value_units, strict=True)
+        for name, (values, value_units) in quantities.items()
+        for dof, value, unit in zip(recording.dofs, values, value_units, strict=True)
     ]

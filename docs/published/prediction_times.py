@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.findings import Finding
 from seatrial.models.identification.free_run import (
     METRICS,
@@ -38,10 +38,12 @@ SHORT_S, REPEATS = 0.1, 5  # shorter times are repeated, since other processes d
 
 
 class Task(NamedTuple):
-    """The prediction to time: the nominal model and the recording, as arrays."""
+    """The predictions to time: the nominal model and the recording, as arrays, and how often."""
 
+    way: str
     plant: PlantTable
     course: Course
+    calls: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -54,47 +56,39 @@ class PredictionTimes(Identifier):
     calls: tuple[int, ...]
     interpreted_calls: tuple[int, ...]
 
-    def __post_init__(self) -> None:
-        for name in ("calls", "interpreted_calls"):
-            numbers = getattr(self, name)
-            if not numbers or list(numbers) != sorted({max(n, 1) for n in numbers}):
-                raise ConfigurationError(
-                    f"{name} must be increasing positive numbers, got {list(numbers)}"
-                )
-
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The nominal model, with the times as findings `prediction_time` (i = n, label = way).
+        """The nominal model, with the times as diagnostics `prediction_time` (i = n, label = way).
 
-        Raises IdentificationError when a process fails.
+        Raises:
+            IdentificationError: a process fails.
         """
         nominal = problem.nominal
         plan = predicted_layout(nominal, nominal.theta != 0.0)
         course = course_of(problem.training, problem.thruster, None, None, LIMIT, nominal.attitude)
         inverse, _ = plan.inverse_inertia(nominal.theta[None])
-        task = Task(plan.plant(nominal.theta, inverse[..., 0]), course)
-        findings = []
+        plant = plan.plant(nominal.theta, inverse[..., 0])
+        found = []
         for way in WAYS:
             calls = self.interpreted_calls if way == WAYS[0] else self.calls
-            for n, first, later in _run_in_subprocess(way, task, calls):
-                findings.append(Finding("prediction_time", "all", first, "s", n, label=way))
-                findings.append(
-                    Finding("prediction_time_compiled", "all", later, "s", n, label=way)
-                )
+            for n, compilation, later in _run_in_subprocess(Task(way, plant, course, calls)):
+                times = {
+                    "prediction_time": compilation + later,
+                    "prediction_time_compiled": later,
+                }
+                found += [Finding(name, "all", s, "s", n, label=way) for name, s in times.items()]
         same = NoIdentifier().identify(problem, rng)
-        return Identified(same.model, same.residual, None, tuple(findings))
+        return Identified(same.model, same.residual, None, tuple(found))
 
 
-def _run_in_subprocess(
-    way: str, task: Task, calls: tuple[int, ...]
-) -> list[tuple[int, float, float]]:
-    """Rows (n, seconds with compilation, seconds without) measured by `main`."""
+def _run_in_subprocess(task: Task) -> list[tuple[int, float, float]]:
+    """Rows (n, seconds of compilation, seconds without) measured by `main`."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"SEATRIAL_CACHE": folder}
-        if way == WAYS[0]:
+        if task.way == WAYS[0]:
             environment["NUMBA_DISABLE_JIT"] = "1"
         process = subprocess.run(
             [sys.executable, "-m", __name__],
-            input=pickle.dumps((way, task, calls)),
+            input=pickle.dumps(task),
             capture_output=True,
             env=environment,
             timeout=LONGEST_S,
@@ -102,17 +96,16 @@ def _run_in_subprocess(
         )
     if process.returncode:
         message = process.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        raise IdentificationError(f"prediction times, {way}: {' '.join(message)}")
-    return [(int(n), float(first), float(later)) for n, first, later in json.loads(process.stdout)]
+        raise IdentificationError(f"prediction times, {task.way}: {' '.join(message)}")
+    return [(int(n), *map(float, times)) for n, *times in json.loads(process.stdout)]
 
 
-def timed(way: str, task: Task, calls: tuple[int, ...]) -> list[tuple[int, float, float]]:
-    """Rows (n, seconds with compilation, seconds without) for each n."""
-    predictions = at_once if way == WAYS[2] else one_by_one
-    first_s = _seconds(predictions, task, 1)
-    compilation = max(first_s - _shortest_seconds(predictions, task, 1), 0.0)
-    seconds = [_shortest_seconds(predictions, task, n) for n in calls]
-    return [(n, compilation + s, s) for n, s in zip(calls, seconds, strict=True)]
+def timed(task: Task) -> list[tuple[int, float, float]]:
+    """Rows (n, seconds of compilation, seconds without) for each n."""
+    predictions = at_once if task.way == WAYS[2] else one_by_one
+    first = _seconds(predictions, task, 1)
+    compilation = max(first - _shortest_seconds(predictions, task, 1), 0.0)
+    return [(n, compilation, _shortest_seconds(predictions, task, n)) for n in task.calls]
 
 
 def _seconds(predicted: Callable[[Task, int], None], task: Task, n: int) -> float:
@@ -147,11 +140,5 @@ def at_once(task: Task, n: int) -> None:
     )
 
 
-def main() -> None:
-    """Time the pickled task from standard input; write the times as JSON to standard output."""
-    way, task, calls = pickle.load(sys.stdin.buffer)
-    json.dump(timed(way, task, calls), sys.stdout)
-
-
 if __name__ == "__main__":
-    main()
+    json.dump(timed(pickle.load(sys.stdin.buffer)), sys.stdout)

@@ -1,0 +1,387 @@
+"""Printed figures and ours as tables, their summary, and the page with all of them."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from docs.published.printed import (
+    BY_CONSTRUCTION,
+    CALIBRATED,
+    HERE,
+    TOLERANCE,
+    Judged,
+    Verdict,
+    by_table,
+    command_of,
+    file_of,
+    newest_sweep,
+)
+from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.grid import Cell, Grid, Scalar, number_text, with_unit
+from seatrial.runner.compare.page import Picture, picture, render_page, write_page
+from seatrial.runner.compare.plots.style import (
+    MUTED,
+    PALETTE,
+    REFERENCE,
+    drawn,
+    figure,
+    footnote,
+    headed,
+    marker_of,
+    panels,
+)
+from seatrial.runner.compare.plots.surface import COLOURS
+from seatrial.runner.compare.results import DiagnosticRow, Results
+from seatrial.runner.compare.where import OfSweeps
+from seatrial.runner.search_path import CONF
+
+HEADERS = (
+    *("row", "quantity", "way", "printed", "reference", "ours", "ratio", "verdict", "reason"),
+)
+COLOUR_OF = {
+    "beaten": "#009E73",
+    "reproduced": "#0072B2",
+    "not reproduced": "#D55E00",
+    "below the true model": "#CC79A7",
+}
+COUNTED: tuple[Verdict, ...] = ("beaten", "reproduced", "not reproduced", "below the true model")
+APART: tuple[Verdict, ...] = (
+    *("calibrated", "by construction", "not reproducible", "no runs", "ours"),
+)  # these compare nothing with a printed figure, or cannot fail
+NOTE = (
+    "ours: mean over runs [95 % interval, t] (number of runs; a single run has no interval);"
+    " reference: a figure that is not printed, shown and not judged; beaten: the whole interval is"
+    f" better than printed by more than {100.0 * TOLERANCE:.0f} %, or of an estimate its worst end"
+    " is nearer to the truth; reproduced: the printed figure is in an interval that is not wider"
+    f" than the figure, or within {100.0 * TOLERANCE:.0f} %; eigenvalues by their distance to 1;"
+    " below the true model: better than printed, but also than the exact plant, so it fits"
+    " lag or feedback"
+)
+APART_NOTE = "these figures compare nothing with a printed one, or cannot fail"
+COMMON = {  # reasons that are the same for every figure with the verdict
+    "calibrated": "gains and reference were fitted to the printed figures: see the ratios to our"
+    " own nominal",
+    "ours": "no printed figure of the same experiment",
+}
+ROW_INCH = 0.24  # height of a line of the figure [inch]
+MOST_ROWS = 60
+DECADES = 4.0  # range of the colours of an objective below its highest value
+
+
+# Tables.
+
+
+def published_grid(judged: Sequence[Judged]) -> Grid:
+    """Return the grid of one printed table; figures that cannot be reproduced share one row."""
+    first = judged[0].printed
+    page = f", p. {first.page}" if first.page else ""
+    title = f"{first.document}, {first.table}{page} ({first.experiment})"
+    lost = [one for one in judged if one.verdict == "not reproducible"]
+    rows = [_row(one) for one in judged if one.verdict != "not reproducible"]
+    if lost:
+        head = [Cell(f"{len(lost)} figures"), Cell("")]
+        if len(lost) == 1:
+            head = [Cell(lost[0].printed.row), Cell(lost[0].printed.quantity)]
+        reasons = Cell("; ".join(dict.fromkeys(one.reason for one in lost)), prose=True)
+        rows.append([*head, Cell(""), *[Cell("–")] * 4, Cell("not reproducible"), reasons])
+    return Grid(title, HEADERS, rows, 3, (), [_record(one) for one in judged])
+
+
+def _row(one: Judged) -> list[Cell]:
+    printed = one.printed
+    known = [item for item in printed.known if item not in (CALIBRATED, BY_CONSTRUCTION)]
+    reasons = [f"additional information: {'; '.join(known)}"] if known else []
+    reasons += [one.reason] if one.reason else []
+    return [
+        Cell(printed.row),
+        Cell(with_unit(printed.quantity, printed.unit)),
+        Cell(printed.way),
+        Cell(printed.digits or _plain(printed.printed), sort=printed.printed),
+        Cell(_plain(printed.reference), sort=printed.reference),
+        Cell(_ours(one), sort=None if math.isnan(one.value) else one.value),
+        Cell("–") if math.isnan(one.ratio) else Cell(number_text(one.ratio, 3), sort=one.ratio),
+        Cell(one.verdict, bold=one.verdict == "beaten"),
+        Cell("; ".join(reasons), prose=True),
+    ]
+
+
+def _plain(value: float | None) -> str:
+    return "–" if value is None else f"{value:.10g}"
+
+
+def _ours(one: Judged) -> str:
+    """Return our value as `0.0071 [0.0069, 0.0073] (n=20)`."""
+    if math.isnan(one.value):
+        return "–"
+    text = "median " if one.printed.statistic == "median" else ""
+    text += number_text(one.value)
+    n = f"n={one.n}"
+    if math.isnan(one.low):
+        n += ", no interval"
+    elif one.high - one.low > 1e-9 * abs(one.value):
+        text += f" [{number_text(one.low)}, {number_text(one.high)}]"
+    return f"{text} ({n}{f', {one.lost} without' if one.lost else ''})"
+
+
+def _record(one: Judged) -> Mapping[str, Scalar]:
+    names = (*("experiment", "document", "table", "page", "row", "quantity", "way", "unit"),)
+    return {
+        **{name: getattr(one.printed, name) for name in (*names, "printed", "reference")},
+        "ours": one.value,
+        "low": one.low,
+        "high": one.high,
+        "n": one.n,
+        "without": one.lost,
+        "ratio": one.ratio,
+        "verdict": one.verdict,
+        "information": one.printed.information,
+        "reason": one.reason,
+    }
+
+
+def summary_grids(tables: Sequence[Sequence[Judged]]) -> list[Grid]:
+    """Count the verdicts of each table that mean something, and list the others with reasons."""
+    sources = [source for judged in tables for source in by_table(judged)]
+    return [_counted(sources), _apart(sources)]
+
+
+def _counted(sources: Sequence[Sequence[Judged]]) -> Grid:
+    rows, records, total = [], [], Counter[str]()
+    for judged in sources:
+        counts = Counter(one.verdict for one in judged)
+        count = {verdict: counts[verdict] for verdict in COUNTED}
+        if any(count.values()):
+            total.update(count)
+            records.append(_place(judged) | count)
+            rows.append([*_place_cells(judged), *map(_count, count.values())])
+    rows.append([Cell("all"), Cell(""), Cell(""), *(_count(total[name]) for name in COUNTED)])
+    headers = ["source", "table", "experiment", *COUNTED]
+    return Grid("Printed figures and ours", headers, rows, 3, [NOTE], records)
+
+
+def _apart(sources: Sequence[Sequence[Judged]]) -> Grid:
+    """Return a line for each table and verdict that is not counted, with its reason."""
+    rows, records = [], []
+    for judged in sources:
+        for verdict in APART:
+            reasons = [one.reason for one in judged if one.verdict == verdict]
+            if not reasons:
+                continue
+            reason = COMMON.get(verdict) or Counter(reasons).most_common(1)[0][0]
+            found = {"verdict": verdict, "figures": len(reasons), "reason": reason}
+            records.append(_place(judged) | found)
+            cells = [Cell(verdict), _count(len(reasons)), Cell(reason, prose=True)]
+            rows.append([*_place_cells(judged), *cells])
+    headers = ["source", "table", "experiment", "verdict", "figures", "reason"]
+    return Grid("Figures without a comparison", headers, rows, 4, [APART_NOTE], records)
+
+
+def _place(judged: Sequence[Judged]) -> dict[str, Scalar]:
+    source = judged[0].printed
+    return {"source": source.document, "table": source.table, "experiment": source.experiment}
+
+
+def _place_cells(judged: Sequence[Judged]) -> list[Cell]:
+    return [Cell(str(text)) for text in _place(judged).values()]
+
+
+def _count(number: int) -> Cell:
+    return Cell(str(number) if number else "", sort=float(number))
+
+
+# The page.
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One experiment on the page."""
+
+    name: str
+    about: str
+    command: str
+    tables: Sequence[Markup]
+    pictures: Sequence[Picture]
+
+
+def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: Path) -> None:
+    """Write the page of the judged figures of each experiment.
+
+    Raises:
+        LogbookError: the file cannot be written.
+    """
+    with drawn():
+        chapters = [_chapter(results, judged) for judged in tables]
+    page = render_page(
+        "published.html",
+        HERE,
+        title="Published figures, and ours",
+        database=str(results.reader.address),
+        summary=Markup("").join(html_table(grid) for grid in summary_grids(tables)),
+        chapters=chapters,
+    )
+    write_page(page, file)
+
+
+def _chapter(results: Results, judged: Sequence[Judged]) -> Chapter:
+    name, tables = judged[0].printed.experiment, by_table(judged)
+    pictures = [
+        picture(chart, f"{rows[0].printed.table}: ours over printed", f"{name}-{i}-")
+        for i, rows in enumerate(tables)
+        if (chart := _ratios(rows)) is not None
+    ]
+    sweep = newest_sweep(results, name)
+    if name in FIGURES and sweep is not None:
+        caption, draw = FIGURES[name]
+        pictures.append(picture(draw(results, sweep), caption, f"{name}-figure-"))
+    grids = [html_table(published_grid(rows)) for rows in tables]
+    return Chapter(name, about(name), command_of(name), grids, pictures)
+
+
+def about(experiment: str) -> str:
+    """Return the comment at the head of an experiment's file; empty without a file."""
+    files = (file_of(experiment), CONF / "experiment" / f"{experiment}.yaml")
+    lines = []
+    for file in filter(Path.exists, files):
+        for line in file.read_text(encoding="utf-8").splitlines()[1:]:  # of `# @package`
+            if not line.startswith("#"):
+                break
+            lines.append(line.removeprefix("#").strip())
+    return " ".join(lines)
+
+
+def _ratios(judged: Sequence[Judged]) -> Figure | None:
+    """Plot our values over the printed ones with their intervals; None without a ratio.
+
+    Estimates that are compared with the truth are omitted: if the printed estimate is wrong, a
+    ratio of 1 is not the aim. So are eigenvalues, which are judged by their distance to 1.
+    """
+    compared = [one for one in judged if one.printed.compare not in ("truth", "one")]
+    shown = [one for one in compared if math.isfinite(one.ratio) and one.ratio > 0.0][:MOST_ROWS]
+    if not shown:
+        return None
+    chart = figure(7.0, 1.3 + ROW_INCH * len(shown))
+    axes = chart.subplots()
+    axes.set_xscale("log")
+    axes.axvline(1.0, color=REFERENCE, linewidth=1.0, label="printed")
+    for verdict in dict.fromkeys(one.verdict for one in shown):
+        rows = [(i, one) for i, one in enumerate(shown) if one.verdict == verdict]
+        colour = COLOUR_OF.get(verdict, MUTED)
+        x, y = [one.ratio for _, one in rows], [i for i, _ in rows]
+        axes.plot(x, y, "o", color=colour, label=verdict)
+        for i, one in rows:
+            printed = one.printed.printed or math.nan
+            ends = sorted((one.low / printed, one.high / printed))  # NaN: one run
+            if ends[0] > 0.0:
+                axes.plot(ends, [i, i], color=colour)
+    words = [(one.printed.row, one.printed.way, one.printed.quantity) for one in shown]
+    axes.set_yticks(range(len(shown)), [", ".join(filter(None, word)) for word in words])
+    axes.set_ylim(len(shown) - 0.5, -0.5)
+    low, high = axes.get_xlim()
+    axes.set_xlim(min(low, 0.5), max(high, 2.0))
+    axes.set_xlabel("ours / printed")
+    headed(chart, [axes], judged[0].printed.table)
+    footnote(chart, ["bars: 95 % interval over several runs"])
+    return chart
+
+
+# Figures of the sources, drawn from the diagnostics of the newest sweep of their experiments.
+
+
+def objective_figure(results: Results, sweep: int) -> Figure:
+    """Hoyer (2021), Figure 7.20: an objective over two parameters, with its minimum and the truth.
+
+    There is a panel for each run. Diagnostics: `topology` (i, j), and `topology_first` (i) and
+    `topology_second` (j), the values of the parameters.
+    """
+    condition = OfSweeps((sweep,))
+    runs = results.runs(condition)
+    names = ("topology_first", "topology_second", "topology")
+    stored = results.diagnostics(runs, names, condition)
+    configs = results.configs_of([run.id for run in runs])
+    truths = {
+        (row.run.id, f"{row.dof}.{row.name}"): row.true_value
+        for row in results.coefficients(runs, condition)
+        if row.model == "identified" and row.true_value is not None
+    }
+    chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
+    for panel, run in zip(axes, runs, strict=False):
+        first, second, z = ([row for row in stored[run.id] if row.name == n] for n in names)
+        labels = first[0].label, second[0].label
+        truth = [truths[run.id, label] for label in labels if (run.id, label) in truths]
+        _objective_panel(panel, first, second, z, truth)
+        objective = configs[run.id]["identifier.objective"]
+        panel.set_title(f"{run.levels['excitation']}, {objective}", loc="left")
+        chart.colorbar(panel.collections[0], ax=panel, label="sum of the objectives", pad=0.02)
+    for panel in axes[len(runs) :]:
+        panel.remove()
+    headed(chart, axes[: len(runs)], "Objective over two parameters")
+    footnote(chart, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
+    return chart
+
+
+def _objective_panel(
+    axes: Axes,
+    first: Sequence[DiagnosticRow],
+    second: Sequence[DiagnosticRow],
+    z: Sequence[DiagnosticRow],
+    truth: Sequence[float],
+) -> None:
+    x, y = ([row.value for row in side] for side in (first, second))
+    heights = np.full((len(x), len(y)), np.nan)
+    for row in z:
+        heights[row.i, row.j] = row.value
+    high = float(np.nanmax(heights))
+    norm = LogNorm(max(high * 10.0**-DECADES, np.finfo(float).tiny), high)
+    axes.pcolormesh(
+        x, y, np.maximum(heights, norm.vmin or 0.0).T, norm=norm, cmap=COLOURS, shading="nearest",
+        rasterized=True,
+    )  # fmt: skip
+    i, j = np.unravel_index(int(np.nanargmin(heights)), heights.shape)
+    axes.plot(x[i], y[j], "o", mfc="none", mec="#D55E00", mew=2.0, ms=13, label="lowest")
+    if len(truth) == 2:
+        place = [truth[0]], [truth[1]]
+        axes.plot(*place, "*", color="black", mec="white", mew=0.6, ms=12, label="true values")
+    axes.set_xlabel(with_unit(str(first[0].label), first[0].unit))
+    axes.set_ylabel(with_unit(str(second[0].label), second[0].unit))
+    axes.grid(visible=False)
+
+
+def times_figure(results: Results, sweep: int) -> Figure:
+    """Hoyer (2021), Figure 7.21: time of n predictions without JIT, with JIT, and many at once.
+
+    Diagnostics: `prediction_time` (i = n, label = way), which includes the compilation, and
+    `prediction_time_compiled`, which does not.
+    """
+    condition = OfSweeps((sweep,))
+    run = results.runs(condition)[-1]
+    lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
+    rows = results.diagnostics([run], list(lines), condition)[run.id]
+    chart, (axes,) = panels(1, 1, 6.5, 4.2)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for k, way in enumerate(dict.fromkeys(row.label for row in rows)):
+        for name, line in lines.items():
+            points = sorted((r.i, r.value) for r in rows if (r.name, r.label) == (name, way))
+            axes.plot(
+                *zip(*points, strict=True), color=PALETTE[k], marker=marker_of(k), linestyle=line,
+                label=way if line == "-" else None,
+            )  # fmt: skip
+    axes.set_xlabel("Number of predictions")
+    axes.set_ylabel("Time [s]")
+    headed(chart, [axes], "Time of predictions")
+    footnote(chart, ["solid: with compilation of the machine code; dotted: without"])
+    return chart
+
+
+FIGURES: Mapping[str, tuple[str, Callable[[Results, int], Figure]]] = {
+    "hoyer_figure_7_20": ("An objective over two parameters", objective_figure),
+    "hoyer_figure_7_21": ("Time of n predictions", times_figure),
+}
