@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -14,6 +14,10 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone, identifier=sparse has it",
+}
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
@@ -93,6 +97,8 @@ def _not_a_choice(overrides: Sequence[str]) -> str | None:
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     """Return a message with the unknown option and similar options."""
+    if key in REPLACED:
+        return f"{key} is gone: {REPLACED[key]}"
     known = _known_keys(overrides)
     same_depth = [name for name in known if name.count(".") == key.count(".")]
     close = get_close_matches(key, same_depth, n=2, cutoff=0.7)
