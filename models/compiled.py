@@ -9,7 +9,7 @@ code with that of another signature.
 """
 
 # mypy: disallow-untyped-calls=False
-# (numba's caching is typed in part only)
+# (numba is typed in part only: contexts and what it has compiled are `Any`)
 import hashlib
 import logging
 import pickle
@@ -23,9 +23,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import config
-from numba.core.base import BaseContext
 from numba.core.caching import NullCache
-from numba.core.codegen import Codegen
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
@@ -60,7 +58,7 @@ class _Cache(NullCache):
     def __init__(self, function: FunctionType, options: dict[str, bool]) -> None:
         self._function, self._options = function, options
 
-    def load_overload(self, sig: Signature, target_context: BaseContext) -> CompileResult | None:
+    def load_overload(self, sig: Signature, target_context: Any) -> Any:
         """The machine code from disk; None if this process has to compile it."""
         target_context.refresh()
         try:
@@ -70,13 +68,13 @@ class _Cache(NullCache):
             return None
         return CompileResult._rebuild(target_context, *payload)
 
-    def save_overload(self, sig: Signature, cres: CompileResult) -> None:
+    def save_overload(self, sig: Signature, cres: Any) -> None:
         """Write the machine code, unless the sources have changed since the folder was named."""
         with suppress(OSError):  # a full disk only makes the next start slower
             if not cres.library.has_dynamic_globals and _folder_name() == cache_folder().name:
                 replace_file(self._file(sig, cres.codegen), dumps(cres._reduce()))
 
-    def _file(self, sig: Signature, codegen: Codegen) -> Path:
+    def _file(self, sig: Signature, codegen: Any) -> Path:
         """The file of a signature; raises OSError for a function that is not in a file."""
         function, code = self._function, self._function.__code__
         cells = dumps([cell.cell_contents for cell in function.__closure__ or ()])
@@ -151,6 +149,6 @@ def _compile(function: F, **options: bool) -> F:
         return function
     cache_folder()  # named now: the sources may change before the function is compiled
     targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
-    compiled = CPUDispatcher(function, targetoptions=targetoptions)
+    compiled: Any = CPUDispatcher(function, targetoptions=targetoptions)
     compiled._cache = _Cache(cast(FunctionType, function), options)
     return cast(F, compiled)

@@ -104,6 +104,8 @@ def _not_a_choice(overrides: Sequence[str]) -> str | None:
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     """Return a message with the unknown option and similar options."""
+    if key in REPLACED:
+        return f"{key} is gone: {REPLACED[key]}"
     known = _known_keys(overrides)
     same_depth = [name for name in known if name.count(".") == key.count(".")]
     close = get_close_matches(key, same_depth, n=2, cutoff=0.7)

@@ -47,9 +47,11 @@ def kinds(trial: Trial) -> tuple[str, ...]:
     if not all(name.startswith(OWN) for name in targets(trial.config)):
         return ()
     parts = {group: _kind(getattr(trial, group)) for group in GROUPS}
-    simulated = isinstance(trial.excitation, missions.Mission)
-    if simulated and trial.evaluation is not None:
-        parts["evaluation"] = _kind(trial.evaluation.mission(trial.excitation))
+    excitation, simulated = trial.excitation, False
+    if isinstance(excitation, missions.Mission):
+        simulated = True
+        if trial.evaluation is not None:  # a replay sails the excitation
+            parts["evaluation"] = _kind(trial.evaluation.mission(excitation))
     rest = simulated, _kind(trial.update), _kind(trial.plant_change)
     rows = [(rest, *(parts[group] for group in groups)) for groups in TOGETHER]
     return tuple(sha256(repr(row).encode()).hexdigest()[:16] for row in rows)

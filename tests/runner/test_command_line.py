@@ -32,6 +32,7 @@ REFUSED = {
     "sampel_time_s=1": "sampel_time_s: unknown option, did you mean sample_time_s?",
     "plant.scael=1": "plant.scael: unknown option, did you mean plant.scale",
     "horizon_s=1": "horizon_s: unknown option, did you mean horizons_s?",
+    "identifier.algorithm=nsga3": "identifier.algorithm is gone: identifier=nsga2 searches by",
     "hydra.bogus=1": "hydra.bogus: unknown option, see python -m runner --cfg job",
     "vessel=null": "vessel: got null, expected one of ",
     "vessel=miliampere": (
