@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, animate, site, serve, published, audit, retry, export, prune, verify, scrub and browse.
+report, animate, site, serve, published, audit, retry, export, prune, verify and scrub.
 """
 
 from dataclasses import replace
@@ -213,16 +213,6 @@ def scrub(database: Database = DEFAULT_DATABASE, results_dir: ResultsDir = None)
     with compare.results.open_results(database, results_dir) as results:
         address, folder = results.reader.address, results.reader.results_dir
     typer.echo(compare.housekeeping.scrub(address, folder), err=True)
-
-
-@app.command()
-def browse(
-    database: Database = DEFAULT_DATABASE,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.")] = 8001,
-    open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
-) -> None:
-    """Open the database in Datasette: read-only, on 127.0.0.1 only (extra `browse`)."""
-    raise typer.Exit(compare.browse.browse_database(database, port, open_browser))
 
 
 @app.command()

@@ -189,8 +189,7 @@ def arguments(logbook: Path) -> st.SearchStrategy[Order]:
 
     @st.composite
     def draw_order(draw: st.DrawFn) -> Order:
-        # browse starts a server, and is tried with ports that are none.
-        name = draw(st.sampled_from([*READING, *READING, "prune", "scrub", "browse"]))
+        name = draw(st.sampled_from([*READING, *READING, "prune", "scrub"]))
         words = [name]
         given = [one for one in parser.commands[name].params if one.name != "execute"]
         optional = [
@@ -211,8 +210,6 @@ def arguments(logbook: Path) -> st.SearchStrategy[Order]:
                     else draw(_value(one.name, one.type_descriptor.annotation))
                 )
                 words += [value] if not value.startswith("-") else ["--", value]
-        if name == "browse":
-            words += ["--port", draw(st.sampled_from(("-1", "65536", "x", "1e3", "")))]
         return Order("seatrial-results", tuple(words), _copy(logbook))
 
     return draw_order()
