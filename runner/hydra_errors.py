@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -14,10 +14,6 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
-# Commands and options that are gone, and what replaces them.
-REPLACED: Mapping[str, str] = {
-    "seatrial-results browse": "use pip install datasette; datasette results/results.db",
-}
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)

@@ -6,7 +6,6 @@ Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad inpu
 import os
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from typer.main import get_command
 
@@ -18,14 +17,11 @@ from seatrial.runner.database.mask import masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.invocation import import_from_working_folder
 
-if TYPE_CHECKING:  # what is slow to import, and needed after an error alone
-    from seatrial.runner import hydra_errors
-else:
-    import lazy_loader
-
-    hydra_errors = lazy_loader.load("seatrial.runner.hydra_errors", suppress_warning=True)
-
 PROGRAM = "seatrial-results"
+# Commands and options that are gone, and what to do instead.
+REPLACED = {
+    "browse": "use pip install datasette; datasette results/results.db",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -42,6 +38,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
+    for word in arguments:
+        if word in REPLACED:
+            return complain(f"{word}: {REPLACED[word]}")
     if arguments and "--help" not in arguments:
         plugins.load()  # which declare metrics
     try:
@@ -51,7 +50,7 @@ def _run(arguments: Sequence[str]) -> int:
             standalone_mode=False,
         )
     except SeatrialError as error:
-        return complain(_replacement(arguments) or str(error), arguments)
+        return complain(str(error), arguments)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
@@ -61,7 +60,6 @@ def _run(arguments: Sequence[str]) -> int:
         message = _usage_message(error)
         if message is None:
             raise
-        message = _replacement(arguments) or message
         return complain(message, arguments) if message else 2
     return code if isinstance(code, int) else 0
 
@@ -74,14 +72,6 @@ def complain(message: str, arguments: Sequence[str] = ()) -> int:
     line = error_line(without_passwords(message), arguments)
     print(f"{PROGRAM}: {line}", file=sys.stderr)
     return 2
-
-
-def _replacement(arguments: Sequence[str]) -> str:
-    """Return what replaces a command or a figure that is gone; empty for any other."""
-    for words in (" ".join(arguments[:count]) for count in (1, 2)):
-        if replaced := hydra_errors.REPLACED.get(f"{PROGRAM} {words}"):
-            return f"{words} is gone: {replaced}"
-    return ""
 
 
 def _usage_message(error: Exception) -> str | None:
