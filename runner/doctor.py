@@ -24,7 +24,6 @@ from seatrial.runner.invocation import PROJECT, ROOT, in_checkout, program_versi
 
 # Extras of users; the others are for work on the project itself.
 EXTRAS = {
-    "browse": "seatrial-results browse",
     "fmu": "validation of what seatrial-results model --to fmu writes",
     "mat": "excitation=recording with files of MATLAB 7.3",
     "postgresql": "database=postgresql",

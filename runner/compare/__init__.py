@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import animation as animation
     from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import benchmark_page as benchmark_page
-    from seatrial.runner.compare import browse as browse
     from seatrial.runner.compare import comparison_table as comparison_table
     from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import leaderboard as leaderboard
@@ -31,7 +30,6 @@ else:
                 "animation",
                 "audit",
                 "benchmark_page",
-                "browse",
                 "comparison_table",
                 "housekeeping",
                 "leaderboard",

@@ -1,97 +1,269 @@
-"""Animation of a run: its hull on the track to scale, with thrust and rudder, models side by side.
+"""Film of a run: its hull on the track to scale, with thrust and rudder, models side by side.
 
-As an HTML page that needs nothing else, as GIF, or as MP4 where ffmpeg is installed.
+matplotlib's writers make the file: an HTML page with a player, a GIF, or an MP4 by ffmpeg. Thrusts
+and rudders are line segments in the plane of the body, x ahead and y to starboard, both in metres
+from amidships. A thrust is a line whose length is relative to its limit or largest value; a rudder
+is a blade behind the stern, to the side to which the ship turns.
 """
 
-import json
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation, HTMLWriter, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.page import render_page, write_page
+from seatrial.runner.compare.plots import style
+from seatrial.runner.compare.plots.force_units import largest_of
+from seatrial.runner.compare.plots.hull import drawn_length, outline
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle
+from seatrial.runner.compare.plots.sailed_missions import voyages
 from seatrial.runner.compare.results import Results
-from seatrial.runner.compare.scene import Scene, scene_of
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.record.rows import Series
+from seatrial.runner.vocabulary import Config
 
-FORMATS = (".html", ".gif", ".mp4")
-FRAMES = {".html": 900, ".gif": 120, ".mp4": 300}  # at most
-WORDS = {"thrust": "thrust", "moment": "yaw moment, at the bow", "rudder": "rudder"}
+FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
+FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100
+STERN = -0.5  # [L]
+BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
+LONGEST = {"thrust": 0.8, "moment": 0.6}  # length of a line at the limit [L]
+COLOURS = {"thrust": style.PALETTE[2], "moment": style.PALETTE[3], "rudder": style.REFERENCE}
+DRIVES = ("drive", "n", "delta")  # options of a device that name its input
+NEAR = 1.1  # half the width of the enlarged picture [L]
+# Signs of the player's buttons, and a page that fits; matplotlib's page loads them from a network.
+PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<style>.animation, .animation img { max-width: 100%; } .fa { font-style: normal; }
+.fa-minus::before { content: "\\2212"; } .fa-plus::before { content: "+"; }
+.fa-fast-backward::before { content: "|\\25c0"; } .fa-fast-forward::before { content: "\\25b6|"; }
+.fa-step-backward::before { content: "\\2039"; } .fa-step-forward::before { content: "\\203a"; }
+.fa-play::before { content: "\\25b6"; } .fa-pause::before { content: "\\2759\\2759"; }
+.fa-flip-horizontal::before { content: "\\25c0"; }</style>"""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A device over time: `start` and `end` are points of the body [m], shape (n, 2)."""
+
+    name: str
+    kind: Literal["thrust", "moment", "rudder"]
+    start: Sample
+    end: Sample
+
+    def in_plane(self, north: float, east: float, psi: float, frame: int) -> Sample:
+        """Return (east, north) of both ends at a frame and pose, shape (2, 2) [m]."""
+        ahead, side = np.array([self.start[frame], self.end[frame]]).T
+        easts = east + np.sin(psi) * ahead + np.cos(psi) * side
+        return np.column_stack([easts, north + np.cos(psi) * ahead - np.sin(psi) * side])
 
 
 def animate(results: Results, run: int, file: Path | None) -> Path:
-    """Write the animation of a run and return its path.
+    """Write the film of a run.
 
-    The default is an HTML page in the folder of the figures. Raises ConfigurationError for another
-    format, a run without motion in the plane, or MP4 without ffmpeg, and LogbookError if the file
-    cannot be written.
+    Args:
+        results: of the logbook.
+        run: its number.
+        file: ends in .html, .gif or .mp4; None is a page in the folder of the figures.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ConfigurationError: for another format, a run without motion in the plane, or MP4 without
+            ffmpeg.
+        LogbookError: if the file cannot be written.
     """
     path = file or results.reader.results_dir / "figures" / f"animation-run-{run}.html"
     form = path.suffix.lower()
-    if form not in FORMATS:
+    if form not in FRAMES:
         raise ConfigurationError(
             f"--to: got {str(path)!r}, expected the ending .html, .gif or .mp4"
         )
-    scene = scene_of(results, run, FRAMES[form])
-    if form == ".html":
-        write_page(page_of(scene), path)
-        return path
-    from seatrial.runner.compare import film
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        film.write(scene, path)
-    except OSError as error:
-        raise LogbookError(f"{path}: cannot write the animation: {error.strerror}") from error
+    if form == ".mp4" and shutil.which("ffmpeg") is None:
+        raise ConfigurationError(
+            f"--to: {path} needs the program ffmpeg, which is not installed; expected .gif or .html"
+        )
+    with style.drawn():
+        film = film_of(results, run, FRAMES[form])
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.touch()
+            if form == ".html":
+                film.save(path, HTMLWriter(FRAMES_PER_S, embed_frames=True), dpi=DPI)
+                text = path.read_text(encoding="utf-8")
+                path.write_text(re.sub("<link[^>]*>", lambda _: PAGE_STYLE, text), encoding="utf-8")
+            else:
+                writer = PillowWriter if form == ".gif" else FFMpegWriter
+                film.save(path, writer(FRAMES_PER_S), dpi=DPI)
+        except OSError as error:
+            raise LogbookError(f"{path}: cannot write the animation: {error.strerror}") from error
     return path
 
 
-def page_of(scene: Scene) -> str:
-    """Return the page of a scene; it needs no network."""
-    return render_page(
-        "animation.html",
-        title=scene.title,
-        scene=json.dumps(_plain(scene), separators=(",", ":"), allow_nan=False).replace(
-            "<", "\\u003c"
-        ),
-        sails=scene.sails,
-        notes=scene.notes,
-        kinds=[
-            (kind, word)
-            for kind, word in WORDS.items()
-            if any(part.kind == kind for sail in scene.sails for part in sail.parts)
-        ],
-    )
+def film_of(results: Results, number: int, most: int) -> FuncAnimation:
+    """Return the film of a run in at most so many frames: a panel for each of its voyages."""
+    config = results.reader.run(number).config  # that there is one
+    ((run, whole),) = voyages(results, PlotRequest(run=number), "animate", "recording")
+    for kind, series in whole.items():
+        if "psi" not in series.columns:
+            raise ConfigurationError(f"animate: run {number} has no heading psi in {kind}")
+    extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
+    length, note = drawn_length(config, extent)
+    sails = {name: _thinned(series, most) for name, series in whole.items()}
+    vessel = config.get("vessel")
+    devices = parts_of(list(sails.values()), vessel if isinstance(vessel, Mapping) else {}, length)
+    notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
+    if any(part.kind == "rudder" for parts in devices for part in parts):
+        notes.append("rudder longer than it is")
+    if [*sails] == ["nominal"]:
+        notes.append("the identified model sails the same track")
+    sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
+    moves = [
+        _drawn(axes, name, series, parts, length)
+        for axes, (name, series), parts in zip(panels, sails.items(), devices, strict=True)
+    ]
+    limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels])
+    middle, half = np.mean(limits, axis=(0, 2)), 0.5 * np.max(np.ptp(limits, axis=2))
+    for axes in panels:  # the same square for all, with room for the enlarged vessel
+        axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, 1.7 * half])
+    style.headed(sheet, panels, f"Run {subtitle(run).removeprefix('run ')}")
+    style.footnote(sheet, notes)
+    for move in moves:
+        move(0)
+    sheet.draw_without_rendering()
+    sheet.set_layout_engine("none")  # the panels stay where the first frame has them
+
+    def show(frame: int) -> list[Polygon]:
+        return [move(frame) for move in moves]
+
+    return FuncAnimation(sheet, show, max(len(one.columns["t"]) for one in sails.values()))
 
 
-def _plain(scene: Scene) -> dict[str, object]:
-    """Return the numbers of the page, rounded to a thousandth of the hull."""
-    digits = max(0, 3 - int(np.floor(np.log10(scene.length))))
-    return {
-        "length": scene.length,
-        "north": scene.north,
-        "east": scene.east,
-        "sails": [
-            {
-                "t": np.round(sail.t, 2).tolist(),
-                "x": _rounded(sail.east, digits),
-                "y": _rounded(sail.north, digits),
-                "psi": _rounded(sail.psi, 4),
-                "colour": sail.colour,
-                "reference": None
-                if sail.reference is None
-                else _rounded(sail.reference, digits),
-                "parts": [
-                    {"kind": part.kind,
-                     "at": _rounded(np.hstack([part.start, part.end]), digits)}
-                    for part in sail.parts
-                ],
-            }
-            for sail in scene.sails
-        ],
-    }  # fmt: skip
+def _thinned(series: Series, most: int) -> Series:
+    """Return at most so many samples of a series, evenly spread."""
+    count = len(series.columns["t"])
+    frames = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    columns = {name: np.asarray(values)[frames] for name, values in series.columns.items()}
+    return Series(series.kind, columns, series.units)
 
 
-def _rounded(values: Sample, digits: int) -> list[object]:
-    """Return the numbers as a list; what is not finite is 0."""
-    return list(np.round(np.nan_to_num(np.asarray(values, dtype=np.float64)), digits).tolist())
+def _drawn(
+    axes: Axes, name: str, series: Series, parts: Sequence[Part], length: float
+) -> Callable[[int], Polygon]:
+    """Draw what stays, and return what moves the vessel of a panel to a frame.
+
+    A shorter voyage stays at its end.
+    """
+    t, norths, easts, psis = (series.columns[key] for key in ("t", "x", "y", "psi"))
+    colour = style.MODEL_COLOURS[name]
+    label = "recording" if name == "recording" else f"{name} model"
+    if "x_d" in series.columns:
+        axes.plot(series.columns["y_d"], series.columns["x_d"], "--", color=style.REFERENCE,
+                  linewidth=0.9, label="reference")  # fmt: skip
+    axes.plot(easts, norths, color=colour, alpha=0.25)
+    axes.margins(0.08 + 0.7 * length / max(np.ptp(easts), np.ptp(norths), length))
+    axes.set(aspect="equal", xlabel="East [m]", ylabel="North [m]")
+    near = axes.inset_axes((0.74, 0.74, 0.26, 0.26), aspect="equal", xticks=[], yticks=[])
+    near.spines[:].set_visible(True)
+    views = []
+    for view in (axes, near):
+        (track,) = view.plot([], [], color=colour, label=label)
+        hull = view.add_patch(
+            Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
+        )
+        lines = [
+            view.plot([], [], color=COLOURS[part.kind], label=part.kind, zorder=4,
+                      linewidth=2.6 if part.kind == "rudder" else 1.6)[0]
+            for part in parts
+        ]  # fmt: skip
+        views.append((track, hull, lines))
+
+    def move(frame: int) -> Polygon:
+        k = min(frame, len(t) - 1)
+        north, east, psi = float(norths[k]), float(easts[k]), float(psis[k])
+        for track, hull, lines in views:
+            track.set_data(easts[: k + 1], norths[: k + 1])
+            hull.set_xy(outline(north, east, psi, length))
+            for line, part in zip(lines, parts, strict=True):
+                line.set_data(*part.in_plane(north, east, psi, k).T)
+        half = NEAR * length
+        near.set(xlim=(east - half, east + half), ylim=(north - half, north + half))
+        axes.set_title(f"{t[k]:.0f} s", loc="left")
+        return views[0][1]
+
+    return move
+
+
+def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list[list[Part]]:
+    """Return the devices of each series; those of all have one scale.
+
+    `vessel` is the stored configuration, `length` that of the drawn hull [m].
+    """
+    if any(name.startswith("tau_") for name in series_of[0].columns):
+        return [list(_forces(series, series_of, length)) for series in series_of]
+    return [list(_inputs(series, vessel, length)) for series in series_of]
+
+
+def _forces(series: Series, series_of: Sequence[Series], length: float) -> Iterator[Part]:
+    """The total force from amidships, and the moment as a side force at the bow."""
+    largest = {
+        name: largest_of([s.columns[name] for s in series_of if name in s.columns]) or 1.0
+        for name in ("tau_surge", "tau_sway", "tau_yaw")
+    }
+    zero = np.zeros(len(series.columns["t"]))
+    surge, sway, yaw = (np.asarray(series.columns.get(name, zero)) for name in largest)
+    size = LONGEST["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
+    yield Part("force", "thrust", _points(zero, zero), _points(size * surge, size * sway))
+    if "tau_yaw" in series.columns:
+        bow, side = 0.5 * length, LONGEST["moment"] * length / largest["tau_yaw"] * yaw
+        yield Part("moment", "moment", _points(zero + bow, zero), _points(zero + bow, side))
+
+
+def _inputs(series: Series, vessel: Config, length: float) -> Iterator[Part]:
+    """Rudders, and the thrust of propellers and thrusters where they are."""
+    devices = [one for one in (vessel.get("devices") or {}).values() if isinstance(one, Mapping)]
+    scale = length / float(vessel.get("length_m") or length)  # of hulls that are drawn larger
+    for name, limits in (vessel.get("inputs") or {}).items():
+        if name not in series.columns or name.startswith("alpha"):
+            continue
+        device = next((d for d in devices if name in [d.get(key) for key in DRIVES]), {})
+        value = np.asarray(series.columns[name], dtype=np.float64)
+        zero = np.zeros_like(value)
+        if name.startswith("delta"):
+            if device.get("kind") != "plane" and not name.endswith("_s"):
+                stock = _points(zero + STERN * length, zero)
+                side = turning_side(series, value) * np.sin(value)
+                blade = BLADE * length * _points(-np.cos(value), side)
+                yield Part(name, "rudder", stock, stock + blade)
+            continue
+        high = max(abs(float(limits.get(end) or 0.0)) for end in ("low", "high")) or 1.0
+        fixed = zero + float(device.get("angle_rad") or 0.0)
+        angle = np.asarray(series.columns.get(str(device.get("alpha")), fixed))
+        x = scale * float(device["x_m"]) if "x_m" in device else STERN * length
+        start = _points(zero + x, zero + scale * float(device.get("y_m") or 0.0))
+        size = LONGEST["thrust"] * length / high * value
+        yield Part(
+            name, "thrust", start, start + _points(size * np.cos(angle), size * np.sin(angle))
+        )
+
+
+def turning_side(series: Series, helm: Sample) -> float:
+    """Return 1.0 if a positive helm [rad] turns the ship to starboard, else -1.0.
+
+    It is the sign of b of `r_dot = a r + b helm`, fitted by least squares: conventions differ.
+    """
+    t = series.columns["t"]
+    rate = series.columns.get("r")
+    rate = np.gradient(np.unwrap(series.columns["psi"]), t) if rate is None else np.asarray(rate)
+    solution = np.linalg.lstsq(np.column_stack([rate, helm]), np.gradient(rate, t), rcond=None)[0]
+    return -1.0 if solution[1] < 0.0 else 1.0
+
+
+def _points(x: Sample, y: Sample) -> Sample:
+    return np.column_stack([x, y])

@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, animate, site, serve, audit, retry, export, prune, verify and browse.
+report, animate, site, serve, audit, retry, export, prune and verify.
 """
 
 from functools import partial
@@ -199,15 +199,6 @@ def audit(
 
 
 @app.command()
-def browse(
-    database: Database = DEFAULT_DATABASE,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.")] = 8001,
-    open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
-) -> None:
-    """Open the database in Datasette: read-only, on 127.0.0.1 only (extra `browse`)."""
-    raise typer.Exit(compare.browse.browse_database(database, port, open_browser))
-
-
 @app.command()
 def animate(
     run: RunNumber,
