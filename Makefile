@@ -1,8 +1,9 @@
 # seatrial: `make demo`, `make test`, `make slow`, `make check`, `make published`, `make bench`;
 # each sets up .venv by itself, `make ray` another one, .venv-ray.
-# PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data.
+# PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data (else
+# ../shared/data where it exists), which `make test` leaves alone.
 
-.PHONY: demo robustness coverage manoeuvring benchmark readme published bench docs gallery test slow nightly nightly-tests ray abuse check clean help
+.PHONY: demo robustness coverage manoeuvring benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -37,7 +38,8 @@ help:
 	@echo 'make coverage   how many true coefficients the 95 % intervals cover, COVERAGE_SEEDS=100; docs/identification.md'
 	@echo 'make benchmark   every entrant on the tasks of conf/benchmark: results/benchmark/index.html, docs/benchmark.md'
 	@echo 'make docs    the guide as pages in site, built strictly and without a network; make gallery: its figures alone'
-	@echo 'make test    the test suite; make slow: the tests that take longer'
+	@echo 'make test    the test suite without outside data; make test-data: the tests that need them'
+	@echo 'make slow    the tests that take longer, with outside data where there are any'
 	@echo 'make nightly what takes hours: $(NIGHTLY); it goes on after a failure'
 	@echo 'make ray     the tests of Ray, in .venv-ray'
 	@echo 'make abuse   20 kills, writers at once, full disks; a part of it is in make slow'
@@ -147,8 +149,12 @@ docs: gallery
 gallery: $(VENV)/docs.stamp
 	$(BIN)/python -m docs.gallery
 
+# The same in every clone: no outside data, whatever is beside it.
 test: $(VENV)/test.stamp
-	$(PYTEST)
+	unset SEATRIAL_DATA; $(PYTEST) -m 'not slow and not data'
+
+test-data: $(VENV)/test.stamp
+	$(PYTEST) -m 'data and not slow'
 
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp

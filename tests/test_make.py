@@ -226,3 +226,31 @@ def test_robustness_keeps_runs_that_fail_and_skips_data_that_are_not_there(
         (path,) = re.findall(r"excitation.path=(\S+)", asked(checkout))
         names = ("random-1", "surge-1", "sway-1", "heave-1")
         assert path.split(",") == [f"/data/beluga/{name}.csv" for name in names]
+
+
+def test_the_suite_sees_no_outside_data_and_nothing_is_run_twice(checkout: Path) -> None:
+    """`make test` is the same in every clone: it unsets the variable, and looks nowhere else."""
+    binaries = checkout / "here" / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    (checkout / "shared" / "data").mkdir(parents=True)
+    for name in ("Makefile", "pyproject.toml", *CONSTRAINTS):
+        shutil.copy(checkout / name, checkout / "here")
+    pretend_python(checkout, "stub", "3.11", venv=True)
+    script = (checkout / "tools" / "stub").read_text()
+    (binaries / "python").write_text(
+        script.replace('echo "stub $*"', 'echo "${SEATRIAL_DATA-unset} $*"')
+    )
+    (binaries / "python").chmod(0o755)
+    within = ("-C", str(checkout / "here"))
+    for asked_for in (("test", "SEATRIAL_DATA=/data"), ("test",), ("test-data",),
+                      ("test-data", "SEATRIAL_DATA=/data")):  # fmt: skip
+        answer = make(checkout, *within, *asked_for)
+        assert answer.returncode == 0, answer.stderr
+    ran = re.findall(r"^(\S+) -m pytest .* -m (.*)$", asked(checkout), re.M)
+    beside = f"{checkout}/here/../shared/data"
+    assert ran == [
+        ("unset", "not slow and not data"),
+        ("unset", "not slow and not data"),
+        (beside, "data and not slow"),
+        ("/data", "data and not slow"),
+    ]

@@ -1,6 +1,5 @@
 """The notebooks run, and their committed outputs are of this code and of no particular machine."""
 
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -48,12 +47,17 @@ def test_the_committed_outputs_name_no_machine(path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.data] if path.stem == "own_recording" else [])
+        for path in NOTEBOOKS
+    ],
+    ids=lambda path: path.stem,
+)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in ("nbclient", "ipykernel"):
         pytest.importorskip(package, reason=f"{package} is not installed: it is in the extra test")
-    if path.stem == "own_recording" and "SEATRIAL_DATA" not in os.environ:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
     monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path / "runtime"))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     folder = tmp_path / "empty"

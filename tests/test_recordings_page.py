@@ -1,6 +1,5 @@
 """The guide to recordings: its maps are those of the files."""
 
-import os
 import re
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from seatrial.models.recording import mapping
 from seatrial.models.recording.column import Column
 from seatrial.models.recording.proposal import propose
 from seatrial.models.recording.sources import ReadOptions, read_sources
+from tests.data import DATA
 from tests.runner.programs import ended, program
 
 PAGE = (Path(__file__).parents[1] / "docs" / "howto" / "recordings.md").read_text(encoding="utf-8")
@@ -23,10 +23,6 @@ FILES = {
     "marin": "kvlcc2/marin/MARIN_FREE_KVLCC2_zz_10_m.dat",
     "milliampere": "milliampere/qp1",
 }
-DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
-needs_data = pytest.mark.skipif(
-    "SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set: no outside data"
-)
 
 
 def test_every_map_has_a_file() -> None:
@@ -35,7 +31,7 @@ def test_every_map_has_a_file() -> None:
 
 
 @pytest.mark.slow
-@needs_data
+@pytest.mark.data
 @pytest.mark.parametrize("name", FILES)
 def test_map_of_the_page_has_no_problem(name: str, tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text(MAPS[name])

@@ -1,14 +1,13 @@
 """The files of printed figures: copied from the sources, answered, and marked for what they are."""
 
-import os
 import re
-from pathlib import Path
 
 import pytest
 
 from docs.published.printed import FOLDER, Printed, file_of, read_folder
 from seatrial.models.vessel.basis import terms
 from seatrial.runner.hydra_errors import CONF
+from tests.data import DATA
 
 SOURCES = {"Jervan": "000", "Ljungberg": "002", "Hoyer": "003", "Bargouth": "004"}
 BEFORE, AFTER = 48, 24  # lines from a caption: most tables stand above theirs
@@ -17,9 +16,7 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 
 def text_of(document: str) -> list[str]:
     """The lines of a source document."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    seeds = Path(folder).parent / "seeds" if folder else Path("none")
-    files = sorted(seeds.glob(f"{SOURCES[document.split()[0]]}_*.txt"))
+    files = sorted((DATA.parent / "seeds").glob(f"{SOURCES[document.split()[0]]}_*.txt"))
     if not files:
         pytest.skip("no source documents beside the outside data")
     return files[0].read_text(encoding="utf-8").splitlines()
@@ -64,6 +61,7 @@ def stands(wording: str, lines: list[str]) -> bool:
     return wording in NUMBER.findall(text)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("name", list(read_folder(FOLDER)))
 def test_every_printed_figure_stands_in_its_source(name: str) -> None:
     places: dict[tuple[str, str], list[str]] = {}
@@ -81,6 +79,7 @@ def test_every_printed_figure_stands_in_its_source(name: str) -> None:
     assert not missing
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("stem", "behind"), [("7_2", False), ("7_3", False), ("7_4", False), ("a_4", True)]
 )

@@ -7,9 +7,6 @@ command with the published time constant of 1 s, hence their thrust as (1 - exp(
 are taken from the last rows; the other 178 are compared.
 """
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -20,19 +17,18 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.weather.weather import Weather
+from tests.data import DATA
 
 PERIOD_S = 0.1
 
 
 def recorded() -> dict[str, np.ndarray]:
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    path = Path(folder) / "pvs" / "pvs_supply_step_test.csv"
+    path = DATA / "pvs" / "pvs_supply_step_test.csv"
     table = np.genfromtxt(path, delimiter=",", names=True)
     return {name: table[name] for name in table.dtype.names}
 
 
+@pytest.mark.data
 def test_the_columns_are_sane() -> None:
     data = recorded()
     assert list(data) == ["t", "N", "E", "psi", "u", "v", "r"]
@@ -41,6 +37,7 @@ def test_the_columns_are_sane() -> None:
     np.testing.assert_allclose(heading[5:], data["psi"][6:], atol=0.01)
 
 
+@pytest.mark.data
 def test_a_coefficient_table_sails_the_same_track() -> None:
     data = recorded()
     vessel = parameters_of("supply_fossen").nominal()

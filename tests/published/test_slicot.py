@@ -6,7 +6,6 @@ and the first state fitted to it, as SLICOT's toolbox reports them; 0.5 points a
 """
 
 import csv
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ import pytest
 
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.variant_selection import NAMES, select_variant
+from tests.data import DATA
 
 COLUMNS = ("name", "inputs", "outputs", "order", "L", "J")
 RECORDS = [
@@ -21,7 +21,6 @@ RECORDS = [
     ("CD_player_arm", slice(0, 2), slice(2, 4), 8, 6, 20),
     ("robot_arm", slice(0, 1), slice(1, 2), 4, 10, 20),
 ]
-EVAPORATOR = ("evaporator", slice(0, 3), slice(3, 6), 4, 10, 10)  # of the toolbox's cmp_ident.m
 
 
 def printed(dataset: str, quantity: str) -> np.ndarray:
@@ -30,19 +29,9 @@ def printed(dataset: str, quantity: str) -> np.ndarray:
     return np.array([float(row["value"]) for row in rows if row["quantity"] == quantity])
 
 
-def outside(name: str) -> Path:
-    folder = os.environ.get("SEATRIAL_DATA")
-    if folder is None:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    path = Path(folder) / "slicot" / name
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    return path
-
-
 def example() -> tuple[np.ndarray, np.ndarray]:
     """y and u of SLICOT's example program: 1000 inputs, then 1000 outputs."""
-    text = outside("IB01AD.dat").read_text().splitlines()[2:]
+    text = (DATA / "slicot" / "IB01AD.dat").read_text().splitlines()[2:]
     values = np.array([float(word) for line in text for word in line.split()])
     return values[1000:, None], values[:1000, None]
 
@@ -51,7 +40,7 @@ def daisy(name: str, inputs: slice, outputs: slice) -> tuple[np.ndarray, np.ndar
     """y and u of a DaISy record, their means taken off."""
     from scipy.io import loadmat
 
-    values = loadmat(outside(f"{name}_dat.mat"))[f"{name}_dat"]
+    values = loadmat(DATA / "slicot" / f"{name}_dat.mat")[f"{name}_dat"]
     values = values - values.mean(axis=0)
     return values[:, outputs], values[:, inputs]
 
@@ -66,6 +55,7 @@ def free_run_vaf(found: Realisation, y: np.ndarray, u: np.ndarray) -> np.ndarray
     return variance_accounted_for(y, found.model.simulate(u, start))
 
 
+@pytest.mark.data
 def test_ib01ad_order_singular_values_and_eigenvalues() -> None:
     y, u = example()
     found = identify_innovations(y, u, 15, 15, None, "open", feedthrough=True)
@@ -80,6 +70,7 @@ def test_ib01ad_order_singular_values_and_eigenvalues() -> None:
     assert np.all(free_run_vaf(found, y, u) >= printed("IB01AD", "variance_accounted_for"))
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("variant", ["open", "closed"])
 def test_ib01ad_is_explained_by_either_variant(variant: str) -> None:
     y, u = example()
@@ -87,6 +78,7 @@ def test_ib01ad_is_explained_by_either_variant(variant: str) -> None:
     assert np.all(free_run_vaf(found, y, u) >= printed("IB01AD", "variance_accounted_for") - 0.5)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(COLUMNS, RECORDS)
 def test_daisy_records_are_explained(
     name: str, inputs: slice, outputs: slice, order: int, L: int, J: int
@@ -100,7 +92,8 @@ def test_daisy_records_are_explained(
     assert np.all(one_step >= vaf)  # past outputs help the predictor
 
 
-@pytest.mark.parametrize(COLUMNS, [EVAPORATOR, *RECORDS])
+@pytest.mark.data
+@pytest.mark.parametrize(COLUMNS, RECORDS)
 def test_the_variant_that_the_data_choose_loses_no_point(
     name: str, inputs: slice, outputs: slice, order: int, L: int, J: int
 ) -> None:

@@ -20,11 +20,11 @@ from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
 from seatrial.runner.compare.grid import Cell
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.compare.results import open_results
+from tests.data import DATA
 from tests.runner.programs import ended, program, wait
 from tests.trials import composed
 
 TASKS = search_path.options(GROUP)
-DATA = os.environ.get("SEATRIAL_DATA")
 SMALL = """
 title: Surge under a multisine
 trial: [vessel=surge_linear, excitation=multisine, plant.scale=0.8, evaluation=none]
@@ -44,18 +44,12 @@ basis: linear
 """
 
 
-def data(name: str) -> Path:
-    path = Path(DATA or "") / name
-    if not DATA or not path.exists():
-        pytest.skip(f"there is no {path}: no outside data")
-    return path
-
-
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.data] if task_of(name).files else []) for name in TASKS],
+)
 def test_a_task_is_whole_and_its_cells_compose(name: str) -> None:
     task = task_of(name)
-    for file in task.files:
-        data(file)
     assert {file.state for file in located(task)} <= {"found"}
     for label in entrants_of(task):
         cell = next(cells(name, task, entrants_of(task, [label])))
@@ -247,6 +241,7 @@ def test_a_task_that_is_none_is_one_line(
 MEASURED = [name for name in TASKS if any(case.test for case in task_of(name).cases.values())]
 
 
+@pytest.mark.data
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MEASURED)
 def test_what_is_identified_does_not_depend_on_the_files_that_are_tested_on(
@@ -257,12 +252,10 @@ def test_what_is_identified_does_not_depend_on_the_files_that_are_tested_on(
     The entrant chooses its disturbance terms by cross-validation and its filter by the noise.
     """
     task = task_of(name)
-    for file in task.files:
-        data(file)
     case = next(label for label, case in task.cases.items() if case.test)
     entrant = {"robust": ("identifier=robust", "identifier.refinement=none")}
     cell = next(cell for cell in cells(name, task, entrant) if cell.case == case)
-    first = Path(DATA or "") / task.cases[case].train[0]
+    first = DATA / task.cases[case].train[0]
     copy = tmp_path / first.name
     (shutil.copytree if first.is_dir() else shutil.copyfile)(first, copy)
     own = [word for word in cell.options if not word.startswith(("excitation.test", "horizons_s"))]

@@ -1,6 +1,5 @@
 """Recordings as Parquet: through the command line, and back to the bit."""
 
-import os
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,8 +12,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.recording.stored import read_recording, stored_metadata, write_recording
 from seatrial.runner.__main__ import main
+from tests.data import DATA
 
-DATA = os.environ.get("SEATRIAL_DATA")
 PLANAR = ("surge", "sway", "yaw")
 
 
@@ -74,13 +73,13 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     return main()
 
 
-@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+@pytest.mark.data
 def test_a_converted_recording_is_the_mapped_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """BlueBoat: degrees, milliseconds, its own axes, thrust left and right."""
     monkeypatch.chdir(tmp_path)
-    boat = Path(DATA or "") / "blueboat" / "fixed_00000218.csv"
+    boat = DATA / "blueboat" / "fixed_00000218.csv"
     Path("map.yaml").write_text(
         "time: {column: original_timestamp, unit: ms}\n"
         "position: {surge: x_ned, sway: y_ned, yaw: {column: yaw, unit: deg}}\n"

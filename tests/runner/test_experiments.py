@@ -1,7 +1,7 @@
 """Experiments: one file each, with the sweep in it; grids, variants and what replaces them."""
 
-import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -18,11 +18,10 @@ EXPERIMENTS = sorted(
 )
 
 
-def needs_data(experiment: Path) -> None:
-    """Skip an experiment on outside data where there are none."""
-    text = experiment.read_text()
-    if "SEATRIAL_DATA" in text and not os.environ.get("SEATRIAL_DATA"):
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
+def marked(experiment: Path) -> Any:
+    """A parameter of a test that runs the experiment, marked `data` where it reads outside data."""
+    reads_data = "SEATRIAL_DATA" in experiment.read_text()
+    return pytest.param(experiment, marks=[pytest.mark.data] if reads_data else [])
 
 
 @pytest.fixture
@@ -70,11 +69,12 @@ def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     assert sorted(run.identifier for run in runs) == ["ls", "ls", "surface_plsr"]
 
 
-@pytest.mark.parametrize("experiment", EXPERIMENTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "experiment", [marked(path) for path in EXPERIMENTS], ids=lambda path: path.stem
+)
 def test_every_trial_of_every_experiment_passes_its_checks(
     seatrial: Command, experiment: Path
 ) -> None:
-    needs_data(experiment)
     folder = experiment.parents[1]
     more = [] if folder == CONF else [f"--config-dir={folder}"]
     answer = seatrial(*more, f"experiment={experiment.stem}", "seed=0", "dry_run=true")

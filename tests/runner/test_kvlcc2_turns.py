@@ -1,7 +1,6 @@
 """From zig-zags of HSVA to turning circles in the form of MARIN, through the command line."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +14,17 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
 from seatrial.runner.compare.__main__ import run as compare
+from tests.data import DATA
 from tests.runner.command import Command
 from tests.trials import asked_for
 
-DATA = os.environ.get("SEATRIAL_DATA")
 SCALE, PERIOD_S = 45.7, 0.02
 SHORT = ("Z_20_05", "Z_20_10_P", "Z_10_05", "Z_30_05")
 FEW = ("identifier.bootstrap=20", "identifier.horizon=100", "identifier.horizons=[]")
 
 
 def hsva(*names: str) -> str:
-    files = [Path(DATA or "") / "kvlcc2" / "hsva" / f"HSVA_CPMC_KVLCC2_{n}.dat" for n in names]
-    if not DATA or not all(file.exists() for file in files):
-        pytest.skip("there are no files of HSVA: no outside data")
-    return json.dumps([str(file) for file in files])
+    return json.dumps([f"{DATA}/kvlcc2/hsva/HSVA_CPMC_KVLCC2_{name}.dat" for name in names])
 
 
 def circle(model: Vessel, rudder_deg: float, seconds: float = 90.0) -> Recording:
@@ -67,6 +63,7 @@ def as_marin(path: Path, run: Recording) -> Path:
     return path
 
 
+@pytest.mark.data
 @pytest.mark.slow
 def test_turning_circles_are_predicted_and_measured(
     seatrial: Command, capsys: pytest.CaptureFixture[str]
@@ -101,6 +98,7 @@ def test_turning_circles_are_predicted_and_measured(
         assert rows[f"tc_{angle:g}.dat", "helm"]["measured"] == pytest.approx(angle, abs=0.1)
 
 
+@pytest.mark.data
 @pytest.mark.slow
 def test_a_reduced_fit_predicts_better_than_the_untrained_model() -> None:
     tested = f"excitation.test={hsva('Z_25_05')}"

@@ -1,7 +1,6 @@
 """Trials on several recordings, through the command line."""
 
 import json
-import os
 import sqlite3
 from pathlib import Path
 
@@ -10,16 +9,15 @@ import pytest
 
 from seatrial.runner.__main__ import main
 from seatrial.runner.compare.__main__ import run as compared
+from tests.data import DATA
 
-DATA = os.environ.get("SEATRIAL_DATA")
 
-
-@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+@pytest.mark.data
 def test_beluga_on_several_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The pooled mean square is that of the files, weighed by their samples; a table shows each."""
-    folder = Path(DATA or "") / "beluga"
+    folder = DATA / "beluga"
     monkeypatch.chdir(tmp_path)
     words = ["seatrial", "vessel=beluga_diagonal", "excitation=recording", "identifier=ls"]
     words += [f"excitation.train=[{folder}/surge-1.csv,{folder}/sway-1.csv]"]

@@ -1,6 +1,5 @@
 """Examined recordings: maps and reports from the command line, clock offsets, and refusals."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,12 +17,9 @@ from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner import data_commands
 from seatrial.runner.recording_map import options_of, reader_of
 from seatrial.runner.recording_report import _bridges, _offset, signals
+from tests.data import DATA
 from tests.runner.programs import ended, program
 
-DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
-needs_data = pytest.mark.skipif(
-    "SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set: no outside data"
-)
 PLANAR = ("surge", "sway", "yaw")
 MAPS: dict[str, dict[str, object]] = {
     "esso": {
@@ -51,7 +47,7 @@ def mapped(file: Path, columns: dict[str, object]) -> RecordedFile:
     return reader_of(file, options_of(dict(columns)))
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.parametrize("name", MAPS)
 def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: str) -> None:
     """Delays are real: the velocities of some runs of the Esso Osaka are 0.2 to 0.8 s behind."""
@@ -64,7 +60,7 @@ def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: 
         assert {problem.kind for problem in known.problems} <= {"clock"}, file
 
 
-@needs_data
+@pytest.mark.data
 def test_velocities_along_the_basin_are_named() -> None:
     file = next((DATA / "kvlcc2" / "hsva").glob("*20_05.dat"))
     plain = {key: value for key, value in MAPS["kvlcc2/hsva"].items() if key != "frames"}
@@ -73,7 +69,7 @@ def test_velocities_along_the_basin_are_named() -> None:
     assert [problem.kind for problem in known.problems] == ["earth"]
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nlp1", "qp1"])
 def test_a_folder_of_topics_is_mapped_and_examined(
@@ -116,7 +112,7 @@ def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
     assert _bridges({"pose": slow}, even) == ()
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -162,7 +158,7 @@ def test_offset_of_a_clock_is_recovered_within_a_sample(
 
 
 @pytest.mark.slow
-@needs_data
+@pytest.mark.data
 def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(tmp_path: Path) -> None:
     table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
     path = tmp_path / "other.csv"
@@ -179,7 +175,7 @@ def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(tmp_path
     assert code == 0, error
 
 
-@needs_data
+@pytest.mark.data
 def test_a_trial_warns_of_knots_in_one_line(tmp_path: Path) -> None:
     table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
     path = tmp_path / "knots.csv"

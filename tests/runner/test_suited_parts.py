@@ -48,8 +48,8 @@ def test_the_command_line_and_experiments_choose_first() -> None:
     assert names("vessel=mariner", "controller=mpc_heading")["controller"] == "mpc_heading"
     with pytest.raises(ConfigurationError, match="excitation=waypoints needs a controller"):
         job.prepare(composed(["vessel=otter", "excitation=waypoints"]))
-    of_experiment = names("experiment=hoyer_table_7_3", "vessel=beluga_full")
-    assert of_experiment == names("experiment=hoyer_table_7_3")
+    of_experiment = names("experiment=hoyer_table_7_5", "vessel=beluga_full")
+    assert of_experiment == names("experiment=hoyer_table_7_5")
 
 
 def test_a_file_of_ones_own_chooses_as_well(tmp_path: Path) -> None:

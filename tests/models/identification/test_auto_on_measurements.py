@@ -1,18 +1,15 @@
 """`auto` on a measured recording: better than the believed model on the half it has not seen."""
 
-import os
-
 import numpy as np
 import pytest
 
 from seatrial.runner import trial as trials
+from tests.data import DATA
 from tests.trials import composed
-
-DATA = os.environ.get("SEATRIAL_DATA")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+@pytest.mark.data
 @pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
 def test_every_axis_of_random_1_is_predicted_better_than_without(vessel: str) -> None:
     trial = composed(

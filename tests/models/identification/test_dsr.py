@@ -1,6 +1,5 @@
 """DSR of a vessel: physical form, body axes, standard errors, and what is refused."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -23,6 +22,7 @@ from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotat
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
+from tests.data import DATA
 from tests.trials import composed
 
 Identifier = Callable[..., Any]
@@ -328,13 +328,13 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(
     assert found.control_model is not None
 
 
-@pytest.mark.skipif("SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set")
+@pytest.mark.data
 @pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
 @pytest.mark.parametrize("name", ["random-1", "surge-1", "sway-1", "heave-1"])
 def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one(
     vessel: str, name: str
 ) -> None:
-    path = f"{os.environ['SEATRIAL_DATA']}/beluga/{name}.csv"
+    path = f"{DATA}/beluga/{name}.csv"
     trial = composed(
         f"vessel={vessel}", "excitation=recording", f"excitation.path={path}", "identifier=dsr",
         "identifier.bootstrap=null", "evaluation=none", "controller=none",

@@ -4,7 +4,6 @@ The recordings are the Beluga's; for another vessel they are only columns of num
 options: what is found is the business of the other tests.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,10 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.runner import trial as trials
+from tests.data import DATA
 from tests.trials import composed
 
 ROOT = Path(__file__).parents[3]
-DATA = os.environ.get("SEATRIAL_DATA")
 APART = {"command"}  # runs a program
 IDENTIFIERS = sorted({path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml")} - APART)
 VESSELS = sorted(  # by force: these recordings have no inputs
@@ -40,7 +39,7 @@ REASONS = {
     "least_squares": "does not determine|does not distinguish|hardly positive definite",
 }
 
-pytestmark = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+pytestmark = pytest.mark.data
 
 
 def recorded(vessel: str, identifier: str, *more: str):

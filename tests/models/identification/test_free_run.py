@@ -31,9 +31,9 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
+from tests.data import DATA
 from tests.trials import composed
 
-DATA = os.environ.get("SEATRIAL_DATA")
 FAR = 1e6
 EXAMPLES = ("surge", "ferry", "blown ferry", "beluga in angles")
 
@@ -217,7 +217,7 @@ def test_the_error_of_a_heading_is_the_wrapped_angle():
     np.testing.assert_allclose(errors, exact, atol=1e-13)
 
 
-@pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
+@pytest.mark.data
 def test_one_step_at_high_pitch_is_that_of_quaternions():
     """Beluga, random-1, up to 70 degrees of pitch: every RK4 step against SciPy's rotations."""
     trial = composed(

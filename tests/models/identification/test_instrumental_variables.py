@@ -1,6 +1,5 @@
 """Instrumental variables: outside data, the ferry, and consistency where least squares fails."""
 
-import os
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -28,10 +27,9 @@ from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise, first_order
 from seatrial.models.weather.wind import Wind
 from seatrial.runner.config import build_as
+from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf"
-DATA = os.environ.get("SEATRIAL_DATA")
-data = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set")
 
 AXES = ("surge", "sway", "yaw")
 
@@ -45,10 +43,10 @@ def identifier(identifier):
 # The pure estimator
 
 
-@data
+@pytest.mark.data
 def test_two_stage_least_squares_of_griliches() -> None:
     """Log wage on schooling and IQ, both endogenous: Stata's and statsmodels' numbers."""
-    table = np.genfromtxt(Path(DATA or "") / "iv" / "griliches76.csv", delimiter=",", names=True)
+    table = np.genfromtxt(DATA / "iv" / "griliches76.csv", delimiter=",", names=True)
     years = [1.0 * (table["year"] == year) for year in np.unique(table["year"])[1:]]
     controls = [table[name] for name in ("expr", "tenure", "rns", "smsa")]
     exogenous = [*controls, *years, np.ones(len(table))]
@@ -141,7 +139,7 @@ def of_conf(group: str, name: str, **changes: Any) -> Any:
     return build_as(object, OmegaConf.to_container(node, resolve=True), group)
 
 
-@data
+@pytest.mark.data
 def test_measured_surge() -> None:
     """Differentiated velocities are noisy: least squares finds a fifth of the inertia.
 

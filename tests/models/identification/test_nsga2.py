@@ -1,9 +1,7 @@
 """NSGA-II against the thesis's simulated truths, its printed rows and its real recording."""
 
-import os
 import time
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +22,7 @@ from seatrial.models.notation import DOFS, VELOCITIES
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
+from tests.data import DATA
 
 LINEAR = {"surge.u_dot": [10.0, 120.0], "surge.u": [1.0, 40.0]}
 QUADRATIC = LINEAR | {"surge.|u|u": [0.0, 10.0]}
@@ -209,10 +208,7 @@ def test_decisions(identifier, make, signal, decision):
 @pytest.fixture(scope="module")
 def surge_1():
     """410 < t < 650 s strictly; the vehicle faces -X. ERRATA, Hoyer 9."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA does not name the folder of outside data")
-    table = np.genfromtxt(Path(folder) / "beluga" / "surge-1.csv", delimiter=",", names=True)
+    table = np.genfromtxt(DATA / "beluga" / "surge-1.csv", delimiter=",", names=True)
     table = table[(table["Time"] > 410.0) & (table["Time"] < 650.0)]
     assert len(table) == 2399
     still = np.zeros((len(table), 1))
@@ -221,6 +217,7 @@ def surge_1():
     return Recording(("surge",), table["Time"], eta, nu, still, tau, np.zeros((len(table), 3)))
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("term", [None, "|u|u"])
 def test_real_recording(identifier, make, surge_1, term):
     """Front of surge-1: position MAE 0.2981 m and velocity MAE 0.01141 m/s within 0.5 %."""
@@ -239,6 +236,7 @@ def test_real_recording(identifier, make, surge_1, term):
         assert np.max(points[np.argmin(front, axis=0), 2]) < 0.1  # d_NL goes to 0
 
 
+@pytest.mark.data
 def test_real_recording_dominates_the_printed_estimates(identifier, make, surge_1):
     """Table 7.6 scores 0.344 and 0.0403; (145.05, 97.16) is a point of the true front.
 

@@ -1,7 +1,6 @@
 """Bags of ROS 1, ROS 2 and MCAP, made of the topics of a run of milliAmpere."""
 
 import csv
-import os
 from pathlib import Path
 from typing import Any
 
@@ -17,23 +16,20 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tests.data import DATA
+
 POSE, WRENCH = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/WrenchStamped"
 
 
-@pytest.fixture(scope="module")
-def run() -> Path:
-    path = Path(os.environ.get("SEATRIAL_DATA", "")) / "milliampere" / "nlp1"
-    if not path.is_dir():
-        pytest.skip(f"there is no {path}: no outside data")
-    return path
+RUN = DATA / "milliampere" / "nlp1"
 
 
-def topic_rows(run: Path, name: str, most: int = 300) -> list[dict[str, str]]:
-    with (run / f"{name}.csv").open(newline="") as opened:
+def topic_rows(name: str, most: int = 300) -> list[dict[str, str]]:
+    with (RUN / f"{name}.csv").open(newline="") as opened:
         return [row for row, _ in zip(csv.DictReader(opened), range(most), strict=False)]
 
 
-def bag_of_milliampere(run: Path, path: Path, storage: StoragePlugin | None) -> None:
+def bag_of_milliampere(path: Path, storage: StoragePlugin | None) -> None:
     """Two topics of the run nlp1, as ROS 1 (no storage), ROS 2 or MCAP."""
     store = get_typestore(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
     types = store.types
@@ -55,7 +51,7 @@ def bag_of_milliampere(run: Path, path: Path, storage: StoragePlugin | None) -> 
     ):
         for topic, kind in (("navigation/pose", POSE), ("tau_actual", WRENCH)):
             connection = bag.add_connection(f"/{topic}", kind, typestore=store)
-            for row in topic_rows(run, topic):
+            for row in topic_rows(topic):
                 if kind == POSE:
                     point = three(row, "pose_position", types["geometry_msgs/msg/Point"])
                     turn = types["geometry_msgs/msg/Quaternion"](
@@ -73,6 +69,7 @@ def bag_of_milliampere(run: Path, path: Path, storage: StoragePlugin | None) -> 
                 bag.write(connection, moment, serialise(message, kind))
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "storage", "inner"),
     [
@@ -84,9 +81,9 @@ def bag_of_milliampere(run: Path, path: Path, storage: StoragePlugin | None) -> 
     ],
 )
 def test_bags_hold_what_was_put_in(
-    run: Path, tmp_path: Path, name: str, storage: StoragePlugin | None, inner: str
+    tmp_path: Path, name: str, storage: StoragePlugin | None, inner: str
 ) -> None:
-    bag_of_milliampere(run, tmp_path / name, storage)
+    bag_of_milliampere(tmp_path / name, storage)
     sources = read_sources(tmp_path / name / inner, ReadOptions())
     assert set(sources) == {"navigation/pose", "tau_actual"}
     for topic, pairs in {
@@ -98,7 +95,7 @@ def test_bags_hold_what_was_put_in(
         },
         "tau_actual": {"wrench.torque.z": "wrench_torque_z"},
     }.items():
-        rows, source = topic_rows(run, topic), sources[topic]
+        rows, source = topic_rows(topic), sources[topic]
         for column_, written in pairs.items():
             np.testing.assert_array_equal(
                 source.columns[column_], [float(row[written]) for row in rows]

@@ -1,6 +1,5 @@
 """Pose and velocity of measured recordings: what does not agree is named with its cure."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from seatrial.runner.config import build_as
+from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -26,12 +26,7 @@ RECORDINGS = ("surge-1", "sway-1", "heave-1", "random-1")
 Mutilation = Callable[[pd.DataFrame], pd.DataFrame]
 
 
-@pytest.fixture(scope="session")
-def beluga() -> Path:
-    folder = Path(os.environ.get("SEATRIAL_DATA", "")) / "beluga"
-    if "SEATRIAL_DATA" not in os.environ or not folder.is_dir():
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    return folder
+BELUGA = DATA / "beluga"
 
 
 def recorded(path: Path) -> RecordedFile:
@@ -130,15 +125,14 @@ def found(path: Path) -> tuple[Problem, ...]:
     return examination.problems
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     "name",
     [RECORDINGS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in RECORDINGS[1:])],
 )
-def test_mutilated_recordings_are_named_with_their_cures(
-    beluga: Path, tmp_path: Path, name: str
-) -> None:
+def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: str) -> None:
     """Each of the 13 mutilations is named once, with its axes and its cure, and nothing else."""
-    table, wrong = pd.read_csv(beluga / f"{name}.csv"), []
+    table, wrong = pd.read_csv(BELUGA / f"{name}.csv"), []
     for mutilation, (change, kind, axes, cure) in MUTILATIONS.items():
         path = tmp_path / "mutilated.csv"
         change(table).to_csv(path, index=False)
@@ -149,9 +143,10 @@ def test_mutilated_recordings_are_named_with_their_cures(
     assert wrong == []
 
 
-def test_recordings_as_they_are_have_no_problem(beluga: Path) -> None:
+@pytest.mark.data
+def test_recordings_as_they_are_have_no_problem() -> None:
     for name in RECORDINGS:
-        assert found(beluga / f"{name}.csv") == (), name
+        assert found(BELUGA / f"{name}.csv") == (), name
 
 
 def motion(n: int = 4000, period: float = 0.1) -> Recording:

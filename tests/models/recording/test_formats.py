@@ -1,6 +1,5 @@
 """Formats: what a program of the field wrote is read as it was written."""
 
-import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,7 @@ from seatrial.models.recording import sources as reading
 from seatrial.models.recording.formats.frame import source_of_frame
 from seatrial.models.recording.source import TextOptions
 from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
-
-DATA = os.environ.get("SEATRIAL_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SEATRIAL_DATA is not set: no outside data")
-
-
-def data(name: str) -> Path:
-    path = Path(DATA or "") / name
-    if not path.exists():
-        pytest.skip(f"there is no {path}")
-    return path
+from tests.data import DATA
 
 
 def one(path: Path, format_: str | None = None, **text: Any) -> Source:
@@ -115,31 +105,31 @@ def test_text_stays_as_written_and_a_number_among_it_is_named(tmp_path: Path) ->
         source.numbers("u")
 
 
-@needs_data
+@pytest.mark.data
 def test_basins_of_hsva_and_marin() -> None:
     """The heading begins at that of the run; what a zig-zag of 5 and of 10 degrees executes."""
-    hsva = one(data("kvlcc2/hsva/HSVA_CPMC_KVLCC2_Z_10_05.dat"))
+    hsva = one(DATA / "kvlcc2/hsva/HSVA_CPMC_KVLCC2_Z_10_05.dat")
     assert list(hsva.columns)[:2] == ["c1", "c2"]
     np.testing.assert_allclose(np.diff(hsva.numbers("c1")), 0.05, atol=1e-9)
     rudder = hsva.numbers("c9")
     assert np.max(np.abs(rudder)) == pytest.approx(10.0, abs=0.5)
-    marin = one(data("kvlcc2/marin/MARIN_FREE_KVLCC2_zz_-10_m.dat"))
+    marin = one(DATA / "kvlcc2/marin/MARIN_FREE_KVLCC2_zz_-10_m.dat")
     assert list(marin.columns) == [f"c{i}" for i in range(1, 12)]
     assert np.max(np.abs(marin.numbers("c10"))) == pytest.approx(10.0, abs=0.5)
 
 
-@needs_data
+@pytest.mark.data
 def test_units_of_the_esso_osaka() -> None:
-    source = one(data("esso/random/random_03-Aug-2020_11_04_37.csv"))
+    source = one(DATA / "esso/random/random_03-Aug-2020_11_04_37.csv")
     assert source.units["psi_hat"] == "rad"
     assert source.units["n_prop"] == "rps"
     assert source.units["wind_velo_true"] == "m/s"
     np.testing.assert_allclose(np.diff(source.numbers("t")), 0.1, atol=1e-6)
 
 
-@needs_data
+@pytest.mark.data
 def test_a_folder_of_topics() -> None:
-    sources = read_sources(data("milliampere/nlp1"), ReadOptions())
+    sources = read_sources(DATA / "milliampere/nlp1", ReadOptions())
     assert len(sources["navigation/pose"]) == 444
     assert len(sources["tau_actual"]) == 20422
     source, name = column(sources, "wrench_force_x")
@@ -206,10 +196,10 @@ def test_matlab_7_3(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sources["log"].columns["u"], t[:20])
 
 
-@needs_data
+@pytest.mark.data
 def test_matlab_files_of_slicot() -> None:
     """The robot arm of DaISy: 1024 samples of input and output."""
-    (source,) = read_sources(data("slicot/robot_arm_dat.mat"), ReadOptions()).values()
+    (source,) = read_sources(DATA / "slicot/robot_arm_dat.mat", ReadOptions()).values()
     assert len(source) == 1024
 
 

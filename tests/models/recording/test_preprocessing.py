@@ -1,6 +1,5 @@
 """Preprocessing against laws, closed forms and scipy's rotations; velocity against position."""
 
-import os
 import re
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from seatrial.models.recording.preprocessing import (
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
+from tests.data import DATA
 
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -326,12 +326,10 @@ def printed(path: Path) -> dict[str, list[str]]:
     return rows
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
 def test_statistics_equal_the_thesis_to_two_decimals(name: str) -> None:
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    beluga = Path(folder) / "beluga"
+    beluga = DATA / "beluga"
     table = printed(beluga / "thesis_stats_tex" / f"{name}.tex")
     assert len(table) == 18
     found = describe(read_table(beluga / f"{name}.csv", list(table)).columns)

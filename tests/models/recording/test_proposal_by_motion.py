@@ -1,6 +1,5 @@
 """Columns without names are told apart by how they move."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,8 @@ from seatrial.models.recording.proposal_by_motion import propose_by_motion
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
+from tests.data import DATA
 
-DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
-needs_data = pytest.mark.skipif(
-    not os.environ.get("SEATRIAL_DATA"), reason="SEATRIAL_DATA is not set: no outside data"
-)
 PERIOD = 0.1
 COLUMNS = ("t", "x", "y", "psi", "u", "v", "r", "delta", "n")
 
@@ -86,7 +82,7 @@ def test_what_does_not_belong_together_is_refused() -> None:
         propose({"log": _source(noise)})
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hsva", "marin"])
 def test_the_basins_of_the_kvlcc2(name: str) -> None:

@@ -1,7 +1,6 @@
 """Measured files: what is read from them, and what is refused."""
 
 import csv
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,21 +16,14 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.config import build_as
+from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-@pytest.fixture(scope="session")
-def beluga() -> Path:
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    found = Path(folder) / "beluga"
-    if not found.is_dir():
-        pytest.skip(f"there is no {found}")
-    return found
+BELUGA = DATA / "beluga"
 
 
 def excitation(path: Path | str | None, **options: Any) -> RecordedFile:
@@ -69,8 +61,9 @@ def refusal(path: Path, dofs: Sequence[str] = ("surge",), **options: Any) -> str
     return message
 
 
-def test_window_of_hoyer_holds_2399_samples(beluga: Path) -> None:
-    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+@pytest.mark.data
+def test_window_of_hoyer_holds_2399_samples() -> None:
+    recording = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
     assert len(recording) == 2399
     assert recording.t[0] > 410.0
     assert recording.t[-1] < 650.0
@@ -79,15 +72,16 @@ def test_window_of_hoyer_holds_2399_samples(beluga: Path) -> None:
     assert np.corrcoef(np.gradient(recording.eta[:, 0]), recording.nu[:, 0])[0, 1] > 0.98
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("mass", "damping", "position_mae", "velocity_mae"),
     [(140.4, 98.3, 0.2981, None), (168.0, 67.7, None, 0.01141), (145.05, 97.16, 0.2985, 0.0263)],
 )
 def test_prediction_errors_on_surge_1(
-    beluga: Path, mass: float, damping: float, position_mae: float, velocity_mae: float
+    mass: float, damping: float, position_mae: float, velocity_mae: float
 ) -> None:
     """Hoyer (2021), eq. (6.4) on the author's window: Euler from the first sample, tau as is."""
-    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    recording = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
     x, u = recording.eta[0, 0], recording.nu[0, 0]
     track = []
     for force in recording.tau[:, 0]:
@@ -113,9 +107,10 @@ def test_columns_and_signs(tmp_path: Path) -> None:
     assert recording.tau_actual is None
 
 
-def test_pose_of_six_degrees_of_freedom_is_that_of_the_velocity(beluga: Path) -> None:
+@pytest.mark.data
+def test_pose_of_six_degrees_of_freedom_is_that_of_the_velocity() -> None:
     """eta_dot = R(phi, theta, psi) nu holds in the turned frame as well."""
-    recording = excitation(beluga / "sway-1.csv").read(ALL)
+    recording = excitation(BELUGA / "sway-1.csv").read(ALL)
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_euler("ZYX", recording.attitude[:, ::-1])
@@ -125,9 +120,10 @@ def test_pose_of_six_degrees_of_freedom_is_that_of_the_velocity(beluga: Path) ->
     np.testing.assert_array_equal(recording.eta[:, 3:], recording.attitude)
 
 
-def test_heading_is_unrolled_from_a_first_one_within_half_a_turn(beluga: Path) -> None:
+@pytest.mark.data
+def test_heading_is_unrolled_from_a_first_one_within_half_a_turn() -> None:
     for window in ({}, {"start_s": 410, "end_s": 650}):
-        recording = excitation(beluga / "surge-1.csv", **window).read(PLANAR)
+        recording = excitation(BELUGA / "surge-1.csv", **window).read(PLANAR)
         heading = recording.eta[:, 2]
         assert -np.pi < heading[0] <= np.pi
         assert np.max(np.abs(np.diff(heading))) < 1.0
@@ -136,11 +132,12 @@ def test_heading_is_unrolled_from_a_first_one_within_half_a_turn(beluga: Path) -
         assert np.corrcoef(rate, recording.nu[:, 2])[0, 1] > 0.75
 
 
-def test_only_the_columns_in_use_must_exist(beluga: Path) -> None:
-    recording = excitation(beluga / "synthetic_only_surge.csv").read(("surge",))
+@pytest.mark.data
+def test_only_the_columns_in_use_must_exist() -> None:
+    recording = excitation(BELUGA / "synthetic_only_surge.csv").read(("surge",))
     assert len(recording) == 230
     assert recording.period_s == pytest.approx(0.1)
-    refused = refusal(beluga / "synthetic_only_surge.csv", PLANAR)
+    refused = refusal(BELUGA / "synthetic_only_surge.csv", PLANAR)
     assert "no column 'sway_vel', expected it among , Time, force_x" in refused
 
 
@@ -297,24 +294,26 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(split.test, ~split.train)
 
 
-def test_statistics_of_a_file(beluga: Path) -> None:
-    whole = excitation(beluga / "surge-1.csv").describe()
+@pytest.mark.data
+def test_statistics_of_a_file() -> None:
+    whole = excitation(BELUGA / "surge-1.csv").describe()
     assert [one.name for one in whole][:3] == ["force_x", "force_y", "force_z"]
     assert len(whole) == 18
     assert (whole[0].count, round(whole[0].mean, 2)) == (7961, 3.37)
-    window = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).describe()
+    window = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).describe()
     assert {one.count for one in window} == {2399}
-    few = excitation(beluga / "synthetic_only_surge.csv").describe()
+    few = excitation(BELUGA / "synthetic_only_surge.csv").describe()
     assert [one.name for one in few][-2:] == ["surge_vel", "position_x"]
 
 
-def test_quality_of_surge_1(beluga: Path) -> None:
+@pytest.mark.data
+def test_quality_of_surge_1() -> None:
     """Over 240 s the integral of the velocity drifts by 0.37 m; a wrong sign shows at once.
 
     The position jumps once, by 5 cm between two samples: hence 0.26 m/s, with a root mean square
     of 0.015 m/s.
     """
-    recording = excitation(beluga / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
+    recording = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
     drift, rate = quality_checks(recording)
     assert (drift.check, drift.unit) == ("integrated_velocity", "m")
     assert drift.maximum == pytest.approx(0.367, abs=0.001)
@@ -323,7 +322,7 @@ def test_quality_of_surge_1(beluga: Path) -> None:
     assert np.sqrt(np.mean(rate.error**2)) == pytest.approx(0.0149, abs=0.0001)
     turned = {"columns": {"position": {"surge": "position_x"}}}
     options = {"start_s": 410, "end_s": 650} | turned
-    wrong = quality_checks(excitation(beluga / "surge-1.csv", **options).read(("surge",)))
+    wrong = quality_checks(excitation(BELUGA / "surge-1.csv", **options).read(("surge",)))
     assert wrong[0].maximum > 4.0
 
 

@@ -1,24 +1,20 @@
 """Tables that other programs computed, in `oracles` of the outside data."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from seatrial.models.vessel.basis import Array
+from tests.data import DATA
 
 VELOCITIES = tuple("uvwpqr")
 
 
 def oracle_file(name: str) -> Path:
-    """A file of another program; the test is skipped where there is no outside data."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    return Path(folder) / "oracles" / name
+    """A file of another program."""
+    return DATA / "oracles" / name
 
 
 def oracle(name: str) -> dict[str, Array]:

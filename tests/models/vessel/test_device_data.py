@@ -56,6 +56,7 @@ def test_a_thruster_without_data_astern_is_told_and_gives_its_thrust_ahead() -> 
     assert np.all(one_way.values() == both["it"].values())
 
 
+@pytest.mark.data
 @pytest.mark.parametrize("run", ["14-Oct-2020_14_29_49", "14-Sep-2020_13_51_45"])
 def test_revolutions_a_minute_are_doubted_in_a_recording(run: str) -> None:
     """As recorded in 1/s there is no doubt; times 60 there is."""

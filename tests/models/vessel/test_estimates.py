@@ -1,8 +1,6 @@
 """Estimates from dimensions: against published vessels, similarity, and what cannot be."""
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.physical_constraints import dissipated
 from seatrial.models.vessel.estimates import Hull, derivatives, hull, model, rigid_body
 from seatrial.models.vessel.scales import WATER
+from tests.data import DATA
 
 # Length, beam, draught [m] and mass [kg] as published, and the factors within which inertia and
 # drag in surge, sway and yaw agree. The supply vessel's draught is that of a block of 0.65.
@@ -35,13 +34,11 @@ def test_they_are_near_published_vessels(name: str) -> None:
     assert np.all((ratio > 1.0 / drag) & (ratio < drag)), ratio
 
 
+@pytest.mark.data
 def test_added_mass_is_near_that_of_mss() -> None:
     """X_udot of its Otter is by the same formula; those of its supply ship are integrals."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
     otter, osv = (
-        json.loads((Path(folder) / "oracles" / f"mss_{name}_coeffs.json").read_text())
+        json.loads((DATA / "oracles" / f"mss_{name}_coeffs.json").read_text())
         for name in ("otter", "osv")
     )
     values = otter["values_constant_over_state"]

@@ -117,6 +117,7 @@ def sailed(scale: str, helm_deg: float, turn_deg: float, t: Array) -> Array:
     return np.concatenate(found, axis=1).T
 
 
+@pytest.mark.data
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", ["L7", "full"])
 @pytest.mark.parametrize(

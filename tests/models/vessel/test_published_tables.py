@@ -48,12 +48,14 @@ def tanker_accelerations(
     return found
 
 
+@pytest.mark.data
 def test_the_tanker_accelerates_as_in_mss() -> None:
     rows = oracle("mss_tanker_xdot.csv")
     expected = columns(rows, "udot", "vdot", "rdot")
     close(tanker_accelerations(rows, rows["h"], "n"), expected, 1e-12)
 
 
+@pytest.mark.data
 def test_the_tanker_accelerates_as_in_python_vehicle_simulator() -> None:
     """But for the drift angle, there v / u and here, as in MSS, atan(v / u)."""
     rows = oracle("pvs_tanker_nudot.csv")
@@ -91,6 +93,7 @@ def nomoto(name: str, speed: Array, outside: bool) -> tuple[Array, Array, Array]
     return 1.0 / T, n_3 / T, K / T
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "file", "speed", "outside"),
     [
@@ -118,6 +121,7 @@ def test_ships_of_nomoto_accelerate_as_in_mss_and_python_vehicle_simulator(
     close(found, rows["rdot"][:, None], 1e-12)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("file", "limit_deg"), [("mss_DSRV_xdot.csv", 30.0), ("pvs_DSRV_nudot.csv", 20.0)]
 )
@@ -140,6 +144,7 @@ def test_the_rescue_vehicle_accelerates_as_in_mss(file: str, limit_deg: float) -
     close(scaled, columns(rows, "wdot", "qdot"), 1e-12)
 
 
+@pytest.mark.data
 def test_the_ship_of_clarke_accelerates_as_in_python_vehicle_simulator() -> None:
     """But for two of its slips: U + 1 mm/s in the hull, and a rudder that drives the ship ahead."""
     rows, ship = oracle("pvs_shipClarke83_nudot.csv"), parameters_of("ship_clarke83").nominal()

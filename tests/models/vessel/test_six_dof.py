@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from docs.vessels import parameters_of
 from seatrial.models.notation import DOFS
@@ -123,6 +124,7 @@ def payload_weight(rows: dict[str, Array]) -> Array:
     return made
 
 
+@pytest.mark.data
 def test_the_otter_accelerates_as_in_mss() -> None:
     """With payloads of up to 45 kg anywhere, and in a current."""
     rows = oracle("mss_otter_xdot.csv")
@@ -139,6 +141,7 @@ def test_the_otter_accelerates_as_in_mss() -> None:
     close(found, nu_dot, 1e-9)
 
 
+@pytest.mark.data
 def test_the_otter_of_the_configuration_is_that_of_mss() -> None:
     otter, stiffness = otter_with(25.0, 0.05, 0.0, -0.35)
     held = constants("mss_otter_coeffs.json")
@@ -171,6 +174,7 @@ def osv() -> VesselParameters:
     return in_six(planar, np.array(held["M"]), derivatives, flow)
 
 
+@pytest.mark.data
 def test_the_supply_vessel_with_azimuths_accelerates_as_in_mss() -> None:
     """With the drag of cross flow as above, and but for two slips, both given as a force.
 
@@ -188,6 +192,7 @@ def test_the_supply_vessel_with_azimuths_accelerates_as_in_mss() -> None:
     close(vessel.nominal().forward(tau, nu, inputs=inputs), nu_dot, 1e-9)
 
 
+@pytest.mark.data
 def test_the_supply_vessel_of_the_configuration_is_that_of_mss() -> None:
     same_in_the_plane(osv(), configured("osv"))
 
@@ -282,6 +287,7 @@ def over_ground(vessel: VesselParameters, ground: Array, nu: Array, inputs: Arra
     return beside
 
 
+@pytest.mark.data
 def test_the_remus_accelerates_as_in_mss() -> None:
     """It is of a later generation than in PythonVehicleSimulator. Table and devices are changed:
 
@@ -314,6 +320,7 @@ def test_the_remus_accelerates_as_in_mss() -> None:
     close(vessel.nominal().forward(tau, nu, attitude, inputs=inputs), nu_dot, 1e-9)
 
 
+@pytest.mark.data
 def test_the_inertia_of_the_remus_is_that_of_mss() -> None:
     held = constants("mss_remus100_coeffs.json")["M"]
     np.testing.assert_allclose(remus().nominal().inertia, held, rtol=1e-12, atol=1e-12)

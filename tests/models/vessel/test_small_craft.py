@@ -138,6 +138,7 @@ def recorded(name: str, run: str, *columns_of: str) -> tuple[Array, Array]:
     return np.array(times), np.array([row[1:] for row in rows], dtype=np.float64)
 
 
+@pytest.mark.data
 def test_four_azimuths_give_the_force_that_the_ferry_reports() -> None:
     """From throttles and azimuths in a field run: at least 93 % of the variance of each axis."""
     ferry = configured("milliampere_azimuths").nominal()
@@ -175,6 +176,7 @@ def test_drag_ahead_is_linear_at_first_and_quadratic_in_the_end() -> None:
     np.testing.assert_allclose(made[2:], -made[:2])
 
 
+@pytest.mark.data
 def test_the_remus_accelerates_as_in_python_vehicle_simulator() -> None:
     """All six degrees of freedom, at its limits of the inputs.
 

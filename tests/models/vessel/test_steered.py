@@ -43,6 +43,7 @@ def track(voyage: Voyage, length_m: float) -> Track:
     return Track(voyage.t, *eta[:, :3].T, helm, speed, length_m)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "file", "column"),
     [
@@ -62,6 +63,7 @@ def test_kvlcc2_accelerates_as_in_mmgdynamics(name: str, file: str, column: str)
     close(found, expected, 1e-12)
 
 
+@pytest.mark.data
 def test_mariner_accelerates_as_in_mss() -> None:
     """About its own speed and about the random ones of the rows."""
     rows, ship = oracle("mss_mariner_xdot.csv"), vessel("mariner")
@@ -75,6 +77,7 @@ def test_mariner_accelerates_as_in_mss() -> None:
     close(found, expected, 1e-11)
 
 
+@pytest.mark.data
 def test_container_accelerates_as_in_mss() -> None:
     """With roll, 300 states; there the shaft speed is in revolutions a minute."""
     rows = oracle("mss_container_xdot.csv")
@@ -97,6 +100,7 @@ def test_container_accelerates_as_in_mss() -> None:
         np.testing.assert_allclose(nu_dot, expected[k], rtol=1e-9)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(("helm", "file"), [(-35, "turn_p35"), (35, "turn_m35")])
 def test_mariner_turns_as_in_mss(helm: int, file: str) -> None:
     """Ten minutes; in MSS the helm has the sign of the turn."""
@@ -112,6 +116,7 @@ def test_mariner_turns_as_in_mss(helm: int, file: str) -> None:
     np.testing.assert_allclose(nu[:, 0] - 7.7175, rows["u"], atol=1e-8)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "case", "step_s"),
     [
@@ -188,6 +193,7 @@ def test_thrust_is_continuous_where_the_shaft_stands_still() -> None:
     assert np.ptp(thrust) < 1e-6 * abs(thrust[1])
 
 
+@pytest.mark.data
 def test_overshoots_of_a_measured_ship() -> None:
     """MARIN's zig-zags of KVLCC2, full scale; within 0.2 degrees of what is published."""
     folder = oracle_file("").parent / "kvlcc2" / "marin"
@@ -201,6 +207,7 @@ def test_overshoots_of_a_measured_ship() -> None:
         np.testing.assert_allclose(measures.overshoot_deg[: len(overshoots)], overshoots, atol=0.2)
 
 
+@pytest.mark.data
 @pytest.mark.parametrize(
     ("run", "helm", "within"),
     [

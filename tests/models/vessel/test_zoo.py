@@ -1,8 +1,6 @@
 """The vessels of conf/vessel: other programs' accelerations, printed equations, and laws."""
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +18,7 @@ from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
+from tests.data import DATA
 
 motions = arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
 CYBERSHIP = parameters_of("cybership2").nominal()
@@ -30,10 +29,7 @@ CREATES = {"cybership2": 0.01}
 
 def oracle(name: str) -> dict[str, Array]:
     """The columns of another program's table, by their names without units."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    lines = (Path(folder) / "oracles" / name).read_text().splitlines()
+    lines = (DATA / "oracles" / name).read_text().splitlines()
     header, *rows = [line for line in lines if not line.startswith("#")]
     table = np.array([line.split(",") for line in rows], dtype=np.float64)
     return {text.partition("[")[0]: table[:, i] for i, text in enumerate(header.split(","))}
@@ -50,6 +46,7 @@ def assert_accelerations(model: Vessel, tau: Array, nu: Array, expected: Array) 
     assert np.all(error < 1e-12 * np.sqrt(np.mean(expected**2, axis=0)))
 
 
+@pytest.mark.data
 def test_the_supply_vessel_has_the_accelerations_of_mss() -> None:
     table = oracle("mss_supply_xdot.csv")
     tau, nu = columns(table, "tau_X", "tau_Y", "tau_N"), columns(table, "u", "v", "r")
@@ -60,7 +57,7 @@ def test_the_supply_vessel_has_the_accelerations_of_mss() -> None:
 def propelled(name: str) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """States of a ship of PythonVehicleSimulator, its arrays, and the force B |n| n [N, Nm]."""
     table = oracle(f"pvs_{name}_nudot.csv")
-    path = Path(os.environ["SEATRIAL_DATA"]) / "oracles" / f"pvs_{name}_params.json"
+    path = DATA / "oracles" / f"pvs_{name}_params.json"
     held = json.loads(path.read_text())["attributes_of_the_constructed_object"]
     ship = {key: np.array(held[key]) for key in ("B", "n_max", *{"M", "D"} & set(held))}
     speeds = columns(table, *(f"n{i}" for i in range(1, 7)))
@@ -74,6 +71,7 @@ def largest_forces(ship: dict[str, Array]) -> list[float]:
     return [float(np.sum(forces[0])), float(np.sum(forces[1])), float(np.sum(forces[2, :4]))]
 
 
+@pytest.mark.data
 def test_the_supply_vessel_has_the_accelerations_of_python_vehicle_simulator() -> None:
     table, ship, tau = propelled("supply")
     vessel = parameters_of("supply_fossen")
@@ -82,6 +80,7 @@ def test_the_supply_vessel_has_the_accelerations_of_python_vehicle_simulator() -
     np.testing.assert_allclose(vessel.force_limits or (), largest_forces(ship), rtol=1e-3)
 
 
+@pytest.mark.data
 def test_the_semisubmersible_has_the_accelerations_of_python_vehicle_simulator() -> None:
     """There it heaves, rolls and pitches too, which acts on the plane by these rows of M and D."""
     table, ship, tau = propelled("semisub")

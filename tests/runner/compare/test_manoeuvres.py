@@ -1,13 +1,13 @@
 """The command `manoeuvres`: sheets of stored runs and of files, and their errors of one line."""
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.data import DATA
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -88,12 +88,10 @@ def test_a_file_has_the_sheet_of_the_run(
         assert values(out)[name]["value"] == pytest.approx(row["value"], rel=1e-3, abs=0.1)
 
 
+@pytest.mark.data
 def test_a_measured_zigzag_of_a_full_ship(program: Program, mapped: Callable[[str], Path]) -> None:
     """MARIN's 10/10 of KVLCC2: 9.5 and 15.0 degrees are published, IMO allows 20 and 40."""
-    folder = os.environ.get("SEATRIAL_DATA")
-    if not folder:
-        pytest.skip("SEATRIAL_DATA is not set: no outside data")
-    file = Path(folder) / "kvlcc2" / "marin" / "MARIN_FREE_KVLCC2_zz_10_m.dat"
+    file = DATA / "kvlcc2" / "marin" / "MARIN_FREE_KVLCC2_zz_10_m.dat"
     options = ("--length", "320", "--map", mapped(MARIN))
     code, out, err = program("manoeuvres", file, *options, "--format", "json")
     assert (code, err) == (0, "")

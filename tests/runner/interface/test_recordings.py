@@ -1,6 +1,5 @@
 """Recordings from files and frames."""
 
-import os
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 
 import seatrial as st
 from seatrial.models.recording.joining import end_to_end
-
-DATA = os.environ.get("SEATRIAL_DATA")
+from tests.data import DATA
 
 
 @pytest.fixture
@@ -84,7 +82,7 @@ def test_recordings_of_one_start_are_joined_one_after_the_other(frame: pd.DataFr
         end_to_end([recording, slow])
 
 
-@pytest.mark.skipif(DATA is None, reason="SEATRIAL_DATA is not set: no outside data")
+@pytest.mark.data
 def test_a_csv_file_is_read_as_a_trial_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

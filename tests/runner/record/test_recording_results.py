@@ -1,7 +1,6 @@
 """Measured recordings through a whole trial: statistics, quality, and what makes them the same."""
 
 import json
-import os
 import re
 from pathlib import Path
 
@@ -11,17 +10,14 @@ import pytest
 from seatrial.models.errors import RecordingError
 from seatrial.runner import trial as trials
 from seatrial.runner.fingerprint import fingerprint
+from tests.data import DATA
 from tests.runner.programs import ended, program
 from tests.trials import composed
 
-DATA = Path(os.environ.get("SEATRIAL_DATA", ""))
-needs_data = pytest.mark.skipif(
-    "SEATRIAL_DATA" not in os.environ, reason="SEATRIAL_DATA is not set: no outside data"
-)
 SURGE = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
 
 
-@needs_data
+@pytest.mark.data
 def test_surge_1_finishes_with_mass_and_damping(tmp_path: Path) -> None:
     trial = composed(
         *SURGE, f"excitation.path={DATA}/beluga/surge-1.csv", "excitation.start_s=410",
@@ -42,7 +38,7 @@ def test_surge_1_finishes_with_mass_and_damping(tmp_path: Path) -> None:
     assert np.max(np.abs(quality.columns["x_error"])) == drift["integrated_velocity_error_max"]
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
 def test_stored_statistics_are_the_printed_ones(name: str) -> None:
     trial = composed(*SURGE, f"excitation.path={DATA}/beluga/{name}.csv", "identifier=none")
@@ -91,7 +87,7 @@ def test_a_damaged_file_is_refused_before_any_work(tmp_path: Path) -> None:
         trials.check(composed(*SURGE, f"excitation.path={path}"))
 
 
-@needs_data
+@pytest.mark.data
 @pytest.mark.slow
 def test_stats_prints_the_statistics_of_the_four_recordings(tmp_path: Path) -> None:
     """From the command line: 18 columns of each equal the outside tables to two decimals."""
