@@ -151,14 +151,14 @@ gallery: $(VENV)/docs.stamp
 
 # The same in every clone: no outside data, whatever is beside it.
 test: $(VENV)/test.stamp
-	unset SEATRIAL_DATA; $(PYTEST) -m 'not slow and not data'
+	unset SEATRIAL_DATA; $(PYTEST) -m 'not (slow or nightly or data)'
 
 test-data: $(VENV)/test.stamp
-	$(PYTEST) -m 'data and not slow'
+	$(PYTEST) -m 'data and not (slow or nightly)'
 
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
-	$(PYTEST) -m slow --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(PYTEST) -m 'slow and not nightly' --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 
 # What is a product of everything, or takes hours: all of it, also after the failure of a part.
 NIGHTLY := nightly-tests published robustness coverage bench ray

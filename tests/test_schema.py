@@ -1,21 +1,18 @@
 """The JSON schema of all options takes every file of conf, and refuses what a trial refuses."""
 
 import json
-import subprocess
-import sys
+import runpy
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 from omegaconf import OmegaConf
 
-from docs.schema import schema
+from docs import schema as program
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.vocabulary import GROUPS
 
-ROOT = Path(__file__).parents[1]
 FILES = sorted(
     path.relative_to(CONF).as_posix()
     for path in CONF.rglob("*.yaml")
@@ -24,31 +21,34 @@ FILES = sorted(
 
 
 @cache
+def schema() -> dict[str, Any]:
+    return program.schema()
+
+
+@cache
 def validator(name: str = "") -> Draft202012Validator:
     """Of a whole configuration, or of one definition."""
-    whole = schema()
-    part = {"$defs": whole["$defs"], "$ref": f"#/$defs/{name}"}
-    return Draft202012Validator(part if name else whole)
+    part = {"$defs": schema()["$defs"], "$ref": f"#/$defs/{name}"}
+    return Draft202012Validator(part if name else schema())
 
 
 def complaints(node: Any, name: str = "") -> list[str]:
     return [error.message for error in validator(name).iter_errors(node)]
 
 
-def test_it_is_a_schema() -> None:
+def test_it_is_a_schema_that_takes_every_file_of_the_configuration() -> None:
     Draft202012Validator.check_schema(schema())
+    found = []
+    for file in FILES:
+        node = OmegaConf.to_container(OmegaConf.load(CONF / file))
+        group = file.partition("/")[0]
+        name = group if group in (*GROUPS, "database") else ""
+        found += [(file, complaint) for complaint in complaints(node, name)]
+    assert found == []
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_a_file_of_the_configuration(file: str) -> None:
-    node = OmegaConf.to_container(OmegaConf.load(CONF / file))
-    group = file.partition("/")[0]
-    assert not complaints(node, group if group in (*GROUPS, "database") else "")
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
+def test_it_refuses_what_a_trial_refuses() -> None:
+    changes: list[dict[str, Any]] = [
         {"seeds": 1},
         {"seed": -1},
         {"seed": 1.5},
@@ -60,24 +60,19 @@ def test_a_file_of_the_configuration(file: str) -> None:
         {"identifier": {"lowpass_hz": -1.0}},
         {"disturbance": {"wind": {"speed_m_s": -1.0}}},
         {"vessel": {"velocity_limits": [1.0, "x"]}},
-    ],
-    ids=str,
-)
-def test_refuses(changes: dict[str, Any]) -> None:
-    assert complaints(changes)
+    ]
+    assert [change for change in changes if not complaints(change)] == []
 
 
 def test_defaults_and_descriptions_are_those_of_the_files() -> None:
-    whole = schema()
-    period = whole["properties"]["sample_time_s"]
+    period = schema()["properties"]["sample_time_s"]
     line = f"sample_time_s: {period['default']}  # {period['description']}"
     assert line in (CONF / "trial.yaml").read_text().splitlines()
-    option = whole["$defs"]["vessel.milliampere"]
+    option = schema()["$defs"]["vessel.milliampere"]
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "vessel/milliampere.yaml"))
     assert {name: one["default"] for name, one in option["properties"].items()} == node
 
 
-def test_the_command_prints_it() -> None:
-    command = [sys.executable, "-m", "docs.schema"]
-    printed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    assert json.loads(printed) == schema()
+def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(program.__file__, run_name="__main__")
+    assert json.loads(capsys.readouterr().out) == schema()

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import pytest
 import typer.main
 import yaml
 from omegaconf import OmegaConf
@@ -24,8 +23,13 @@ from seatrial.runner.record.catalogue import METRICS
 from seatrial.runner.vocabulary import GROUPS
 
 DOCS = Path(__file__).parents[2] / "docs"
-DESCRIBED = [(group, one) for group in (*GROUPS[1:], "database") for one in files(group)]
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+@cache
+def described() -> list[tuple[str, OptionFile]]:
+    """Every file of options whose page shows them all, with its group."""
+    return [(group, one) for group in (*GROUPS[1:], "database") for one in files(group)]
 
 
 @cache
@@ -59,20 +63,20 @@ def test_every_section_of_metrics_has_a_formula_and_says_where_it_is_honest() ->
         assert section.startswith("The controller itself") or 'class="formula"' in section
 
 
-@pytest.mark.parametrize(("group", "file"), DESCRIBED, ids=lambda one: getattr(one, "name", one))
-def test_every_option_of_a_file_is_described_with_its_default(group: str, file: OptionFile) -> None:
-    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{file.name}.yaml")) or {}
-    names = {option.name for option in file.options}
-    missing = [
-        leaf
-        for leaf in leaves(node)
-        if not {".".join(leaf[: n + 1]) for n in range(len(leaf))} & names
-    ]
-    assert not missing
-    for option in file.options:
-        value = value_at(node, option.name.split("."))
-        if option.default and option.path and not option.default.endswith("…"):
-            assert plain(option.default) == plain(value)
+def test_every_option_of_a_file_is_described_with_its_default() -> None:
+    wrong = []
+    for group, file in described():
+        node: Any = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{file.name}.yaml")) or {}
+        names = {option.name for option in file.options}
+        for leaf in leaves(node):
+            if not {".".join(leaf[: n + 1]) for n in range(len(leaf))} & names:
+                wrong.append((group, file.name, leaf))
+        for option in file.options:
+            value = value_at(node, option.name.split("."))
+            whole = option.default and option.path and not option.default.endswith("…")
+            if whole and plain(option.default) != plain(value):
+                wrong.append((group, file.name, option.name))
+    assert wrong == []
 
 
 def leaves(node: Any, above: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
@@ -99,18 +103,20 @@ def plain(value: object) -> str:
     return re.sub(r"\d[\d.]*(?:e[-+]?\d+)?", lambda found: repr(float(found[0])), text)
 
 
-@pytest.mark.parametrize(("group", "file"), DESCRIBED, ids=lambda one: getattr(one, "name", one))
-def test_every_option_has_a_type(group: str, file: OptionFile) -> None:
+def test_every_option_has_a_type() -> None:
     """All but what a candidate of `auto` changes, which is an option of another file."""
-    rows = options._table(file.options, file.target or options.DATABASE).splitlines()[2:]
-    for option, row in zip(file.options, rows, strict=True):
-        kind = row.split(" | ")[2].strip()
-        assert kind or not option.path or option.name.startswith("candidates."), option.name
+    untyped = []
+    for group, file in described():
+        rows = options._table(file.options, file.target or options.DATABASE).splitlines()[2:]
+        for option, row in zip(file.options, rows, strict=True):
+            kind = row.split(" | ")[2].strip()
+            if not kind and option.path and not option.name.startswith("candidates."):
+                untyped.append((group, file.name, option.name))
+    assert untyped == []
 
 
-@pytest.mark.parametrize(
-    ("name", "comment", "unit", "description"),
-    [
+def test_the_unit_of_an_option() -> None:
+    for name, comment, unit, description in [
         ("lowpass_hz", "[Hz] zero-phase filter; null: none", "Hz", "zero-phase filter; null: none"),
         ("radius_m", "", "m", ""),
         ("speed_m_s", "mean speed", "m/s", "mean speed"),
@@ -118,11 +124,9 @@ def test_every_option_has_a_type(group: str, file: OptionFile) -> None:
         ("kp", "[N/m, N/m, Nm/rad]", "N/m, N/m, Nm/rad", ""),
         ("start", "north [m], heading [deg]", "m, deg", "north [m], heading [deg]"),
         ("terms", "such as [cos(psi), sin(psi)]", "", "such as [cos(psi), sin(psi)]"),
-    ],
-)
-def test_the_unit_of_an_option(name: str, comment: str, unit: str, description: str) -> None:
-    option = Option(name, "", (name,), "auto", comment)
-    assert (option.unit, option.description) == (unit, description)
+    ]:
+        option = Option(name, "", (name,), "auto", comment)
+        assert (option.unit, option.description) == (unit, description), name
 
 
 def test_ranges_and_choices_are_in_the_type() -> None:
@@ -150,19 +154,17 @@ def test_the_options_of_a_trial_are_those_of_its_file() -> None:
     assert named == set(node) - {"defaults", "hydra"}
 
 
-@pytest.mark.parametrize("name", sorted(typer.main.get_command(commands.app).commands))  # type: ignore[attr-defined]
-def test_a_command_has_the_options_of_its_help(name: str) -> None:
-    (section,) = [
-        one
-        for one in re.split(r"^### ", commands.commands("results"), flags=re.MULTILINE)
-        if one.startswith(f"seatrial-results {name}\n")
-    ]
-    answer = CliRunner().invoke(commands.app, [name, "--help"], env={"COLUMNS": "200"})
-    assert answer.exit_code == 0
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", answer.output)
-    listed = set(re.findall(r"^[^\w\n-]*(--[a-z-]+)", plain, re.MULTILINE))
-    assert listed - {"--help"} <= set(re.findall(r"<code>[^<]*?(--[a-z-]+)", section))
-    assert listed
+def test_a_command_has_the_options_of_its_help() -> None:
+    sections = re.split(r"^### ", commands.commands("results"), flags=re.MULTILINE)
+    program: Any = typer.main.get_command(commands.app)
+    for name in program.commands:
+        (section,) = [one for one in sections if one.startswith(f"seatrial-results {name}\n")]
+        answer = CliRunner().invoke(commands.app, [name, "--help"], env={"COLUMNS": "200"})
+        assert answer.exit_code == 0, name
+        plain = re.sub(r"\x1b\[[0-9;]*m", "", answer.output)
+        listed = set(re.findall(r"^[^\w\n-]*(--[a-z-]+)", plain, re.MULTILINE))
+        assert listed, name
+        assert listed - {"--help"} <= set(re.findall(r"<code>[^<]*?(--[a-z-]+)", section)), name
 
 
 def test_the_other_commands_are_those_of_the_program() -> None:
@@ -208,18 +210,15 @@ def test_every_figure_is_in_the_gallery() -> None:
     assert all(entry.look for entry in gallery.ENTRIES.values())
 
 
-@pytest.mark.parametrize("sweep", gallery.SWEEPS)
-def test_a_wrapped_command_is_the_same_for_a_shell(sweep: str) -> None:
-    command = f"seatrial {gallery.SWEEPS[sweep]}"
-    shown = gallery._wrapped(command)
-    words = [
-        subprocess.run(
-            ["sh", "-c", f"printf '%s\\n' {one}"], capture_output=True, check=True
-        ).stdout
-        for one in (command, shown)
-    ]
-    assert words[0] == words[1]
-    assert all(len(line) < 100 for line in shown.splitlines())
+def test_a_wrapped_command_is_the_same_for_a_shell() -> None:
+    for options_ in gallery.SWEEPS.values():
+        command = f"seatrial {options_}"
+        shown = gallery._wrapped(command)
+        both = f"printf '%s\\n' {command}; echo; printf '%s\\n' {shown}"
+        said = subprocess.run(["sh", "-c", both], capture_output=True, check=True, text=True)
+        words, again = said.stdout.split("\n\n")
+        assert words == again.rstrip("\n")
+        assert all(len(line) < 100 for line in shown.splitlines())
 
 
 def test_every_public_name_is_in_the_reference() -> None:

@@ -4,11 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from seatrial.runner.compare.__main__ import run as run_results
 from seatrial.runner.record.catalogue import MANOEUVRE, METRICS
+from tests.runner.command import Command
 from tests.runner.compare import stored
 
 ROOT = Path(__file__).parents[2]
@@ -39,38 +42,36 @@ def run(home: Path, *words: str, **variables: str) -> subprocess.CompletedProces
     )  # fmt: skip
 
 
-def completed(home: Path, line: str) -> list[str]:
+def completed(seatrial: Command, monkeypatch: pytest.MonkeyPatch, line: str) -> list[str]:
     """What Hydra's script in a shell is answered for a line."""
-    answer = run(home, "seatrial", "-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
-    assert answer.returncode == 0, answer.stderr
-    return answer.stdout.split()
+    monkeypatch.setenv("COMP_LINE", line)
+    monkeypatch.setenv("COMP_POINT", str(len(line)))
+    answer = seatrial("-sc", "query=bash")
+    assert answer.code == 0, answer
+    return answer.out.split()
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
+def test_groups_and_options(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Options are those of the chosen part."""
+    for line, expected in (
         ("seatrial vess", "vessel="),
         ("seatrial vessel=milli", "vessel=milliampere"),
         ("seatrial -m controller.k", "controller.kp="),
+        ("seatrial controller=mpc_standard controller.h", "controller.horizon="),
         ("seatrial -m identifier=ls,pl", "identifier=ls,plsr"),
         ("seatrial -m disturbance=[noise,wi", "disturbance=[noise,wind"),
         ("seatrial -m identifier=ls,plsr 'seed=range(0,3)' controller.k", "controller.ki="),
         ("seatrial -m --variant 'identifier=ls seed=1' hydra/laun", "hydra/launcher="),
         ("seatrial -m disturbance=[noise,wind],calm controller.k", "controller.kd="),
-    ],
-)
-def test_groups_and_options(home: Path, line: str, expected: str) -> None:
-    assert expected in completed(home, line)
+    ):
+        assert expected in completed(seatrial, monkeypatch, line), line
+    assert completed(seatrial, monkeypatch, "seatrial controller=pid_ff controller.h") == []
 
 
-def test_options_are_those_of_the_chosen_part(home: Path) -> None:
-    assert "controller.horizon=" in completed(home, "seatrial controller=mpc_standard controller.h")
-    assert completed(home, "seatrial controller=pid_ff controller.h") == []
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_commands_figures_and_metrics(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, expected in (
         ("plo", {"plot"}),
         ("plot tra", {"track"}),
         ("table --metric e_pos_m", {"e_pos_mae", "e_pos_mse"}),
@@ -79,21 +80,29 @@ def test_options_are_those_of_the_chosen_part(home: Path) -> None:
         ("table --statistic med", {"median"}),
         ("table --stage depl", {"deployment"}),
         ("table --metric ", {metric.name for metric in (*METRICS, *MANOEUVRE)}),
-    ],
-)
-def test_commands_figures_and_metrics(home: Path, words: str, expected: set[str]) -> None:
-    assert {*asked_of_results(home, words)} == expected
+    ):
+        for name, value in asked(words).items():
+            monkeypatch.setenv(name, value)
+        with suppress(SystemExit):
+            run_results([])
+        said = capsys.readouterr()
+        assert ({*said.out.split()}, said.err) == (expected, ""), words
+
+
+def asked(words: str, shell: str = "bash") -> dict[str, str]:
+    """The variables by which Typer's script in a shell asks for a line and its last word."""
+    return {
+        "_SEATRIAL_RESULTS_COMPLETE": f"complete_{shell}",
+        "COMP_WORDS": f"seatrial-results {words}", "COMP_CWORD": str(len(words.split(" "))),
+        "_TYPER_COMPLETE_ARGS": f"seatrial-results {words}",
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+        "_TYPER_COMPLETE_WORD_TO_COMPLETE": words.rpartition(" ")[2],
+    }  # fmt: skip
 
 
 def asked_of_results(folder: Path, words: str, shell: str = "bash") -> list[str]:
-    """What Typer's script in a shell is answered, in a folder, for a line and its last word."""
-    last = words.rpartition(" ")[2]
-    answer = run(
-        folder, "seatrial-results", _SEATRIAL_RESULTS_COMPLETE=f"complete_{shell}",
-        COMP_WORDS=f"seatrial-results {words}", COMP_CWORD=str(len(words.split(" "))),
-        _TYPER_COMPLETE_ARGS=f"seatrial-results {words}", _TYPER_COMPLETE_FISH_ACTION="get-args",
-        _TYPER_COMPLETE_WORD_TO_COMPLETE=last,
-    )  # fmt: skip
+    """What the installed program answers in a folder."""
+    answer = run(folder, "seatrial-results", **asked(words, shell))
     assert answer.stderr == ""
     return answer.stdout.strip().splitlines()
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,11 @@ NEEDS = {
     **{f"evaluation/{name}": [*HEADING[:2], "controller=autopilot"] for name in BY_HELM},
     **{f"controller/{name}": HEADING for name in ("autopilot", "mpc_heading")},
 }
-OPTIONS = sorted(
-    path.relative_to(CONF).with_suffix("").as_posix()
+OPTIONS = {
+    group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
     for group in GROUPS
-    for path in (CONF / group).glob("*.yaml")
-)
+    if group != "vessel"
+}
 
 
 @pytest.fixture(autouse=True)
@@ -43,13 +44,34 @@ def _environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("option", OPTIONS)
-def test_an_option_builds(option: str) -> None:
-    group, _, name = option.partition("/")
-    trial = composed(*NEEDS.get(option, []), f"{group}={name}")
-    assert trial.names[group] == name
-    assert (getattr(trial, group) is None) == (trial.config[group] == {})
-    for part in parts(getattr(trial, group)):
+def test_every_option_builds() -> None:
+    """An option of each group at once; one that needs others, by itself.
+
+    Vessels are composed by test_suited_parts.py.
+    """
+    for names in zip_longest(*OPTIONS.values()):
+        together = []
+        for group, name in zip(OPTIONS, names, strict=True):
+            if needed := NEEDS.get(f"{group}/{name}"):
+                check_built(*needed, f"{group}={name}", group=group)
+            elif name:
+                together.append(f"{group}={name}")
+        check_built(*together)
+
+
+def check_built(*options: str, group: str = "") -> None:
+    """Options are built as they are named."""
+    trial = composed(*options)
+    for name in [group] if group else [option.partition("=")[0] for option in options]:
+        built = getattr(trial, name)
+        assert f"{name}={trial.names[name]}" in options
+        assert (built is None) == (trial.config[name] == {})
+        check_ranges(built)
+
+
+def check_ranges(built: Any) -> None:
+    """Every number of an object that has a range is refused far below it, by its name."""
+    for part in parts(built):
         for field, *_ in declared(type(part)):
             low = -1e9 if isinstance(getattr(part, field), int | float) else (-1e9,)
             if getattr(part, field) is not None:
@@ -73,9 +95,9 @@ def test_the_default_trial_can_be_run() -> None:
     check(composed())
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (CONF / "experiment").glob("*.yaml")))
-def test_an_experiment_composes(name: str) -> None:
-    composed(f"experiment={name}")
+def test_every_experiment_composes() -> None:
+    for path in sorted((CONF / "experiment").glob("*.yaml")):
+        composed(f"experiment={path.stem}")
 
 
 def test_a_database_composes() -> None:
@@ -84,6 +106,7 @@ def test_a_database_composes() -> None:
 
 
 def test_the_groups_are_those_that_are_named() -> None:
+    assert {*OPTIONS, "vessel"} == set(GROUPS)
     folders = {path.name for path in CONF.iterdir() if path.is_dir()}
     assert folders <= {*GROUPS, "benchmark", "database", "experiment", "hydra"}
 

@@ -8,7 +8,9 @@ import pytest
 
 from seatrial.models import source_digest
 from seatrial.runner import doctor
-from tests.runner.programs import ended, program
+from tests.runner.command import Command
+from tests.runner.compare.conftest import Program
+from tests.runner.compare.conftest import program as program
 
 ROOT = Path(__file__).parents[2]
 DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -91,15 +93,12 @@ def test_the_cache_is_where_machine_code_is_kept(
     assert doctor._cache().result == str(source_digest.cache_home()) == f"{tmp_path}/machine code"
 
 
-@pytest.mark.parametrize("module", ["runner", "runner.compare"])
-def test_version_is_that_of_the_project(module: str, tmp_path: Path) -> None:
-    code, out, err = ended(program("-m", module, "--version", folder=tmp_path))
-    name = {"runner": "seatrial", "runner.compare": "seatrial-results"}[module]
-    assert (code, err) == (0, "")
-    assert out == f"{name} {DECLARED['version']} (checkout)\n"
+def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> None:
+    version = f"{DECLARED['version']} (checkout)\n"
+    answer = seatrial("--version")
+    assert (answer.code, answer.out, answer.err) == (0, f"seatrial {version}", "")
+    assert program("--version") == (0, f"seatrial-results {version}", "")
 
 
-def test_a_word_too_many_is_refused(tmp_path: Path) -> None:
-    code, out, err = ended(program("-m", "runner", "doctor", "numpy", folder=tmp_path))
-    assert (code, out) == (2, "")
-    assert err == "seatrial: doctor: got numpy, expected no arguments\n"
+def test_a_word_too_many_is_refused(seatrial: Command) -> None:
+    assert seatrial.refuses("doctor", "numpy") == "doctor: got numpy, expected no arguments"

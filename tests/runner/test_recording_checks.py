@@ -18,7 +18,7 @@ from seatrial.runner import data_commands
 from seatrial.runner.recording_map import options_of, reader_of
 from seatrial.runner.recording_report import _bridges, _offset, signals
 from tests.data import DATA
-from tests.runner.programs import ended, program
+from tests.runner.command import Command
 
 PLANAR = ("surge", "sway", "yaw")
 MAPS: dict[str, dict[str, object]] = {
@@ -157,42 +157,37 @@ def test_offset_of_a_clock_is_recovered_within_a_sample(
             pytest.fail(f"no offset of {topic}")
 
 
+BELUGA = ("vessel=beluga_diagonal", "excitation=recording", "identifier=none")
+
+
 @pytest.mark.slow
 @pytest.mark.data
-def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(tmp_path: Path) -> None:
+def test_a_recording_that_agrees_with_nothing_is_refused_unless_trusted(seatrial: Command) -> None:
     table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
-    path = tmp_path / "other.csv"
+    path = seatrial.folder / "other.csv"
     other = np.roll(table["yaw_vel"].to_numpy(), len(table) // 2)
     table.assign(yaw_vel=other).to_csv(path, index=False)
-    words = ("-m", "runner", "vessel=beluga_diagonal", "excitation=recording", "identifier=none",
-             f"excitation.path={path}")  # fmt: skip
-    code, _, error = ended(program(*words, folder=tmp_path))
-    assert code == 2
-    assert len(error.strip().splitlines()) == 1
-    assert "yaw: got a correlation of" in error
-    assert "excitation.trust=true overrides" in error
-    code, _, error = ended(program(*words, "excitation.trust=true", folder=tmp_path))
-    assert code == 0, error
+    answer = seatrial(*BELUGA, f"excitation.path={path}")
+    assert answer.code == 2
+    assert len(answer.err.strip().splitlines()) == 1
+    assert "yaw: got a correlation of" in answer.err
+    assert "excitation.trust=true overrides" in answer.err
+    answer = seatrial(*BELUGA, f"excitation.path={path}", "excitation.trust=true")
+    assert answer.code == 0, answer
 
 
 @pytest.mark.data
-def test_a_trial_warns_of_knots_in_one_line(tmp_path: Path) -> None:
+def test_a_trial_warns_of_knots_in_one_line(seatrial: Command) -> None:
     table = pd.read_csv(DATA / "beluga" / "sway-1.csv")
-    path = tmp_path / "knots.csv"
+    path = seatrial.folder / "knots.csv"
     table.assign(surge_vel=table["surge_vel"] * 3600.0 / 1852.0).to_csv(path, index=False)
-    words = ("-m", "runner", "vessel=beluga_diagonal", "excitation=recording", "identifier=none",
-             f"excitation.path={path}")  # fmt: skip
-    code, out, error = ended(program(*words, folder=tmp_path))
-    assert code == 0, error
-    lines = [line for line in (out + error).splitlines() if "recording:" in line]
+    answer = seatrial(*BELUGA, f"excitation.path={path}")
+    assert answer.code == 0, answer
+    lines = [line for line in (answer.out + answer.err).splitlines() if "recording:" in line]
     assert len(lines) == 1
     assert "excitation.columns.velocity.surge: {column: surge_vel, unit: knot}" in lines[0]
 
 
-def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    code, _, error = ended(
-        program("-m", "runner", "data", "check", "absent.csv", folder=tmp_path)
-    )  # fmt: skip
-    assert code == 2
-    assert len(error.strip().splitlines()) == 1
-    assert "absent.csv: there is no such file" in error
+def test_a_file_that_is_not_there_is_one_line(seatrial: Command) -> None:
+    said = seatrial.refuses("data", "check", "absent.csv")
+    assert "absent.csv: there is no such file" in said

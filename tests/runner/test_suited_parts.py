@@ -8,9 +8,9 @@ import yaml
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import job
 from seatrial.runner.in_process import composed
+from tests.runner.test_conf import check_ranges
 from tests.trials import CONF
 
-VESSELS = sorted(path.stem for path in (CONF / "vessel").glob("*.yaml"))
 DEFAULTS = {"excitation": "waypoints", "controller": "pid_ff", "evaluation": "replay"}
 CHOSEN = {
     "milliampere": DEFAULTS,
@@ -32,12 +32,12 @@ def names(*overrides: str) -> dict[str, str]:
     return {group: chosen[group] for group in DEFAULTS}
 
 
-@pytest.mark.parametrize("vessel", VESSELS)
-def test_every_vessel_can_be_run_without_further_options(vessel: str) -> None:
-    trial = job.prepare(composed([f"vessel={vessel}"]))
-    assert trial.vessel.name
-    if vessel in CHOSEN:
-        assert {group: trial.names[group] for group in DEFAULTS} == CHOSEN[vessel]
+def test_every_vessel_can_be_run_without_further_options() -> None:
+    for vessel in sorted(path.stem for path in (CONF / "vessel").glob("*.yaml")):
+        trial = job.prepare(composed([f"vessel={vessel}"]))
+        check_ranges(trial.vessel)
+        if vessel in CHOSEN:
+            assert {group: trial.names[group] for group in DEFAULTS} == CHOSEN[vessel]
 
 
 def test_the_command_line_and_experiments_choose_first() -> None:

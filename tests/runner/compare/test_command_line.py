@@ -2,12 +2,10 @@
 
 import json
 import os
-import resource
 import shlex
 import sqlite3
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,9 +111,12 @@ def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None
     assert out.splitlines()[:2] == ["identifier,n", "plsr,5"]
 
 
-@pytest.mark.parametrize(
-    "query",
-    [
+def test_sql_that_is_no_query_is_refused(
+    program: Program, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = (plain / "results.db").read_bytes()
+    for query in (
         "DELETE FROM run",
         "UPDATE run SET seed = 1",
         "DROP TABLE metric",
@@ -129,57 +130,48 @@ def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None
         "SELECT load_extension('x')",
         "SELEC 1",
         "",
-    ],
-)
-def test_sql_that_is_no_query_is_refused(
-    program: Program, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, query: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, out, err = program("sql", query, *database(plain))
-    assert (code, out) == (2, "")
-    assert len(err.strip().splitlines()) == 1
+    ):
+        code, out, err = program("sql", query, *database(plain))
+        assert (code, out, len(err.strip().splitlines())) == (2, "", 1), query
     assert list(tmp_path.iterdir()) == []
-    with sqlite3.connect(plain / "results.db") as connection:
-        assert connection.execute("SELECT count(*) FROM run").fetchone() == (17,)
-    connection.close()
+    assert (plain / "results.db").read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook here"),
-        (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
-        (["runs", "--database", "garbage://"], "unknown database dialect"),
-        (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
-        (["table", "--where", "seed>99"], "no runs match"),
-        (["table", "--where", "1=1"], "expected a column"),
-        (["table", "--format", "pdf"], "--format"),
-        (["table", "--nonsense"], "No such option: --nonsense"),
-        (["runs", "--limit", "0"], "--limit"),
-        (["runs", "--status", "lost"], "expected one of running"),
-        (["show", "99"], "there is no run 99"),
-        (["show", "first"], "Invalid value for"),
-        (["show"], "Missing argument"),
-        (["plot", "pie"], "pie"),
-        (["plot", "track"], "no finished run that matches has a series"),
-        (["plot", "orders"], "has the diagnostic order_mse"),
-        (["plot", "pareto"], "has the diagnostic pareto_objective"),
-        (["plot", "bars", "--metric", "speed"], "no finished run has speed"),
-        (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
-        (["plot", "residual", "--run", "99"], "no runs match"),
-        (["tables"], "No such command 'tables'"),
-    ],
+REFUSED = (
+    (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook here"),
+    (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
+    (["runs", "--database", "garbage://"], "unknown database dialect"),
+    (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
+    (["table", "--where", "seed>99"], "no runs match"),
+    (["table", "--where", "1=1"], "expected a column"),
+    (["table", "--format", "pdf"], "--format"),
+    (["table", "--nonsense"], "No such option: --nonsense"),
+    (["runs", "--limit", "0"], "--limit"),
+    (["runs", "--status", "lost"], "expected one of running"),
+    (["show", "99"], "there is no run 99"),
+    (["show", "first"], "Invalid value for"),
+    (["show"], "Missing argument"),
+    (["plot", "pie"], "pie"),
+    (["plot", "track"], "no finished run that matches has a series"),
+    (["plot", "orders"], "has the diagnostic order_mse"),
+    (["plot", "pareto"], "has the diagnostic pareto_objective"),
+    (["plot", "bars", "--metric", "speed"], "no finished run has speed"),
+    (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
+    (["plot", "residual", "--run", "99"], "no runs match"),
+    (["tables"], "No such command 'tables'"),
 )
+
+
 def test_bad_input_is_one_line_and_exit_code_2(
-    program: Program, plain: Path, arguments: list[str], expected: str
+    program: Program, plain: Path, subtests: pytest.Subtests
 ) -> None:
-    if "--database" not in arguments:
-        arguments = [*arguments, *database(plain)]
-    code, out, err = program(*arguments)
-    assert (code, out) == (2, "")
-    assert expected in err
-    assert err.startswith("seatrial-results: ")
-    assert len(err.splitlines()) == 1
+    for words, expected in REFUSED:
+        where = () if "--database" in words else database(plain)
+        with subtests.test(words=words):
+            code, out, err = program(*words, *where)
+            assert (code, out, err.count("\n")) == (2, "", 1)
+            assert err.startswith("seatrial-results: ")
+            assert expected in err
 
 
 def test_a_foreign_database_and_a_file_that_is_none_are_refused(
@@ -200,43 +192,16 @@ def test_an_empty_logbook_says_so(program: Program, tmp_path: Path) -> None:
         assert "no runs in the logbook yet" in err
 
 
-@pytest.mark.parametrize(
-    ("given", "expected"),
-    [
+def test_rows_and_columns_make_room_for_each_other() -> None:
+    for given, expected in (
         ((None, None), ("identifier", "disturbance")),
         (("disturbance", None), ("disturbance", "identifier")),
         ((None, "identifier"), ("disturbance", "identifier")),
         (("vessel", None), ("vessel", "disturbance")),
         ((None, "vessel"), ("identifier", "vessel")),
         (("identifier,disturbance", None), ("identifier,disturbance", "none")),
-    ],
-)
-def test_rows_and_columns_make_room_for_each_other(
-    given: tuple[str | None, str | None], expected: tuple[str, str]
-) -> None:
-    assert axes_of(*given) == expected
-
-
-def test_the_shell_completes_commands_and_kinds_of_figures() -> None:
-    for words, at, expected in (("seatrial-results ta", 1, "table"), ("x plot b", 2, "bars")):
-        asked = {
-            "_SEATRIAL_RESULTS_COMPLETE": "complete_bash",
-            "COMP_WORDS": words,
-            "COMP_CWORD": str(at),
-        }
-        done = subprocess.run(
-            [sys.executable, "-m", "runner.compare"],
-            env=dict(os.environ) | asked,
-            capture_output=True,
-            text=True,
-        )
-        assert done.stdout.strip() == expected
-
-
-def _timed(*arguments: str) -> float:
-    begin = time.perf_counter()
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
-    return time.perf_counter() - begin
+    ):
+        assert axes_of(*given) == expected
 
 
 def test_help_imports_nothing_slow() -> None:
@@ -246,14 +211,6 @@ def test_help_imports_nothing_slow() -> None:
         "'hydra', 'numba', 'sklearn'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-
-
-@pytest.mark.slow
-def test_help_beside_a_bare_hydra_application() -> None:
-    bare = "import hydra, omegaconf; hydra.main(version_base='1.3', config_path=None)(lambda c: 0)"
-    hydra = min(_timed("-c", f"{bare}()", "--help") for _ in range(3))
-    ours = min(_timed("-m", "runner.compare", "--help") for _ in range(3))
-    print(f"--help: {ours:.2f} s, a bare Hydra application {hydra:.2f} s")  # 0.2 s apart at most
 
 
 def test_nothing_of_the_models_but_their_errors_is_imported() -> None:
@@ -268,23 +225,6 @@ def test_a_closed_pipe_is_no_error(plain: Path) -> None:
     line = f"{sys.executable} -m runner.compare runs --database {plain}/results.db | head -1"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, env=dict(os.environ))
     assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.slow
-def test_a_table_over_ten_thousand_runs(tmp_path: Path) -> None:
-    stored.logbook_at(tmp_path).close()
-    stored.fill_many(tmp_path / "results.db", 10_000)
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(
-        [sys.executable, "-m", "runner.compare", "table", *database(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert "10000 runs" in done.stdout
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    print(f"a table over 10,000 runs: {seconds:.1f} s of processor time")  # about two are wanted
 
 
 @pytest.mark.slow

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.runner.programs import ended, program, rows
+from tests.runner.command import Command
+from tests.runner.programs import rows
 
 MASS, DAMPING = 50.0, 12.0
 DEPLOYED = (
@@ -33,9 +34,9 @@ def measured(tmp_path: Path) -> tuple[str, ...]:
     return ("vessel=surge_linear", "excitation=recording", "excitation.path=measured.csv")
 
 
-def sailed(folder: Path, *words: str) -> None:
-    code, out, err = ended(program("-m", "runner", *words, folder=folder))
-    assert code == 0, (out, err)
+def sailed(seatrial: Command, *words: str) -> None:
+    answer = seatrial(*words)
+    assert answer.code == 0, answer
 
 
 def note(folder: Path, run: int) -> str:
@@ -43,11 +44,13 @@ def note(folder: Path, run: int) -> str:
     return str(text)
 
 
-def test_the_identified_model_is_the_plant(tmp_path: Path, measured: tuple[str, ...]) -> None:
-    sailed(tmp_path, *measured, "identifier=ls", "identifier.basis=physical", *SAILED)
+def test_the_identified_model_is_the_plant(
+    seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
+) -> None:
+    sailed(seatrial, *measured, "identifier=ls", "identifier.basis=physical", *SAILED)
     assert note(tmp_path, 1).endswith("the plant of the deployment is the identified model")
     # The same vessel, controller and mission in a trial of its own, without a recording.
-    sailed(tmp_path, "vessel=run:1", "excitation=prbs", "identifier=none", *SAILED)
+    sailed(seatrial, "vessel=run:1", "excitation=prbs", "identifier=none", *SAILED)
     first = rows(tmp_path, DEPLOYED.format(1, "identified"))
     again = rows(tmp_path, DEPLOYED.format(2, "nominal"))
     assert len(first) > 10
@@ -56,40 +59,36 @@ def test_the_identified_model_is_the_plant(tmp_path: Path, measured: tuple[str, 
     assert nominal != first  # 60 kg and 20 kg/s in its feedforward
 
 
-def test_the_plant_is_not_scaled(tmp_path: Path, measured: tuple[str, ...]) -> None:
+def test_the_plant_is_not_scaled(
+    seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
+) -> None:
     for scale in ("1.0", "0.5"):
-        sailed(tmp_path, *measured, "identifier=ls", f"plant.scale={scale}", *SAILED)
+        sailed(seatrial, *measured, "identifier=ls", f"plant.scale={scale}", *SAILED)
     found = [rows(tmp_path, DEPLOYED.format(run, "identified")) for run in (1, 2)]
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize(
-    "words", [(), ("evaluation=none",), ("controller=none", *SAILED[:2])], ids=str
-)
 def test_without_an_evaluation_of_its_own_nothing_is_sailed(
-    tmp_path: Path, measured: tuple[str, ...], words: tuple[str, ...]
+    seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
 ) -> None:
-    sailed(tmp_path, *measured, "identifier=ls", *words)
-    assert note(tmp_path, 1) == ("measured recording: plant simulation and deployment are skipped")
-    assert rows(tmp_path, DEPLOYED.format(1, "identified")) == []
+    options = ((), ("evaluation=none",), ("controller=none", *SAILED[:2]))
+    for run, words in enumerate(options, start=1):
+        sailed(seatrial, *measured, "identifier=ls", *words)
+        said = "measured recording: plant simulation and deployment are skipped"
+        assert note(tmp_path, run) == said
+        assert rows(tmp_path, DEPLOYED.format(run, "identified")) == []
 
 
 def test_a_model_that_cannot_be_simulated_is_kept(
-    tmp_path: Path, measured: tuple[str, ...]
+    seatrial: Command, tmp_path: Path, measured: tuple[str, ...]
 ) -> None:
     """Pushed ahead it goes astern: its mass is negative."""
     file = tmp_path / "measured.csv"
     head, *lines = file.read_text().splitlines()
     turned = [",".join([*line.split(",")[:3], repr(-float(line.split(",")[3]))]) for line in lines]
     file.write_text("\n".join([head, *turned]) + "\n")
-    sailed(
-        tmp_path,
-        *measured,
-        "identifier=ls",
-        "identifier.inertia_factor=null",
-        "deploy_unphysical=true",
-        *SAILED,
-    )
+    free = ("identifier=ls", "identifier.inertia_factor=null", "deploy_unphysical=true")
+    sailed(seatrial, *measured, *free, *SAILED)
     assert "deployment is skipped: " in note(tmp_path, 1)
     assert "the inertia matrix must be positive definite" in note(tmp_path, 1)
     query = "SELECT value FROM coefficient WHERE model = 'identified' AND term = 'u_dot'"
@@ -99,10 +98,8 @@ def test_a_model_that_cannot_be_simulated_is_kept(
 
 
 def test_an_evaluation_that_does_not_suit_is_one_line(
-    tmp_path: Path, measured: tuple[str, ...]
+    seatrial: Command, measured: tuple[str, ...]
 ) -> None:
-    code, out, err = ended(
-        program("-m", "runner", *measured, "evaluation=operation", folder=tmp_path)
-    )
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "evaluation=operation" in err
+    answer = seatrial(*measured, "evaluation=operation")
+    assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1)
+    assert "evaluation=operation" in answer.err

@@ -14,6 +14,7 @@ from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner import options
 from seatrial.runner.database import Reader
 from seatrial.runner.record.coefficient_rows import vessel_of
+from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
 from tests.runner.export.conftest import BELUGA, FERRY, LINEAR, SUPPLY
@@ -36,11 +37,11 @@ def coefficients(folder: Path, run: int, model: str) -> dict[tuple[object, objec
     return {(term, dof): value for term, dof, value in found if value}
 
 
-@pytest.mark.parametrize("form", ["yaml", "json"])
 @pytest.mark.parametrize(
-    ("run", "model"),
-    [(FERRY, "identified"), (FERRY, "plant"), (FERRY, "nominal"), (SUPPLY, "identified"),
-     (BELUGA, "identified"), (LINEAR, "identified")],
+    ("run", "model", "form"),
+    [(FERRY, "identified", "json"), (FERRY, "plant", "yaml"), (FERRY, "nominal", "yaml"),
+     (SUPPLY, "identified", "yaml"), (BELUGA, "identified", "yaml"),
+     (LINEAR, "identified", "json")],
 )  # fmt: skip
 def test_every_coefficient_comes_back_to_the_last_digit(
     here: Path, program: Program, run: int, model: str, form: str
@@ -66,14 +67,16 @@ def test_every_coefficient_comes_back_to_the_last_digit(
 
 
 @pytest.mark.slow
-def test_a_run_and_its_file_are_sailed_alike(here: Path, program: Program) -> None:
+def test_a_run_and_its_file_are_sailed_alike(
+    seatrial: Command, here: Path, program: Program
+) -> None:
     assert program("model", str(FERRY), "--to", "yaml", "-o", "ferry.yaml")[0] == 0
     (here / "vessels").mkdir()
     shutil.copy(here / "ferry.yaml", here / "vessels")
     chosen = f"vessel=run:{FERRY},ferry.yaml,vessels/ferry.yaml,{here}/vessels/ferry.yaml"
     words = ("-m", chosen, "identifier=ls", "disturbance=noise", "seed=3")
-    code, out, err = ended(process("-m", "runner", *words, folder=here))
-    assert code == 0, (out, err)
+    answer = seatrial(*words)
+    assert answer.code == 0, answer
     ids = [run for (run,) in rows(here, "SELECT id FROM run WHERE seed = 3 ORDER BY id")]
     assert len(ids) == 4
     identified = coefficients(here, FERRY, "identified")
@@ -99,53 +102,44 @@ def test_workers_read_a_run_as_well(here: Path) -> None:
     assert names == [(f"run:{FERRY}", "finished")] * 2
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_a_vessel_that_is_not_there_is_one_line(
+    seatrial: Command, here: Path, subtests: pytest.Subtests
+) -> None:
+    (here / "broken.yaml").write_text("name: [1\n")
+    for words, expected in (
         (("vessel=run:99",), "results.db: there is no run 99"),
         (("vessel=run:1", "results_dir=other"), "other/results.db: there is no logbook here"),
         (("vessel=run:x",), "vessel: no option 'run:x'"),
         (("vessel=absent.yaml",), "vessel: no option 'absent.yaml'"),
         (("vessel=broken.yaml",), "broken.yaml, line 2: did not find"),
-    ],
-)
-def test_a_vessel_that_is_not_there_is_one_line(
-    here: Path, words: tuple[str, ...], expected: str
+    ):
+        for mode in ((), ("-m",)):
+            with subtests.test(words=words, mode=mode):
+                answer = seatrial(*mode, *words)
+                assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1)
+                assert expected in answer.err
+
+
+def test_a_model_that_cannot_be_written_is_one_line(
+    here: Path, program: Program, subtests: pytest.Subtests
 ) -> None:
-    (here / "broken.yaml").write_text("name: [1\n")
-    for mode in ((), ("-m",)):
-        code, out, err = ended(process("-m", "runner", *mode, *words, folder=here))
-        assert (code, out) == (2, "")
-        assert err.count("\n") == 1
-        assert expected in err
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+    (here / "there.yaml").write_text("mine")
+    before = sorted(here.iterdir())
+    for words, expected in (
         (["99", "--to", "yaml"], "there is no run 99"),
         (["1", "--to", "xml"], "--to: got 'xml', expected one of yaml, json"),
-        (["1", "--to", "yaml", "-o", "model.json"], "--output: got 'model.json', expected a name"),
+        (["1", "--to", "yaml", "-o", "m.json"], "--output: got 'm.json', expected a name"),
         (["1", "--to", "yaml", "-o", "absent/m.yaml"], "No such file or directory"),
         (["1", "--to", "yaml", "-o", "there.yaml"], "there.yaml exists, expected a new name or"),
         (["1", "--to", "yaml", "--model", "adaptive"],
          "run 1 (finished) has no model 'adaptive', expected one of nominal, identified, plant"),
-    ],
-)  # fmt: skip
-def test_a_model_that_cannot_be_written_is_one_line(
-    here: Path, program: Program, words: list[str], expected: str
-) -> None:
-    (here / "there.yaml").write_text("mine")
-    before = sorted(here.iterdir())
-    code, out, err = program("model", *words)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert expected in err
+    ):  # fmt: skip
+        with subtests.test(words=words):
+            code, out, err = program("model", *words)
+            assert (code, out, err.count("\n")) == (2, "", 1)
+            assert expected in err
     assert sorted(here.iterdir()) == before
     assert (here / "there.yaml").read_text() == "mine"
-
-
-def test_a_file_is_replaced_if_that_is_asked_for(here: Path, program: Program) -> None:
-    (here / "there.yaml").write_text("mine")
     assert program("model", "1", "--to", "yaml", "-o", "there.yaml", "--force")[0] == 0
     assert (here / "there.yaml").read_text().startswith("# identified model of run 1 ")
 

@@ -11,7 +11,9 @@ from seatrial.models.errors import RecordingError
 from seatrial.runner import trial as trials
 from seatrial.runner.fingerprint import fingerprint
 from tests.data import DATA
-from tests.runner.programs import ended, program
+from tests.runner.command import Command
+from tests.runner.compare.conftest import Program
+from tests.runner.compare.conftest import program as program
 from tests.trials import composed
 
 SURGE = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
@@ -89,19 +91,16 @@ def test_a_damaged_file_is_refused_before_any_work(tmp_path: Path) -> None:
 
 @pytest.mark.data
 @pytest.mark.slow
-def test_stats_prints_the_statistics_of_the_four_recordings(tmp_path: Path) -> None:
+def test_stats_prints_the_statistics_of_the_four_recordings(
+    seatrial: Command, program: Program
+) -> None:
     """From the command line: 18 columns of each equal the outside tables to two decimals."""
     names = ["surge-1", "sway-1", "heave-1", "random-1"]
     paths = ",".join(f"{DATA}/beluga/{name}.csv" for name in names)
-    sweep = program(
-        "-m", "runner", "-m", "vessel=surge_linear", "excitation=recording", "identifier=none",
-        f"excitation.path={paths}", folder=tmp_path,
-    )  # fmt: skip
-    assert ended(sweep)[0] == 0
+    assert seatrial("-m", *SURGE[:2], "identifier=none", f"excitation.path={paths}").code == 0
     for run, name in enumerate(names, start=1):
-        asked = ("-m", "runner.compare", "stats", f"{run}", "--format", "json")
-        stats = program(*asked, folder=tmp_path)
-        found = {row["column"]: row for row in json.loads(ended(stats)[1])}
+        stats = json.loads(program("stats", f"{run}", "--format", "json")[1])
+        found = {row["column"]: row for row in stats}
         rows = re.findall(
             r"^(\w[\w\\]*) +&(.*)\\\\$",
             (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text(), re.M,
