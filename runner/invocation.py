@@ -16,6 +16,7 @@ SCRIPTS = ("seatrial", "seatrial-results")
 # Commands and options that are gone, and what replaces them.
 REPLACED: Mapping[str, str] = {
     "seatrial-results browse": "use pip install datasette; datasette results/results.db",
+    "seatrial-results serve": "use seatrial-results site, whose pages open from disk",
     "seatrial-results scrub": "passwords are not stored, so there are none to remove",
     "seatrial-results --csv-plain": "CSV files always hold texts as they are",
     "seatrial-results csv-plain": "use csv, which holds texts as they are",

@@ -1,6 +1,6 @@
 """Commands on the whole logbook.
 
-report, animate, site, serve, audit, retry, export, prune and verify.
+report, animate, site, audit, retry, export, prune and verify.
 """
 
 from functools import partial
@@ -85,17 +85,6 @@ def site(
     with compare.results.open_results(database, results_dir) as results:
         folder = to or shown_path(results.reader.results_dir / "site")
         typer.echo(compare.site.write_site(results, folder, database, runs))
-
-
-@app.command()
-def serve(
-    database: Database = DEFAULT_DATABASE,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.")] = 8002,
-    open_browser: Annotated[bool, typer.Option("--open", help="Open a web browser.")] = False,
-    results_dir: ResultsDir = None,
-) -> None:
-    """Serve the pages of `site` on 127.0.0.1 only, with new runs as they come."""
-    compare.site.serve(database, port, results_dir, typer.echo, open_browser)
 
 
 @app.command()

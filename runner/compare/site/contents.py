@@ -33,21 +33,18 @@ MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones
 PARETO = ("pareto_objective", "pareto_chosen")
 
 
-def summary(
-    results: Results, database: str, measures: StoredMeasures, opened: int | None = None
-) -> Json:
+def summary(results: Results, database: str, measures: StoredMeasures, opened: int) -> Json:
     """Return what every view of the page needs: runs, factors, sweeps, metrics and flags.
 
     `database` is the address as the user wrote it, for the commands that the page shows;
     `measures` remembers what earlier calls found; `opened` is the number of runs that were written
-    whole, None if a server writes any of them.
+    whole.
     """
     runs = all_runs(results)
     places = {run.id: place for place, run in enumerate(runs)}
     return {
         "database": database,
         "program": results_program(),
-        "live": opened is None,
         "opened": opened,
         "runs": {**run_columns(results, runs), **_times(results, runs)} if runs else None,
         "sweeps": _sweeps(results, runs, places),
@@ -69,20 +66,11 @@ def _quantiles() -> Sequence[float]:
     return [quantile_of_t(freedom) for freedom in range(1, QUANTILES + 1)]
 
 
-def version(results: Results) -> str:
-    """Return a text that changes when a run begins or ends."""
-    latest = (sa.func.max(RUN.c.id), sa.func.max(RUN.c.finished_at))
-    query = sa.select(RUN.c.status, sa.func.count(), *latest).group_by(RUN.c.status)
-    reused = sa.select(sa.func.count()).select_from(Reuse.__table__)
-    rows = [*results.reader.select(query.order_by(RUN.c.status)), *results.reader.select(reused)]
-    return ";".join(",".join(map(str, row)) for row in rows)
-
-
 def progress(results: Results) -> Json:
-    """Return how far the newest sweep and every running one are, and the version of the logbook."""
+    """Return how far the newest sweep and every running one are."""
     newest = [sweep.id for sweep in results.reader.sweeps()[-1:]]
     shown = sorted({*newest, *results.reader.running_sweeps()})
-    return {"version": version(results), "sweeps": [_sweep_state(results, id_) for id_ in shown]}
+    return {"sweeps": [_sweep_state(results, id_) for id_ in shown]}
 
 
 def _sweep_state(results: Results, sweep: int) -> Json:

@@ -4,19 +4,17 @@
 const seatrial = {
   received: new Map(),
   waiting: new Map(),
-  version: "",
 
   receive(name, content) {
     seatrial.received.set(name, content);
   },
 
-  // Load a script once; `again` loads it even if it is known. Resolves to its content.
-  load(name, again = false) {
-    if (again) seatrial.waiting.delete(name);
+  // Load a script once. Resolves to its content.
+  load(name) {
     if (!seatrial.waiting.has(name)) {
       seatrial.waiting.set(name, new Promise((resolve, reject) => {
         const script = document.createElement("script");
-        script.src = seatrial.live() ? `${name}?${Date.now()}` : name;
+        script.src = name;
         script.onload = () => {
           script.remove();
           resolve(seatrial.received.get(name));
@@ -30,15 +28,6 @@ const seatrial = {
       }));
     }
     return seatrial.waiting.get(name);
-  },
-
-  // Forget everything that a changed logbook may contradict.
-  forget() {
-    seatrial.waiting.clear();
-  },
-
-  live() {
-    return location.protocol !== "file:" && seatrial.received.get("data/summary.js")?.live === true;
   },
 };
 

@@ -1,6 +1,5 @@
 "use strict";
-// Shows the view that the address names, and follows the sweep while a server answers.
-const POLL_MS = 2000;
+// Shows the view that the address names.
 const SHOW = { table: tableView, runs: runsView, overlay: overlayView, failures: failuresView, run: runView };
 
 const page = {
@@ -93,23 +92,6 @@ function showProgress({ sweeps }) {
   }));
 }
 
-// Ask how far the sweeps are; read the results again if a run has begun or ended.
-async function follow() {
-  try {
-    const progress = await seatrial.load("data/progress.js", true);
-    if (progress.version !== seatrial.version) {
-      seatrial.forget();
-      page.take(await seatrial.load("data/summary.js"));
-      seatrial.version = progress.version;
-      await page.render();
-    }
-    showProgress(progress);
-  } catch {
-    document.getElementById("progress").textContent = "The server does not answer.";
-  }
-  setTimeout(follow, POLL_MS);
-}
-
 function whenResized(act) {
   let wide = innerWidth, timer = 0;
   addEventListener("resize", () => {
@@ -123,9 +105,7 @@ function whenResized(act) {
 async function start() {
   const summary = await seatrial.load("data/summary.js");
   page.take(summary);
-  const progress = await seatrial.load("data/progress.js");
-  seatrial.version = progress.version;
-  showProgress(progress);
+  showProgress(await seatrial.load("data/progress.js"));
   await page.render();
   addEventListener("hashchange", page.render);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", page.render);
@@ -134,7 +114,6 @@ async function start() {
     event.preventDefault(); // the address holds the view
     document.getElementById("main").focus();
   });
-  if (summary.live) setTimeout(follow, POLL_MS);
 }
 start().catch((error) => {
   document.getElementById("main").textContent = `The results cannot be shown: ${error.message}`;
