@@ -43,10 +43,7 @@ def show(browser: Any, url: str, address: str = "") -> None:
 
 def settle(browser: Any) -> None:
     """Wait until the view of the address is shown."""
-    shown = (
-        "return document.getElementById('main')?.dataset.shown === "
-        "`${location.hash} ${seatrial.version}`"
-    )
+    shown = "return document.getElementById('main')?.dataset.shown === location.hash"
     assert until(lambda: browser.execute_script(shown)), browser.page_source[:3000]
 
 

@@ -52,7 +52,7 @@ const page = {
     if (focused && document.activeElement?.id !== focused) {
       document.getElementById(focused)?.focus({ preventScroll: true });
     }
-    main.dataset.shown = `${location.hash} ${seatrial.version}`;
+    main.dataset.shown = location.hash;
     main.dataset.took = String(performance.now() - begun);
   },
 };
