@@ -333,7 +333,7 @@ def test_postgresql_tells_the_same(postgres: Postgres, tmp_path: Path) -> None:
             stored.fill_plain(logbook)
             stored.fill_sailed(logbook)
         with open_results(url, folder) as results:
-            text = script_of("data/summary.js", contents.summary(results, url, StoredMeasures()))
+            text = script_of("data/summary.js", contents.summary(results, url, StoredMeasures(), 9))
             summary = json.loads(text.partition(", ")[2].removesuffix(");\n"))
             del summary["database"]
             for factor in summary["runs"]["factors"]:  # each writes lists in its own way
