@@ -18,6 +18,7 @@ from sqlalchemy.pool import NullPool
 
 from seatrial.runner import stop_signals
 from seatrial.runner.database import Logbook, liveness, logbook
+from seatrial.runner.database.engine import parse
 from tests.runner.command import Command
 from tests.runner.programs import children, ended, program, rows, sweep, wait
 
@@ -134,7 +135,7 @@ def test_a_run_that_is_stopped_as_it_begins_is_interrupted(
 
 
 def test_a_heartbeat_that_has_not_started_is_stopped() -> None:
-    heartbeat = liveness.Heartbeat(create_engine("sqlite://"))
+    heartbeat = liveness.Heartbeat(create_engine("sqlite://"), parse("sqlite:///results.db"))
     heartbeat._thread = Thread()
     heartbeat.stop()
 

@@ -60,10 +60,10 @@ def tries() -> Iterator[tuple[str, str]]:
 
 
 def refused_or_answered(code: int, out: str, err: str, what: object) -> None:
-    """One line on stderr at most, nothing that commands a terminal, no long echo."""
+    """One line on stderr at most, without control characters and without a long echo."""
     assert code in (0, 1, 2), what
     assert code != 2 or err.count("\n") == 1, (what, err)
-    assert not CONTROL.search(out + err), what
+    assert not CONTROL.search(err), what
     assert not ECHOED.search(err), (what, err)
     assert len(err) <= 1100, what
 
@@ -157,17 +157,9 @@ def test_an_age_beyond_the_calendar_is_older_than_every_run(program: Program, pl
 
 
 DAMAGES = {  # what is done to run 4, and how `verify` reports it
-    "run SET config = '{broken'": "table run: damaged: a cell cannot be read: Expecting property",
     "run SET config = replace(hex(zeroblob(50000)), '00', '[')": "table run: damaged: a cell",
-    "run SET config = '[1]'": "column config holds list",
-    "run SET overrides = '{}'": "column overrides holds dict",
-    "run SET started_at = 'yesterday'": "Invalid isoformat string: 'yesterday'",
     "run SET started_at = 5": "table run: damaged: a cell cannot be read",
-    "run SET seed = 'many'": "column seed holds str",
-    "run SET duration_s = 'long'": "column duration_s holds str",
-    "run SET vessel = x'fffe'": "column vessel holds bytes",
     "run SET vessel = CAST(x'fffe' AS TEXT)": "table run: Could not decode to UTF-8",
-    "metric SET value = 'lots'": "table metric: damaged: a cell cannot be read: column value",
     "coefficient SET true_value = 'y'": "table coefficient: damaged: a cell cannot be read",
 }
 READERS = [
@@ -253,6 +245,7 @@ def test_hostile_names_command_no_terminal(
     for more in [["--format", form] for form in forms] if formats else output:
         answer = program(*words[:1], "--database", nasty, *words[1:], *more)
         refused_or_answered(*answer, (words, more))
+        assert not CONTROL.search(answer[1]), (words, more)
 
 
 def test_json_gives_hostile_names_back(program: Program, nasty: Path) -> None:

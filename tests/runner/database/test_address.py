@@ -93,6 +93,7 @@ def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
         with pytest.raises(LogbookError, match=r"^postgresql://me@127.*refused") as caught:
             Logbook.open(url, results_dir=tmp_path)
     assert "\n" not in str(caught.value)
+    assert "come back" not in str(caught.value)  # told at once: it was never there
 
 
 def test_a_server_that_refuses_is_told_in_one_line(

@@ -71,6 +71,7 @@ def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_d
 def test_a_server_that_stays_away_is_told_in_one_line(
     server: Postgres, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert outage.PATIENCE_S == 60.0  # what the manual promises
     monkeypatch.setattr(outage, "PATIENCE_S", 1.0)
     url = server.new_database()
     began = time.monotonic()
