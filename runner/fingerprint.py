@@ -102,7 +102,7 @@ def _by_content(node: object, key: str) -> object:
     return {**node, key: _file_digest(path, stat.st_mtime_ns, stat.st_size)}
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4096)
 def _file_digest(path: str, _changed_ns: int, _size: int) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 

@@ -110,9 +110,10 @@ class Prbs(Signal):
     longest_s: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.shortest_s <= self.longest_s:
+        check_ranges(self)
+        if self.shortest_s > self.longest_s:
             raise ConfigurationError(
-                f"shortest_s must be positive and at most longest_s = {self.longest_s:g}, "
+                f"shortest_s must be at most longest_s = {self.longest_s:g}, "
                 f"got {self.shortest_s:g}"
             )
 
@@ -133,6 +134,7 @@ class Multisine(Signal):
     highest_hz: Annotated[float, Le(1000)]
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not 0.0 < self.lowest_hz < self.highest_hz:
             raise ConfigurationError(
                 f"lowest_hz must be positive and below highest_hz = {self.highest_hz:g}, "
