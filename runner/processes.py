@@ -7,6 +7,7 @@ ends: its job is lost, and the other workers go on. A worker ends with the proce
 import logging
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -15,6 +16,7 @@ from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from threading import Thread
+from types import ModuleType
 
 from hydra.core.utils import JobReturn, run_job, setup_globals
 from hydra.plugins.launcher import Launcher
@@ -90,18 +92,23 @@ class Processes(Launcher):
             yield place, config
 
     def _start(self) -> Connection:
-        """Start a worker; it inherits a mask that blocks the signals of the terminal."""
+        """Start a worker; it inherits a mask that blocks the signals of the terminal.
+
+        It would import the main module of this program, and so run a user's script again.
+        """
         worker, other = SPAWN.Pipe()
         process = SPAWN.Process(target=work, args=(other,))
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
+        before, main = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL), sys.modules["__main__"]
         try:
             resource_tracker.ensure_running()  # a process that the first worker would start
             signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)  # its start has unblocked SIGINT
+            sys.modules["__main__"] = ModuleType("__main__")
             process.start()
+            self._workers[worker] = process
         finally:
+            sys.modules["__main__"] = main
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         other.close()
-        self._workers[worker] = process
         with suppress(OSError):
             worker.send((self._context, self._task))
         return worker
@@ -110,9 +117,11 @@ class Processes(Launcher):
         """Forget a worker that was lost; raises RuntimeError if it has ended by itself."""
         process = self._workers.pop(worker)
         process.join(PATIENCE_S)
+        process.kill()  # has no effect on one that has ended
+        process.join()
         worker.close()
         code = process.exitcode
-        if code is not None and code >= 0:
+        if code is not None and 0 <= code < 128:
             raise RuntimeError(f"a worker has ended with exit code {code}")
         log.warning("a worker process was killed, or ran out of memory (exit code %s)", code)
 
@@ -124,7 +133,7 @@ class Processes(Launcher):
         while self._workers:
             worker, process = self._workers.popitem()
             process.join(max(0.0, until - time.monotonic()))
-            process.kill()  # has no effect on one that has ended
+            process.kill()
             process.join()
             worker.close()
 
@@ -142,7 +151,9 @@ def work(pipe: Connection) -> None:
                 job = run_job(task, pipe.recv(), "hydra.sweep.dir", "hydra.sweep.subdir", context)
                 pipe.send(replace(job, cfg=None, hydra_cfg=None))
     except BaseException as error:  # what a signal has interrupted may fail by any exception
-        if stop.number is None and not isinstance(error, EOFError | ConnectionError):
+        if stop.number is not None:
+            sys.exit(128 + stop.number)
+        if not isinstance(error, EOFError | ConnectionError):
             raise
 
 

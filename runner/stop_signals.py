@@ -1,10 +1,10 @@
 """SIGINT, SIGTERM and SIGHUP end the program once, by an exception in the main thread.
 
 An exception that is raised in the midst of a transaction leaves a lock, one between the claim of a
-run and its note a run that nobody ends, one during an import half a module; libraries log one that
-is raised during their clean-up with its traceback, or raise another in its place. There the signal
-is handled a moment later, by a timer. So is a signal whose exception was dropped, as Python does in
-finalisers and callbacks.
+run and its note a run that nobody ends, one during an import half a module, one at the start of a
+worker a process that fails with a traceback; libraries log one that is raised during their clean-up
+with its traceback, or raise another in its place. There the signal is handled a moment later, by a
+timer. So is a signal whose exception was dropped, as Python does in finalisers and callbacks.
 """
 
 import signal
@@ -20,6 +20,7 @@ PATIENCE_S = 5.0  # with an import, a transaction or a clean-up
 LOST_S = 10.0  # after which the exception of a program that has not ended counts as dropped
 DELICATE = (
     *("importlib._bootstrap", "logging", "omegaconf", "sqlalchemy"),
+    "multiprocessing.popen_spawn_posix",
     *("seatrial.runner.database.liveness", "seatrial.runner.database.logbook"),
 )
 
