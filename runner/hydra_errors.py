@@ -1,7 +1,7 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 
 from hydra import compose, initialize_config_dir
@@ -11,20 +11,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner.invocation import trial_program
+from seatrial.runner.invocation import REPLACED, trial_program
 from seatrial.runner.search_path import CONF, is_group, options
 
-# Commands and options that are gone, and what replaces them.
-REPLACED: Mapping[str, str] = {
-    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
-    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
-    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
-    " identifier=prediction_times",
-    "seatrial-results published": "in a checkout, use make published",
-    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
-    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
-    " figure",
-}
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_local": "slurm", "submitit_slurm": "slurm", "ray": "ray"}
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)

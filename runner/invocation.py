@@ -6,13 +6,24 @@ Every command that is printed for the user begins with one of these names.
 import shlex
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent  # the checkout, or the installed package
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
+    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
+    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
+    " identifier=prediction_times",
+    "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
+    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
+    " figure",
+}
 
 
 def in_checkout(root: Path = ROOT) -> bool:

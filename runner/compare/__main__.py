@@ -6,7 +6,6 @@ Exit codes: 0 for success, 1 if a check found a problem (verify), 2 for bad inpu
 import os
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from typer.main import get_command
 
@@ -16,14 +15,7 @@ from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - a
 from seatrial.runner.compare.cli import app
 from seatrial.runner.database.mask import masked_output, without_passwords
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.invocation import import_from_working_folder
-
-if TYPE_CHECKING:  # what is slow to import, and needed after an error alone
-    from seatrial.runner import hydra_errors
-else:
-    import lazy_loader
-
-    hydra_errors = lazy_loader.load("seatrial.runner.hydra_errors", suppress_warning=True)
+from seatrial.runner.invocation import REPLACED, import_from_working_folder
 
 PROGRAM = "seatrial-results"
 
@@ -76,11 +68,11 @@ def complain(message: str, arguments: Sequence[str] = ()) -> int:
     return 2
 
 
-def _replacement(arguments: Sequence[str]) -> str:
-    """Return what replaces a command or a figure that is gone; empty for any other."""
-    for words in (" ".join(arguments[:count]) for count in (1, 2)):
-        if replaced := hydra_errors.REPLACED.get(f"{PROGRAM} {words}"):
-            return f"{words} is gone: {replaced}"
+def _replacement(words: Sequence[str]) -> str:
+    """Return what replaces a command, figure or option that is gone; empty for any other."""
+    for text in (" ".join(words[:2]), *words):
+        if replaced := REPLACED.get(f"{PROGRAM} {text}"):
+            return f"{text} is gone: {replaced}"
     return ""
 
 

@@ -37,6 +37,7 @@ REFUSED = {
     "vessel=miliampere": (
         "vessel: no option 'miliampere', did you mean milliampere? expected one of "
     ),
+    "identifier=grid": "identifier=grid is gone: in a checkout, use --config-dir docs/published ",
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, joblib",
     "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
     "identifier.budget_s=abc": "identifier.budget_s: got 'abc', expected a number or null",

@@ -156,6 +156,8 @@ def test_sql_that_is_no_query_is_refused(
         (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
         (["plot", "residual", "--run", "99"], "no runs match"),
         (["tables"], "No such command 'tables'"),
+        (["published", "--summary"], "published is gone: in a checkout, use make published"),
+        (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
