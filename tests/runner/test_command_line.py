@@ -34,6 +34,7 @@ REFUSED = {
         "vessel: no option 'miliampere', did you mean milliampere? expected one of "
     ),
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, processes",
+    "identifier=grid": "identifier=grid is gone: in a checkout, use --config-dir docs/published ",
     "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
     "identifier._target_=os.system": (

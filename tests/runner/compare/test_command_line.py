@@ -159,6 +159,10 @@ REFUSED = (
     (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
     (["plot", "residual", "--run", "99"], "no runs match"),
     (["tables"], "No such command 'tables'"),
+    (["published", "--summary"], "published is gone: in a checkout, use make published"),
+    (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),
+    (["browse"], "browse is gone: use pip install datasette; datasette results/results.db"),
+    (["serve"], "serve is gone: use seatrial-results site"),
 )
 
 
