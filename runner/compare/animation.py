@@ -174,9 +174,8 @@ def _drawn(
     views = []
     for view in (axes, near):
         (track,) = view.plot([], [], color=colour, label=label)
-        hull = view.add_patch(
-            Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
-        )
+        hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
+        view.add_patch(hull)
         lines = [
             view.plot([], [], color=COLOURS[part.kind], label=part.kind, zorder=4,
                       linewidth=2.6 if part.kind == "rudder" else 1.6)[0]

@@ -18,7 +18,7 @@ from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.findings import Finding
 from seatrial.runner.compare.results import Results, open_results
-from seatrial.runner.database.records import Metric
+from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 

@@ -27,8 +27,7 @@ from seatrial.runner.compare.search_candidates import (
     Objective,
     candidates,
     front,
-    objectives_in,
-    search_sweep,
+    search_of,
 )
 
 FIGURE = Figure(
@@ -45,8 +44,7 @@ MARKERS = {"complete": "o", "pruned": "x"}
 
 def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     """Draw one search: over its candidates, or each pair of its objectives."""
-    sweep = search_sweep(results, request.sweep)
-    objectives = objectives_in(sweep.overrides)
+    sweep, objectives = search_of(results, request.sweep)
     found = candidates(results, sweep, objectives)
     pairs = list(combinations(range(len(objectives)), 2))[:MOST_PANELS]
     columns = min(max(len(pairs), 1), ABREAST)
@@ -112,7 +110,11 @@ def _front(
         [one.values[i] for one in complete], [one.values[j] for one in complete], "o",
         color=MUTED, markersize=3.5, linestyle="none", label="candidates",
     )  # fmt: skip
-    best = sorted(front(complete, objectives), key=lambda one: one.values[i])
+    losses = [
+        [objective.loss(value) for objective, value in zip(objectives, one.values, strict=True)]
+        for one in complete
+    ]
+    best = sorted((complete[k] for k in front(losses)), key=lambda one: one.values[i])
     axes.plot(
         [one.values[i] for one in best], [one.values[j] for one in best],
         "o-" if len(objectives) == 2 else "o", color=PALETTE[0], markersize=5, label="front",

@@ -163,6 +163,8 @@ REFUSED = (
     (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),
     (["browse"], "browse is gone: use pip install datasette; datasette results/results.db"),
     (["serve"], "serve is gone: use seatrial-results site"),
+    (["scrub"], "scrub is gone: passwords are not stored"),
+    (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
 )
 
 
