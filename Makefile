@@ -151,10 +151,10 @@ gallery: $(VENV)/docs.stamp
 
 # The same in every clone: no outside data, whatever is beside it.
 test: $(VENV)/test.stamp
-	unset SEATRIAL_DATA; $(PYTEST) -m 'not slow and not data'
+	unset SEATRIAL_DATA; $(PYTEST) -m 'not slow and not nightly and not data'
 
 test-data: $(VENV)/test.stamp
-	$(PYTEST) -m 'data and not slow'
+	$(PYTEST) -m 'data and not slow and not nightly'
 
 # pytest ends with 5 when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
