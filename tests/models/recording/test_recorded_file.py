@@ -484,6 +484,9 @@ def test_bad_file(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     assert message in refusal(path)
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
     assert "there is no such file" in refusal(tmp_path / "none.csv")
     assert "is a folder" in refusal(tmp_path)
 
