@@ -249,8 +249,8 @@ def test_the_suite_sees_no_outside_data_and_nothing_is_run_twice(checkout: Path)
     ran = re.findall(r"^(\S+) -m pytest .* -m (.*)$", asked(checkout), re.M)
     beside = f"{checkout}/here/../shared/data"
     assert ran == [
-        ("unset", "not slow and not data"),
-        ("unset", "not slow and not data"),
-        (beside, "data and not slow"),
-        ("/data", "data and not slow"),
+        ("unset", "not slow and not nightly and not data"),
+        ("unset", "not slow and not nightly and not data"),
+        (beside, "data and not slow and not nightly"),
+        ("/data", "data and not slow and not nightly"),
     ]

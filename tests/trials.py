@@ -1,5 +1,6 @@
 """Trials composed from the configuration, as the command line composes them."""
 
+from functools import cache
 from pathlib import Path
 
 from hydra import compose, initialize_config_dir
@@ -18,6 +19,20 @@ from seatrial.runner.vocabulary import GROUPS
 CONF = Path(__file__).parents[1] / "conf"
 
 
+def options(group: str) -> list[str]:
+    """The names of all options of a group."""
+    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+# Vessels that are commanded by inputs and those by force, known without composing any.
+STEERED = tuple(
+    name for name in options("vessel")
+    if "\ninputs:" in (CONF / "vessel" / f"{name}.yaml").read_text()
+)  # fmt: skip
+FORCED = tuple(name for name in options("vessel") if name not in STEERED)
+
+
+@cache
 def composed(*overrides: str) -> Trial:
     """The trial that `python -m runner OVERRIDES` would run."""
     with initialize_config_dir(str(CONF), version_base="1.3"):

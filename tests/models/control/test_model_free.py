@@ -62,9 +62,8 @@ def ratios(controller: str, seeds: range, *options: str) -> Array:
     return np.array(rows)
 
 
-@pytest.mark.parametrize(("controller", "seeds"), [("lqi", 2), ("mpc_integral", 1)])
-def test_a_model_from_data_controls_nearly_as_well(controller: str, seeds: int) -> None:
-    assert np.all(ratios(controller, range(seeds)) <= 1.5)
+def test_a_model_from_data_controls_nearly_as_well() -> None:
+    assert np.all(ratios("mpc_integral", range(1)) <= 1.5)
 
 
 @pytest.mark.slow
@@ -131,7 +130,9 @@ SHORT_SEARCH = ["identifier.generations=5", "identifier.population_cap=100"]
 SLOW = [("least_squares", []), ("nsga2", SHORT_SEARCH)]
 
 
-@pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
+@pytest.mark.parametrize(
+    "controller", ["lqi", pytest.param("mpc_integral", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     ("identifier", "more"),
     [

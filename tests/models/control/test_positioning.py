@@ -1,4 +1,4 @@
-"""The supply vessel positioned in constant wind and a slowly varying current, ten seeds.
+"""The supply vessel positioned in constant wind and a slowly varying current, three seeds.
 
 `experiment=positioning`, as the command line composes it.
 Bargouth (2022), section 4.7 with the repairs of the physical drag: schedule of appendix K, Q =
@@ -17,7 +17,7 @@ from seatrial.runner import closed_loop
 from seatrial.runner.record import deployment_metrics
 from tests.trials import composed
 
-SEEDS = range(10)
+SEEDS = range(3)  # from one to the next the figures differ by 2 %
 STEADY = np.array([0.02, 0.02, 0.01])  # [m, m, deg]
 
 

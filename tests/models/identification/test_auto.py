@@ -12,6 +12,7 @@ from seatrial.models.identification.guard import LOST, with_nominal_axes
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
+from tests.data import DATA
 from tests.models.identification.known_results import Failing, Given
 from tests.trials import composed
 
@@ -272,3 +273,35 @@ def test_the_configured_candidates_on_noise() -> None:
             for model in ("nominal", "identified")
         }
         assert 0.0 < errors["identified"] < 0.7 * errors["nominal"]
+
+
+def test_none_returns_the_nominal_model(calm, identifier, rng) -> None:
+    found = identifier("none").identify(calm.problem, rng)
+    assert found.model is calm.problem.nominal
+    assert found.residual.terms == ()
+
+
+@pytest.mark.slow
+@pytest.mark.data
+@pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
+def test_every_axis_of_random_1_is_predicted_better_than_without(vessel: str) -> None:
+    trial = composed(
+        f"vessel={vessel}", "identifier=auto", "controller=none", "evaluation=none",
+        "excitation=recording", f"excitation.path={DATA}/beluga/random-1.csv",
+    )  # fmt: skip
+    assert trial.excitation.train_fraction == 0.5
+    trials.check(trial)
+    results = trials.run(trial)
+    errors = {
+        (row.model, row.dof): row.value
+        for row in results.metrics
+        if (row.name, row.stage) == ("velocity_rmse_free_run", "validation")
+    }
+    worse = {
+        dof: (errors["identified", dof], errors["nominal", dof])
+        for dof in trial.vessel.dofs
+        if not errors["identified", dof] < errors["nominal", dof]
+    }
+    assert worse == {}
+    assert len(trial.vessel.dofs) == 6
+    assert np.all(np.isfinite(list(errors.values())))

@@ -130,7 +130,7 @@ def test_the_whole_table_is_determined_with_the_default_prior() -> None:
 def test_candidates_in_packs_have_their_own_devices() -> None:
     """Errors of many candidates at once are those of one at a time."""
     believed = vessel("kvlcc2")
-    own = parts(recorded("kvlcc2", believed, 600), believed)
+    own = parts(recorded("kvlcc2", believed, 200), believed)
     predictor = option("nsga2", free(*HULL, *RUDDER)).predictor(own)
     rng = np.random.default_rng(0)
     size = rng.uniform(0.8, 1.2, (40, len(predictor.free)))

@@ -1,10 +1,12 @@
-"""Every identifier on every vessel and a measured recording: it works, or says why it cannot.
+"""Identifiers on vessels and a measured recording: it works, or says why it cannot.
 
-The recordings are the Beluga's; for another vessel they are only columns of numbers. Small
-options: what is found is the business of the other tests.
+Each identifier has two vessels and each vessel an identifier; `make nightly` has them all. The
+recordings are the Beluga's; for another vessel they are only columns of numbers. Small options:
+what is found is the business of the other tests.
 """
 
-from pathlib import Path
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,16 +14,10 @@ import pytest
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.runner import trial as trials
 from tests.data import DATA
-from tests.trials import composed
+from tests.trials import FORCED, composed, options
 
-ROOT = Path(__file__).parents[3]
 APART = {"command"}  # runs a program
-IDENTIFIERS = sorted({path.stem for path in (ROOT / "conf" / "identifier").glob("*.yaml")} - APART)
-VESSELS = sorted(  # by force: these recordings have no inputs
-    path.stem
-    for path in (ROOT / "conf" / "vessel").glob("*.yaml")
-    if "\ninputs:" not in path.read_text()
-)
+IDENTIFIERS = sorted({*options("identifier")} - APART)
 SMALL = {
     "dsr": ["L=3", "J=6", "bootstrap=20"],
     "least_squares": ["horizons=[30]", "horizon=100"],
@@ -53,9 +49,20 @@ def recorded(vessel: str, identifier: str, *more: str):
     )  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("vessel", VESSELS)
-@pytest.mark.parametrize("identifier", IDENTIFIERS)
+def pairs() -> list[Any]:
+    """Every identifier with every vessel by force, for these recordings have no inputs.
+
+    Of the product, which is nightly, the pairs i, i and i, i + 7 of the two lists are slow.
+    """
+    turns = [(i + k, name) for i, name in enumerate(IDENTIFIERS) for k in (0, 7)]
+    few = {(FORCED[i % len(FORCED)], name) for i, name in turns}
+    return [
+        pytest.param(*pair, marks=pytest.mark.slow if pair in few else pytest.mark.nightly)
+        for pair in product(FORCED, IDENTIFIERS)
+    ]
+
+
+@pytest.mark.parametrize(("vessel", "identifier"), pairs())
 def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
     if identifier == "sparse":
         pytest.importorskip("pysindy", reason="no pysindy: pip install -e '.[rivals]'")

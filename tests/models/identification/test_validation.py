@@ -110,6 +110,18 @@ def test_restarts_lie_between_a_step_and_a_free_run(make, signal):
     assert rmse[0] < 0.5 * rmse[1]
 
 
+def test_only_what_is_predicted_counts(make, signal):
+    """Restarts at every other sample are predictions of one step, on one grid of starts.
+
+    The errors at the restarts themselves are zero, and must not flatter the figure.
+    """
+    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"), integrator="rk4")
+    ready = prediction(make.surge(72.0, 24.0), recording, None)
+    restarted, ahead = ready.restarted(2), ready.ahead(1, grids=1)
+    np.testing.assert_allclose(restarted.rmse, ahead.rmse, rtol=1e-12)
+    np.testing.assert_allclose(restarted.std, ahead.std, rtol=1e-12)
+
+
 def test_scores_are_those_of_their_definitions(make, signal):
     truth, biased = make.surge(60.0, 20.0), make.surge(72.0, 24.0)
     recording = make.driven(truth, signal("many_sine"), integrator="rk4", noise=0.02)

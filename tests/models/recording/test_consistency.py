@@ -128,7 +128,10 @@ def found(path: Path) -> tuple[Problem, ...]:
 @pytest.mark.data
 @pytest.mark.parametrize(
     "name",
-    [RECORDINGS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in RECORDINGS[1:])],
+    [
+        pytest.param(name, marks=pytest.mark.nightly if number else pytest.mark.slow)
+        for number, name in enumerate(RECORDINGS)
+    ],
 )
 def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: str) -> None:
     """Each of the 13 mutilations is named once, with its axes and its cure, and nothing else."""

@@ -332,74 +332,34 @@ def test_quality_of_surge_1() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"path": None}, "excitation.path: expected a recording, got none"),
-        ({"path": ""}, "excitation.path: expected a recording, got none"),
-        (
-            {"start_s": 5.0, "end_s": 5.0},
-            "excitation: start_s must lie before end_s = 5, got 5",
-        ),
-        ({"sample_time_s": -1}, "excitation.sample_time_s must be positive or null, got -1"),
-        ({"train_fraction": 1.0}, "excitation: train_fraction must lie between 0 and 1, got 1"),
-        (
-            {"sample_time_s": 0.1, "resample_hz": 10},
-            "excitation: sample_time_s = 0.1 requires a uniform file and resample_hz = 10 "
-            "resamples it, expected one of them to be null",
-        ),
-        ({"max_gap_s": 0}, "excitation.max_gap_s must be positive, got 0"),
-        (
-            {"training_trips": [1]},
-            "excitation: training_trips requires trip_starts_s, got none",
-        ),
-        (
-            {"trip_starts_s": [0, 10], "training_trips": []},
-            "excitation: training_trips must leave trips for training and for testing, got [] "
-            "of trips [1, 2]",
-        ),
-        (
-            {"trip_starts_s": [10, 0], "training_trips": [1]},
-            "excitation: trip_starts_s must increase, got [10.0, 0.0]",
-        ),
-        (
-            {"outliers": {"window": 3}},
-            "excitation.outliers.window must be at least 4, got 3",
-        ),
-        (
-            {"outliers": {"deviations": 0}},
-            "excitation.outliers.deviations must be positive, got 0",
-        ),
-        (
-            {"differentiation": {"method": "magic"}},
-            "excitation.differentiation.method: got 'magic', expected one of central, "
-            "savitzky_golay, butterworth",
-        ),
-        (
-            {"thrusters": {"rpm": ["a"], "angle": ["b"]}},
-            "excitation.thrusters: rpm, angle and arm_m must have one entry per thruster, "
-            "got (1, 1, 2) entries",
-        ),
-        (
-            {
-                "thrusters": {"rpm": ["a", "b"], "angle": ["c", "d"]},
-                "columns": {"actual_force": {"surge": "e"}},
-            },
-            "excitation: thrusters.rpm and columns.actual_force both define the acting force, "
-            "expected one",
-        ),
-        (
-            {"columns": {"velocity": {"sideways": "v"}}},
-            "excitation.columns: columns.velocity: got 'sideways', expected some of surge, sway, "
-            "heave, roll, pitch, yaw",
-        ),
-        (
-            {"columns": {"force": {"surge": "-"}}},
-            "excitation.columns: columns.force.surge: got '-', expected the name of a column",
-        ),
+        ({"path": None}, ".path: expected a recording, got none"),
+        ({"path": ""}, ".path: expected a recording, got none"),
+        ({"path": "a\0b.csv"}, "expected one line of text"),
+        ({"path": "a\nb.csv"}, "expected one line of text"),
+        ({"start_s": 5.0, "end_s": 5.0}, ": start_s must lie before end_s = 5, got 5"),
+        ({"sample_time_s": -1}, ".sample_time_s must be positive or null, got -1"),
+        ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
+        ({"sample_time_s": 0.1, "resample_hz": 10}, "resamples it, expected one of them to be"),
+        ({"max_gap_s": 0}, ".max_gap_s must be positive, got 0"),
+        ({"training_trips": [1]}, ": training_trips requires trip_starts_s, got none"),
+        ({"trip_starts_s": [0, 10], "training_trips": []}, "testing, got [] of trips [1, 2]"),
+        ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
+        ({"outliers": {"window": 3}}, ".outliers.window must be at least 4, got 3"),
+        ({"outliers": {"deviations": 0}}, ".outliers.deviations must be positive, got 0"),
+        ({"differentiation": {"method": "magic"}}, "method: got 'magic', expected one of central"),
+        ({"thrusters": {"rpm": ["a"], "angle": ["b"]}}, "per thruster, got (1, 1, 2) entries"),
+        ({"thrusters": {"rpm": ["a", "b"], "angle": ["c", "d"]},
+          "columns": {"actual_force": {"surge": "e"}}}, "both define the acting force, expected"),
+        ({"columns": {"velocity": {"sideways": "v"}}}, "got 'sideways', expected some of surge"),
+        ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected the name of a"),
     ],
-)
+)  # fmt: skip
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         excitation(**({"path": "there is none.csv"} | options))
-    assert str(caught.value) == message
+    assert message in str(caught.value)
+    assert str(caught.value).startswith("excitation")
+    assert "\n" not in str(caught.value)
 
 
 def test_a_degree_of_freedom_without_a_column() -> None:
@@ -410,17 +370,6 @@ def test_a_degree_of_freedom_without_a_column() -> None:
 
 
 # What a bad file says.
-
-
-def test_missing_file_and_folder(tmp_path: Path) -> None:
-    assert "there is no such file" in refusal(tmp_path / "none.csv")
-    assert "is a folder" in refusal(tmp_path)
-
-
-@pytest.mark.parametrize("path", ["a\0b.csv", "a\nb.csv"])
-def test_path_that_no_file_should_have(path: str) -> None:
-    with pytest.raises(ConfigurationError, match="expected one line of text"):
-        excitation(path)
 
 
 @settings(max_examples=60, deadline=None)
@@ -455,12 +404,6 @@ def test_missing_column_is_named_beside_those_present(tmp_path: Path) -> None:
     del columns["surge_vel"]
     message = refusal(write(tmp_path / "a.csv", columns))
     assert "no column 'surge_vel', expected it among Time, position_x, force_x" in message
-
-
-def test_column_given_twice(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("Time,position_x,surge_vel,force_x,force_x\n0,1,2,3,4\n0.1,1,2,3,4\n")
-    assert "2 columns 'force_x', expected one" in refusal(path)
 
 
 @pytest.mark.parametrize(
@@ -508,25 +451,6 @@ def test_text_and_holes_in_columns_not_in_use_do_no_harm(tmp_path: Path) -> None
     assert len(excitation(write(tmp_path / "a.csv", columns)).read(("surge",))) == 20
 
 
-def test_binary_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"Time,x\n1,2\n\x00\x01\x02")
-    assert "line 3: got binary data" in refusal(path)
-    path.write_bytes(b"Time,x\n\xff\xfe\xfa")
-    assert "line 2: got binary data or text that is not UTF-8" in refusal(path)
-
-
-def test_empty_file_and_header_alone(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    for content in ("", "\n\n", "\ufeff"):
-        path.write_text(content, encoding="utf-8")
-        assert "is empty, expected a header and samples" in refusal(path)
-    path.write_text("Time,position_x,surge_vel,force_x\n")
-    assert "got a header and no rows" in refusal(path)
-    path.write_text("Time,position_x,surge_vel,force_x\n0,0,0,0\n")
-    assert "got 1 samples, expected at least 2" in refusal(path)
-
-
 def test_byte_order_mark_blank_lines_and_spaces_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(
@@ -536,18 +460,35 @@ def test_byte_order_mark_blank_lines_and_spaces_are_accepted(tmp_path: Path) -> 
     assert len(excitation(path).read(("surge",))) == 2
 
 
-def test_row_of_another_length(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("Time,position_x,surge_vel,force_x\n0,0,0,0\n1,0,0\n")
-    assert "line 3: got 3 cells, expected 4 as in the header" in refusal(path)
+HEADER = b"Time,position_x,surge_vel,force_x"
 
 
-def test_open_quotation_mark(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty, expected a header and samples"),
+        (b"\n\n", "is empty, expected a header and samples"),
+        (b"\xef\xbb\xbf", "is empty, expected a header and samples"),
+        (HEADER + b"\n", "got a header and no rows"),
+        (HEADER + b"\n0,0,0,0\n", "got 1 samples, expected at least 2"),
+        (HEADER + b",force_x\n0,1,2,3,4\n0.1,1,2,3,4\n", "2 columns 'force_x', expected one"),
+        (HEADER + b"\n0,0,0,0\n1,0,0\n", "line 3: got 3 cells, expected 4 as in the header"),
+        (HEADER + b'\n0,0,0,0\n1,"0,0,0\n' + b"1,0,0,0\n" * 5, "got 2 cells, expected 4"),
+        (HEADER + b'\n0,0,0,0\n1,"' + b"0,0,0\n" * 50000, "field larger than field limit"),
+        (b"Time,x\n1,2\n\x00\x01\x02", "line 3: got binary data"),
+        (b"Time,x\n\xff\xfe\xfa", "line 2: got binary data or text that is not UTF-8"),
+    ],
+    ids=range(11),
+)
+def test_bad_file(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.csv"
-    path.write_text('Time,position_x,surge_vel,force_x\n0,0,0,0\n1,"0,0,0\n' + "1,0,0,0\n" * 5)
-    assert "got 2 cells, expected 4" in refusal(path)
-    path.write_text('Time,position_x,surge_vel,force_x\n0,0,0,0\n1,"' + "0,0,0\n" * 50000)
-    assert "field larger than field limit" in refusal(path)
+    path.write_bytes(content)
+    assert message in refusal(path)
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    assert "there is no such file" in refusal(tmp_path / "none.csv")
+    assert "is a folder" in refusal(tmp_path)
 
 
 def test_window_with_no_samples(tmp_path: Path) -> None:

@@ -1,10 +1,9 @@
-"""Every vessel sails with every disturbance and every excitation that suits it, two seconds each.
+"""Vessels sail with the disturbances and the excitations that suit them, two seconds each.
 
 What does not suit is refused by name before any work.
 """
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +17,10 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.config import build_as
 from seatrial.runner.vessel_options import filled
+from tests.trials import CONF, FORCED, options
 
-CONF = Path(__file__).parents[3] / "conf"
 PERIOD_S, ROWS = 0.1, 20
-FEW = ("milliampere", "surge_linear")  # `make slow` sails them all
+FEW = ("milliampere", "surge_linear")  # `make nightly` sails all vessels
 
 VESSELS = {
     "milliampere": PLANAR, "modulus_ship": PLANAR, "supply_vessel": PLANAR,
@@ -45,10 +44,6 @@ HELM = (  # by inputs, beside rudder_*
     *("spiral", "reverse_spiral", "williamson", "crash_stop"),
     *("heading_changes", "path_following", "input_prbs"),
 )
-
-
-def options(group: str) -> list[str]:
-    return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
 
 @cache
@@ -81,36 +76,42 @@ def suits(vessel: str, group: str, name: str) -> bool:
 
 def test_the_lists_are_complete() -> None:
     """Of vessels with inputs two stand for all; tests/runner/test_matrix.py has the others."""
-    texts = {name: (CONF / "vessel" / f"{name}.yaml").read_text() for name in options("vessel")}
-    by_force = {name for name, text in texts.items() if "\ninputs:" not in text}
-    assert by_force | set(STEERED) == set(VESSELS)
+    assert {*FORCED, *STEERED} == set(VESSELS)
 
 
-@pytest.mark.parametrize("group", ["disturbance", "excitation"])
-@pytest.mark.parametrize("vessel", VESSELS)
-def test_what_does_not_suit_is_refused_by_name(vessel: str, group: str) -> None:
-    for name in options(group):
-        steered = of_inputs(name) or (vessel in STEERED and group == "excitation")
-        if name == "recording" or suits(vessel, group, name) or steered:
-            continue
-        with pytest.raises(ConfigurationError, match="needs a vessel in"):
-            objects(vessel, group, name).check(VESSELS[vessel])
+@pytest.mark.parametrize("vessel", ["surge_linear", "beluga_full", "kvlcc2"])
+def test_what_does_not_suit_is_refused_by_name(vessel: str) -> None:
+    """By the degrees of freedom alone: what is refused on one axis, in all six and in the plane."""
+    for group in ("disturbance", "excitation"):
+        for name in options(group):
+            steered = of_inputs(name) or (vessel in STEERED and group == "excitation")
+            if name == "recording" or suits(vessel, group, name) or steered:
+                continue
+            with pytest.raises(ConfigurationError, match="needs a vessel in"):
+                objects(vessel, group, name).check(VESSELS[vessel])
 
 
 @pytest.mark.parametrize(
-    "vessel",
-    [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in VESSELS],
+    ("vessel", "whole"),
+    [
+        *((name, False) for name in FEW),
+        *(pytest.param(name, True, marks=pytest.mark.nightly) for name in VESSELS),
+    ],
 )
-def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
+def test_every_vessel_sails_with_what_suits_it(vessel: str, whole: bool) -> None:
+    """Every excitation with the disturbances in turn, or, nightly, with all of them."""
     parameters = objects(vessel, "vessel", vessel)
     dofs, table = parameters.dofs, parameters.nominal()
     assert dofs == VESSELS[vessel]
     name = "autopilot" if vessel in STEERED else "pid_ff"
     controller = objects(vessel, "controller", name).build(table, PERIOD_S)
     start = np.zeros(len(dofs))
-    for excitation in options("excitation"):
-        if excitation == "recording" or not suits(vessel, "excitation", excitation):
-            continue
+    excitations, disturbances = (
+        [one for one in options(group) if one != "recording" and suits(vessel, group, one)]
+        for group in ("excitation", "disturbance")
+    )
+    assert len(excitations) >= len(disturbances)
+    for number, excitation in enumerate(excitations):
         mission = objects(vessel, "excitation", excitation)
         mission.check(dofs)
         mission.check_limits(parameters.limits_by_dof, PERIOD_S)
@@ -119,9 +120,8 @@ def test_every_vessel_sails_with_what_suits_it(vessel: str) -> None:
         assert 0.05 < np.mean(split.train) < 0.95
         assert not np.any(split.train & split.test)
         force = mission.force(t, dofs, np.random.default_rng(0))
-        for disturbance in options("disturbance"):
-            if not suits(vessel, "disturbance", disturbance):
-                continue
+        turn = number % len(disturbances)
+        for disturbance in disturbances if whole else disturbances[turn : turn + 1]:
             case = objects(vessel, "disturbance", disturbance)
             case.check(dofs)
             rngs = np.random.default_rng(1), np.random.default_rng(2)

@@ -12,7 +12,6 @@ from seatrial.models.weather.wind import WindDerivatives
 from tests.trials import composed
 
 motions = arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
-SHIP = composed("vessel=modulus_ship", "disturbance=wind")
 INERTIA = np.array([[26.0, 0.0, 0.0], [0.0, 34.0, 1.0], [0.0, 1.0, 2.8]])
 
 
@@ -40,7 +39,7 @@ def test_the_terms_are_those_of_a_second_order_modulus_model(nu: np.ndarray) -> 
 
 @given(motions, arrays(np.float64, 2, elements=st.floats(-8.0, 8.0)))
 def test_wind_has_a_relative_velocity_of_its_own(nu: np.ndarray, wind: np.ndarray) -> None:
-    vessel = SHIP
+    vessel = composed("vessel=modulus_ship", "disturbance=wind")
     assert isinstance(vessel.disturbance.wind.windage, WindDerivatives)
     table = vessel.disturbance.wind.table(PLANAR)
     ahead, aside = nu[:2] - wind
@@ -51,7 +50,7 @@ def test_wind_has_a_relative_velocity_of_its_own(nu: np.ndarray, wind: np.ndarra
 @given(motions)
 def test_damping_takes_energy_out_of_every_motion(nu: np.ndarray) -> None:
     """As its YAML says; Coriolis does no work."""
-    force = needed(SHIP.vessel.nominal(), nu)
+    force = needed(composed("vessel=modulus_ship", "disturbance=wind").vessel.nominal(), nu)
     assert nu @ force >= -1e-12
 
 

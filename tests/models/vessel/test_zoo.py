@@ -1,7 +1,5 @@
 """The vessels of conf/vessel: other programs' accelerations, printed equations, and laws."""
 
-import json
-
 import numpy as np
 import pytest
 import yaml
@@ -9,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from docs.vessels import CONF, parameters_of, vessels
+from docs.vessels import parameters_of
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.open_loop import open_loop
 from seatrial.models.identification.physical_constraints import dissipated
@@ -18,25 +16,13 @@ from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
-from tests.data import DATA
+from tests.models.vessel.oracles import columns, constants, oracle
+from tests.trials import CONF, FORCED, STEERED
 
 motions = arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
-CYBERSHIP = parameters_of("cybership2").nominal()
 # A fraction of random motions at which the damping creates energy: none, but for CyberShip II,
 # whose identified Y_r couples more than Y_v and N_r dissipate at low speed.
 CREATES = {"cybership2": 0.01}
-
-
-def oracle(name: str) -> dict[str, Array]:
-    """The columns of another program's table, by their names without units."""
-    lines = (DATA / "oracles" / name).read_text().splitlines()
-    header, *rows = [line for line in lines if not line.startswith("#")]
-    table = np.array([line.split(",") for line in rows], dtype=np.float64)
-    return {text.partition("[")[0]: table[:, i] for i, text in enumerate(header.split(","))}
-
-
-def columns(table: dict[str, Array], *names: str) -> Array:
-    return np.column_stack([table[name] for name in names])
 
 
 def assert_accelerations(model: Vessel, tau: Array, nu: Array, expected: Array) -> None:
@@ -57,8 +43,7 @@ def test_the_supply_vessel_has_the_accelerations_of_mss() -> None:
 def propelled(name: str) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """States of a ship of PythonVehicleSimulator, its arrays, and the force B |n| n [N, Nm]."""
     table = oracle(f"pvs_{name}_nudot.csv")
-    path = DATA / "oracles" / f"pvs_{name}_params.json"
-    held = json.loads(path.read_text())["attributes_of_the_constructed_object"]
+    held = constants(f"pvs_{name}_params.json")
     ship = {key: np.array(held[key]) for key in ("B", "n_max", *{"M", "D"} & set(held))}
     speeds = columns(table, *(f"n{i}" for i in range(1, 7)))
     n = np.clip(speeds, -ship["n_max"], ship["n_max"])
@@ -109,7 +94,7 @@ def test_cybership_is_the_printed_model(nu: Array, nu_dot: Array) -> None:
     d_32 = -0.03130 - 3.95645 * abs(v) - 0.130 * abs(r)
     d_33 = 1.900 - 0.080 * abs(v) + 0.750 * abs(r)
     D = np.array([[d_11, 0.0, 0.0], [0.0, d_22, d_23], [0.0, d_32, d_33]])
-    force = CYBERSHIP.inverse(nu_dot[None], nu[None])[0]
+    force = parameters_of("cybership2").nominal().inverse(nu_dot[None], nu[None])[0]
     np.testing.assert_allclose(force, M @ nu_dot + C @ nu + D @ nu, rtol=1e-12, atol=1e-12)
 
 
@@ -123,8 +108,6 @@ def test_a_ship_from_a_paper_takes_few_lines() -> None:
     }  # fmt: skip
 
 
-STEERED = tuple(name for name in vessels() if parameters_of(name).inputs)
-FORCED = tuple(name for name in vessels() if name not in STEERED)
 # Motions for which coefficients of manoeuvring are measured: drift angle [rad], r' = r L / U, and
 # the other rates, as p L / U; from half of the speed of the approach up to that speed.
 DRIFT, TURN, OTHER = 0.35, 0.8, 0.1
