@@ -3,6 +3,7 @@
 It is generated from `conf/vessel`, whose files give the source of every number.
 """
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ def vessels() -> list[str]:
     return sorted(path.stem for path in (CONF / "vessel").glob("*.yaml"))
 
 
+@cache
 def parameters_of(name: str) -> VesselParameters:
     """The parameters of a vessel, as configured."""
     with initialize_config_dir(str(CONF), version_base="1.3"):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from annotated_types import Le
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import _bounds as declared
@@ -70,13 +71,14 @@ def check_built(*options: str, group: str = "") -> None:
 
 
 def check_ranges(built: Any) -> None:
-    """Every number of an object that has a range is refused far below it, by its name."""
+    """Every number of an object that has a range is refused far outside of it, by its name."""
     for part in parts(built):
-        for field, *_ in declared(type(part)):
-            low = -1e9 if isinstance(getattr(part, field), int | float) else (-1e9,)
-            if getattr(part, field) is not None:
+        for field, bound, _ in declared(type(part)):
+            wrong = 1e18 if isinstance(bound, Le) else -1e9
+            value = getattr(part, field)
+            if value is not None:
                 with pytest.raises(ConfigurationError, match=field):
-                    replace(part, **{field: low})
+                    replace(part, **{field: (wrong,) if isinstance(value, tuple) else wrong})
 
 
 def parts(value: Any) -> Iterator[Any]:
