@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_plugins import call, rows, run, written
+from tests.test_plugins import rows, run, written
 
 SHORT = ("excitation=waypoints", "excitation.interval_s=20")
 
@@ -17,6 +17,7 @@ def folder(tmp_path: Path) -> Path:
     return written(tmp_path, "CONTRIBUTING.md", 11)
 
 
+@pytest.mark.slow
 def test_a_trial_runs_with_each(folder: Path) -> None:
     trial = ("seatrial.runner", "--config-dir", "conf", "vessel=tug")
     run(folder, *trial, *SHORT, "disturbance=squalls", "identifier=scaling")
@@ -42,16 +43,3 @@ def test_a_trial_runs_with_each(folder: Path) -> None:
         for line in run(folder, "seatrial.runner.compare", "plot", "speed_figure").split()
     }
     assert file == "speeds"
-
-
-def test_the_options_of_a_part_are_checked_and_listed(folder: Path) -> None:
-    for option, message in (
-        ("disturbance.others.squalls.length_s=-1", "must be positive, got -1"),
-        ("identifier=scalin", "scaling"),
-        ("identifier=none identifier._target_=seatrial.models.excitation.setpoints.Step", "Step"),
-    ):
-        command = ("seatrial.runner", "--config-dir", "conf", "disturbance=squalls")
-        done = call(folder, *command, *option.split())
-        assert done.returncode == 2
-        assert done.stderr.count("\n") == 1, done.stderr
-        assert message in done.stderr

@@ -48,6 +48,14 @@ def pretend_python(checkout: Path, name: str, version: str, venv: bool) -> None:
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
 
 
+def set_up(checkout: Path, folder: str = ".venv", name: str = "stub") -> Path:
+    """An environment with an interpreter, as make sets it up."""
+    binaries = checkout / folder / "bin"
+    binaries.mkdir(parents=True)
+    pretend_python(checkout, name, "3.11", venv=True)
+    return Path(shutil.copy(checkout / "tools" / name, binaries / "python"))
+
+
 def make(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     assert MAKE is not None
     environment = {"PATH": str(checkout / "tools"), "HOME": str(checkout)}
@@ -104,10 +112,7 @@ def test_another_python_can_be_named(checkout: Path) -> None:
 
 
 def test_it_installs_again_only_for_a_change(checkout: Path) -> None:
-    binaries = checkout / ".venv" / "bin"
-    binaries.mkdir(parents=True)
-    pretend_python(checkout, "stub", "3.11", venv=True)
-    shutil.copy(checkout / "tools" / "stub", binaries / "python")
+    set_up(checkout)
     for _ in range(2):
         assert make(checkout, ".venv/test.stamp").returncode == 0
     (install,) = re.findall(r"stub -m pip install .*", asked(checkout))
@@ -136,38 +141,33 @@ def test_ray_has_an_environment_and_versions_of_its_own(checkout: Path) -> None:
 
 def test_the_nightly_work_goes_on_after_a_failure(checkout: Path) -> None:
     for folder in (".venv", ".venv-ray"):
-        pretend_python(checkout, folder, "3.11", venv=True)
-        binaries = checkout / folder / "bin"
-        binaries.mkdir(parents=True)
-        script = binaries / "python"
-        shutil.copy(checkout / "tools" / folder, script)
+        set_up(checkout, folder, name=folder)
+        script = checkout / folder / "bin" / "python"
         script.write_text(script.read_text() + 'case "$*" in *nightly*) exit 1 ;; esac\n')
     (checkout / "conf" / "experiment").mkdir(parents=True)
     answer = make(checkout, "nightly")
     assert answer.returncode == 2
     assert "make nightly: failed: nightly-tests\n" in answer.stderr
     said = asked(checkout)
-    for part in ("compare published", "docs.robustness", "docs.coverage", "docs.benchmarks"):
+    for part in ("docs.published", "docs.robustness", "docs.coverage", "docs.benchmarks"):
         assert part in said
     assert ".venv-ray -m pytest -m ray" in said
     assert make(checkout, "slow").returncode == 0
-    assert "-p no:benchmark -m slow --timeout" in asked(checkout)
+    assert "-p no:benchmark -m slow and not nightly --timeout" in asked(checkout)
     assert make(checkout, "clean").returncode == 0
     assert not (checkout / ".venv").exists()
     assert not (checkout / ".venv-ray").exists()
 
 
 def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -> None:
-    folder, binaries = checkout / "conf" / "experiment", checkout / ".venv" / "bin"
-    for made in (folder, binaries):
-        made.mkdir(parents=True)
+    folder = checkout / "conf" / "experiment"
+    folder.mkdir(parents=True)
+    set_up(checkout)
     (folder / "simulated.yaml").write_text("identifier: {force: commanded}\n")
     (folder / "measured.yaml").write_text("excitation: {path: $SEATRIAL_DATA/a.csv}\n")
     grep = shutil.which("grep")
     assert grep is not None
     (checkout / "tools" / "grep").symlink_to(grep)
-    pretend_python(checkout, "stub", "3.11", venv=True)
-    shutil.copy(checkout / "tools" / "stub", binaries / "python")
     answer = make(checkout, "published")
     assert answer.returncode == 0, answer.stderr
     assert "measured: skipped, SEATRIAL_DATA is not set" in answer.stdout
@@ -179,10 +179,7 @@ def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -
 
 
 def test_the_guide_is_built_strictly_after_its_figures(checkout: Path) -> None:
-    binaries = checkout / ".venv" / "bin"
-    binaries.mkdir(parents=True)
-    pretend_python(checkout, "stub", "3.11", venv=True)
-    shutil.copy(checkout / "tools" / "stub", binaries / "python")
+    set_up(checkout)
     (checkout / "docs").mkdir()  # the folder is not the target
     answer = make(checkout, "docs")
     assert answer.returncode == 0, answer.stderr
@@ -192,14 +189,14 @@ def test_the_guide_is_built_strictly_after_its_figures(checkout: Path) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("file", CONSTRAINTS)
-def test_constraints_are_names_and_versions_only(file: str) -> None:
-    lines = (ROOT / file).read_text().splitlines()
-    pins = [line for line in lines if not line.startswith("#")]
-    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", pin) for pin in pins)
-    names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
-    assert len(names) == len(set(names))
-    assert "setuptools" in names  # for builds of packages that come as sources
+def test_constraints_are_names_and_versions_only() -> None:
+    for file in CONSTRAINTS:
+        lines = (ROOT / file).read_text().splitlines()
+        pins = [line for line in lines if not line.startswith("#")]
+        assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", pin) for pin in pins)
+        names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
+        assert len(names) == len(set(names))
+        assert "setuptools" in names  # for builds of packages that come as sources
 
 
 @pytest.mark.parametrize(("code", "sweeps"), [(0, 5), (1, 5), (2, 1)])
@@ -207,11 +204,7 @@ def test_robustness_keeps_runs_that_fail_and_skips_data_that_are_not_there(
     checkout: Path, code: int, sweeps: int
 ) -> None:
     """A sweep ends with 1 where a run failed, which does not stop the next; else it does."""
-    binaries = checkout / ".venv" / "bin"
-    binaries.mkdir(parents=True)
-    pretend_python(checkout, "stub", "3.11", venv=True)
-    script = binaries / "python"
-    shutil.copy(checkout / "tools" / "stub", script)
+    script = set_up(checkout)
     script.write_text(script.read_text() + f'case "$*" in "-m runner"*) exit {code} ;; esac\n')
     answer = make(checkout, "robustness", "SEEDS=3")
     assert (answer.returncode == 0) is (code < 2), answer.stderr

@@ -74,31 +74,6 @@ def test_init_writes_an_identifier_and_a_test_that_pass(tmp_path: Path) -> None:
     assert found == pytest.approx(true, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("numpy", "numpy is a module of Python"),
-        ("ls", "identifier ls is seatrial's own"),
-        ("class", "got 'class', expected small letters"),
-        ("../fit", "got '../fit', expected letters"),
-    ],
-)
-def test_init_refuses_a_name_in_one_line(tmp_path: Path, name: str, message: str) -> None:
-    done = call(tmp_path, "seatrial.runner", "init", "plugin", name)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_init_does_not_write_over_a_file(tmp_path: Path) -> None:
-    (tmp_path / "test_my_fit.py").write_text("mine")
-    done = call(tmp_path, "seatrial.runner", "init", "plugin", "my_fit")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "test_my_fit.py exists" in done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["test_my_fit.py"]
-
-
 def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> None:
     folder = written(tmp_path)
     done = call(folder, "seatrial.runner", "-m", *SHORT, "controller=pd_python,pid_ff")
@@ -120,17 +95,18 @@ def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> No
 def test_a_metric_and_a_figure_appear_in_tables_and_plots(tmp_path: Path) -> None:
     folder, named = written(tmp_path), {"SEATRIAL_PLUGINS": "speeds,speed_figure"}
     run(folder, "seatrial.runner", *SHORT, "metrics=[{_target_: speeds.LargestSpeed}]")
-    results = "seatrial.runner.compare"
-    assert "speed_max" in run(folder, results, "metrics", **named)
-    assert "speed_max" not in run(folder, results, "metrics")
-    table = run(folder, results, "table", "--metric", "speed_max", **named)
+    assert "speed_max" not in run(folder, "seatrial.runner.compare", "metrics")
+    commands = ("metrics", "table --metric speed_max", "plot --help", "plot speeds")
+    (folder / "all.py").write_text(
+        "from seatrial.runner.compare.__main__ import run\n"
+        f"for words in {commands}:\n    print('#' * 9)\n    assert run(words.split()) == 0\n"
+    )
+    _, metrics, table, shown, files = run(folder, "all", **named).split("#########\n")
+    assert "speed_max" in metrics
     assert "speed_max [m/s]" in table
     assert NOTE in table
-    assert "speeds: Largest speed of every run." in " ".join(
-        run(folder, results, "plot", "--help", **named).split()
-    )
-    paths = run(folder, results, "plot", "speeds", **named).split()
-    assert [Path(path).name for path in paths] == ["speeds.png", "speeds.svg"]
+    assert "speeds: Largest speed of every run." in " ".join(shown.split())
+    assert [Path(path).name for path in files.split()] == ["speeds.png", "speeds.svg"]
 
 
 def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> None:

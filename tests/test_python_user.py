@@ -96,6 +96,7 @@ def test_a_vessel_and_an_identifier_of_the_working_folder(tmp_path: Path) -> Non
     assert (code, sorted(map(float, out.split()))) == (0, [1500.0, 3000.0, 6000.0]), err
 
 
+@pytest.mark.slow
 def test_a_script_runs_in_an_empty_folder(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     code, out, err = ended(program("script.py", folder=tmp_path))

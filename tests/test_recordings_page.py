@@ -11,8 +11,8 @@ from seatrial.models.recording import mapping
 from seatrial.models.recording.column import Column
 from seatrial.models.recording.proposal import propose
 from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.runner import data_commands
 from tests.data import DATA
-from tests.runner.programs import ended, program
 
 PAGE = (Path(__file__).parents[1] / "docs" / "howto" / "recordings.md").read_text(encoding="utf-8")
 MAPS = dict(re.findall(r"```yaml\n# (\w+)\.yaml\n(.*?)```", PAGE, re.S))
@@ -33,14 +33,13 @@ def test_every_map_has_a_file() -> None:
 @pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize("name", FILES)
-def test_map_of_the_page_has_no_problem(name: str, tmp_path: Path) -> None:
+def test_map_of_the_page_has_no_problem(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "map.yaml").write_text(MAPS[name])
-    code, out, error = ended(
-        program("-m", "runner", "data", "check", str(DATA / FILES[name]), "--map", "map.yaml",
-                folder=tmp_path)
-    )  # fmt: skip
-    assert code == 0, error
-    assert "no problem: pose and velocity belong together" in out
+    words = ["check", str(DATA / FILES[name]), "--map", str(tmp_path / "map.yaml")]
+    assert data_commands.main(words) == 0
+    assert "no problem: pose and velocity belong together" in capsys.readouterr().out
 
 
 def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:

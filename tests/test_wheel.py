@@ -1,6 +1,7 @@
 """The wheel: one import name with everything in it, which runs in any folder."""
 
 import os
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -15,9 +16,19 @@ import pytest
 from packaging.requirements import Requirement
 
 from tests.test_plugins import written
-from tests.test_python_guide import script
 
 ROOT = Path(__file__).parents[1]
+GUIDE = ROOT / "docs" / "howto" / "python.md"
+CHECKS = """
+assert run.status == "finished"
+assert (len(sweep.runs()), len(pairs.runs())) == (4, 2)
+assert table.frame["identifier"].tolist() == ["none", "ls"]
+assert 0.0 < run.metric("e_pos_mae", dof="position") < 1.0
+assert len(axes.patches) == 2
+assert again.logbook.model(again.number, "nominal").coefficients.equals(model.coefficients)
+assert estimator.score(test) > 0.99
+assert ferry.dofs == ("surge", "sway", "yaw")
+"""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
 
@@ -253,7 +264,12 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
-    (tmp_path / "guide.py").write_text(script())
+    """The code of docs/howto/python.md, which does what the page says."""
+    blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
+    assert len(blocks) == 7
+    (tmp_path / "guide.py").write_text("".join([*blocks, CHECKS]))
     answer = run(binaries / "python", "guide.py", folder=tmp_path)
     assert answer.returncode == 0, answer.stderr
     assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"guide.py", "results", "track.pdf", "ferry.c", "ferry.h"}

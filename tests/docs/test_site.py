@@ -25,7 +25,7 @@ NOWHERE = "http://127.0.0.1:9"  # nothing listens there
 ASSET = re.compile(r'<(?:link|script|img|iframe|source)[^>]+?(?:href|src|srcset)="([^"]+)"')
 ADDRESS = re.compile(r"url\(\s*['\"]?(?:https?:)?//|@import")
 WIDTHS = (390, 1280)
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.nightly
 
 
 def without_network() -> list[str]:

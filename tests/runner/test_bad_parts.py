@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.runner.command import Command
+from tests.runner.command import Answer, Command
 
 FIT = """
 from dataclasses import dataclass
@@ -202,6 +202,12 @@ REFUSED = {
         "identifier._target_={module}.Fit",
         "identifier._target_: cannot import {module}.Fit: SystemExit: 3",
     ),
+    "range": (
+        "from seatrial.models.ranges import Positive\n"
+        + FIT.format(body="return None").replace("gain: float", "gain: Positive"),
+        "+identifier.gain=-1 identifier._target_={module}.Fit",
+        "identifier.gain must be positive, got -1",
+    ),
     "role": (
         WAVE.format(body="return 0"),
         "identifier._target_={module}.Wave",
@@ -242,53 +248,57 @@ def written(folder: Path, kind: str, text: str, monkeypatch: pytest.MonkeyPatch)
     return module
 
 
-@pytest.mark.parametrize("kind", FAILING)
+def check_failed(answer: Answer, line: str) -> None:
+    """A command ended with one line of a failed run."""
+    assert answer.code == 1, answer
+    last = answer.err.splitlines()[-1]
+    assert last.startswith("seatrial: run ")
+    assert " failed: " in last
+    assert line in last
+    assert "Traceback" not in answer.err
+
+
 def test_a_failing_part_fails_its_trial_in_one_line(
-    kind: str, seatrial: Command, monkeypatch: pytest.MonkeyPatch
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
-    text, option, line = FAILING[kind]
-    module = written(seatrial.folder, kind, text, monkeypatch)
-    answer = seatrial(*SHORT, "identifier=none", option.format(module=module))
-    assert answer.code == 1, answer
-    assert answer.err.splitlines()[-1].startswith("seatrial: run 1 failed: ")
-    assert line.format(module=module) in answer.err.splitlines()[-1]
-    assert "Traceback" not in answer.err
+    for kind, (text, option, line) in FAILING.items():
+        with subtests.test(kind):
+            module = written(seatrial.folder, kind, text, monkeypatch)
+            answer = seatrial(*SHORT, "identifier=none", option.format(module=module))
+            check_failed(answer, line.format(module=module))
 
 
-@pytest.mark.parametrize("kind", AT_SEA)
 def test_a_part_that_fails_at_sea_fails_its_trial_in_one_line(
-    kind: str, seatrial: Command, monkeypatch: pytest.MonkeyPatch
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
-    text, line = AT_SEA[kind]
-    module = written(seatrial.folder, kind, text, monkeypatch)
-    if "class Course" in text:
-        step = "{_target_: seatrial.models.excitation.setpoints.Step}"
-        path = seatrial.folder / "conf" / "excitation" / "course.yaml"
-        path.parent.mkdir(parents=True)
-        path.write_text(f"_target_: {module}.Course\nreference_filter: {step}\n")
-        trial: tuple[str, ...] = ("excitation=course", "evaluation=none")
-    else:
-        path = seatrial.folder / "conf" / "controller" / "helm.yaml"
-        path.parent.mkdir(parents=True)
-        path.write_text(f"_target_: {module}.{'Tiller' if kind == 'tiller' else 'Helm'}\n")
-        trial = ("controller=helm", *SAILED)
-    answer = seatrial(*trial, "identifier=none")
-    assert answer.code == 1, answer
-    assert line.format(module=module) in answer.err.splitlines()[-1]
-    assert answer.err.splitlines()[-1].startswith("seatrial: run 1 failed: ")
-    assert "Traceback" not in answer.err
+    conf, step = seatrial.folder / "conf", "seatrial.models.excitation.setpoints.Step"
+    for group in ("excitation", "controller"):
+        (conf / group).mkdir(parents=True)
+    for kind, (text, line) in AT_SEA.items():
+        module = written(seatrial.folder, kind, text, monkeypatch)
+        if "class Course" in text:
+            (conf / "excitation" / f"{kind}.yaml").write_text(
+                f"_target_: {module}.Course\nreference_filter: {{_target_: {step}}}\n"
+            )
+            trial: tuple[str, ...] = (f"excitation={kind}", "evaluation=none")
+        else:
+            part = "Tiller" if kind == "tiller" else "Helm"
+            (conf / "controller" / f"{kind}.yaml").write_text(f"_target_: {module}.{part}\n")
+            trial = (f"controller={kind}", *SAILED)
+        with subtests.test(kind):
+            check_failed(seatrial(*trial, "identifier=none"), line.format(module=module))
 
 
-@pytest.mark.parametrize("kind", REFUSED)
 def test_what_is_no_part_is_refused_before_the_start(
-    kind: str, seatrial: Command, monkeypatch: pytest.MonkeyPatch
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
-    text, option, line = REFUSED[kind]
-    module = written(seatrial.folder, kind, text, monkeypatch)
-    answer = seatrial(*SHORT, "identifier=none", option.format(module=module))
-    assert answer.code == 2, answer
-    assert answer.err.count("\n") == 1, answer.err
-    assert line.format(module=module) in answer.err
+    for kind, (text, option, line) in REFUSED.items():
+        with subtests.test(kind):
+            module = written(seatrial.folder, kind, text, monkeypatch)
+            words = option.format(module=module).split()
+            answer = seatrial(*SHORT, "identifier=none", *words)
+            assert (answer.code, answer.err.count("\n")) == (2, 1), answer
+            assert line.format(module=module) in answer.err
     assert not (seatrial.folder / "results").exists()
 
 

@@ -151,6 +151,7 @@ def bad_files(folder: Path) -> list[Path]:
     return paths
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_files_that_are_no_recordings(tmp_path: Path) -> None:
     paths = bad_files(tmp_path)

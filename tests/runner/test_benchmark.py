@@ -44,22 +44,27 @@ basis: linear
 """
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.data] if task_of(name).files else []) for name in TASKS],
-)
-def test_a_task_is_whole_and_its_cells_compose(name: str) -> None:
-    task = task_of(name)
-    assert {file.state for file in located(task)} <= {"found"}
-    for label in entrants_of(task):
-        cell = next(cells(name, task, entrants_of(task, [label])))
-        assert composed(*cell.options).seed == 0
+def test_tasks_are_whole_and_test_on_nothing_that_they_train_on() -> None:
+    for name in TASKS:
+        task = task_of(name)
+        for case in task.cases.values():
+            assert not set(case.train) & set(case.test), name
 
 
-@pytest.mark.parametrize("name", TASKS)
-def test_nothing_is_tested_on_that_was_trained_on(name: str) -> None:
-    for case in task_of(name).cases.values():
-        assert not set(case.train) & set(case.test)
+@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=pytest.mark.data)])
+def test_the_cells_of_tasks_compose(measured: bool) -> None:
+    """One of each entrant: its options first meet in a task whose files are here."""
+    seen: set[tuple[str, ...]] = set()
+    for name in TASKS:
+        task = task_of(name)
+        if bool(task.files) == measured:
+            assert {file.state for file in located(task)} <= {"found"}
+            for label, options in entrants_of(task).items():
+                if options not in seen or not seen:
+                    seen.add(options)
+                    cell = next(cells(name, task, entrants_of(task, [label])))
+                    assert composed(*cell.options).seed == 0
+    assert seen
 
 
 def small(folder: Path, text: str = SMALL) -> None:
@@ -219,30 +224,26 @@ def test_an_entrant_may_bring_its_own_vessel(
     assert "own" in {row[0].text for row in grid.rows}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+def test_a_task_that_is_none_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    small(tmp_path)
+    for old, new, message in (
         ("outputs: [surge]", "outputs: [u]", r"outputs: got 'u', expected some of surge"),
         ("  b.csv: ", "  c.csv: ", r"cases\.one: b\.csv has no SHA-256"),
         ("title: Files", "titel: Files", r"benchmark/small"),
         ("title: Files", "- x", r"small\.yaml"),
-    ],
-)
-def test_a_task_that_is_none_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, message: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    small(tmp_path, FILES.replace(old, new))
-    with pytest.raises(ConfigurationError, match=message) as error:
-        task_of("small")
-    assert "\n" not in str(error.value)
+    ):
+        (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(FILES.replace(old, new))
+        with pytest.raises(ConfigurationError, match=message) as error:
+            task_of("small")
+        assert "\n" not in str(error.value)
 
 
 MEASURED = [name for name in TASKS if any(case.test for case in task_of(name).cases.values())]
 
 
 @pytest.mark.data
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", MEASURED)
 def test_what_is_identified_does_not_depend_on_the_files_that_are_tested_on(
     name: str, tmp_path: Path

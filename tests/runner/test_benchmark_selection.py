@@ -5,7 +5,6 @@ scaled and shortened.
 """
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -23,16 +22,13 @@ from tests.trials import composed
 
 LEAST, SECONDS = 300, 60.0  # samples, and time, of the training data that are used
 TASK = "blueboat"  # the quickest one; `test_benchmark` takes one entrant through all tasks
-ENTRANTS = [(TASK, name) for name in task_of(TASK).entrants]
 
 
-@cache
-def excited(task: str) -> ExcitationData:
-    """The recording of the first case of a task whose files are there; else the test skips."""
-    known = task_of(task)
-    first = next(cells(task, known, {"none": ("identifier=none",)}), None)
+def excited() -> ExcitationData:
+    """The recording of the task's first case whose files are there; else the test skips."""
+    first = next(cells(TASK, task_of(TASK), {"none": ("identifier=none",)}), None)
     if first is None:
-        pytest.skip(f"the files of {task} are not there: no outside data")
+        pytest.skip(f"the files of {TASK} are not there: no outside data")
     trial = composed(*first.options)
     return excite(trial, Streams(trial.seed))
 
@@ -69,16 +65,18 @@ def found(trial: Trial, problem: Problem) -> tuple[str, np.ndarray]:
     return terms, np.concatenate([model.theta.ravel(), model.installed.parameters])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("task", "entrant"), ENTRANTS)
-def test_the_model_does_not_depend_on_what_is_tested_on(task: str, entrant: str) -> None:
-    data, known = excited(task), task_of(task)
-    cell: Cell = next(cells(task, known, {entrant: known.entrants[entrant]}))
-    trial = composed(*cell.options)
-    results = [found(trial, problem) for problem in problems(trial, data)]
-    for terms, values in results[1:]:
-        assert terms == results[0][0]
-        np.testing.assert_array_equal(values, results[0][1])
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_the_model_does_not_depend_on_what_is_tested_on(subtests: pytest.Subtests) -> None:
+    data, known = excited(), task_of(TASK)
+    for entrant, options in known.entrants.items():
+        with subtests.test(entrant):
+            cell: Cell = next(cells(TASK, known, {entrant: options}))
+            trial = composed(*cell.options)
+            results = [found(trial, problem) for problem in problems(trial, data)]
+            for terms, values in results[1:]:
+                assert terms == results[0][0]
+                np.testing.assert_array_equal(values, results[0][1])
 
 
 def test_the_law_sees_an_entrant_that_looks_at_the_test_data() -> None:

@@ -1,26 +1,22 @@
 """Disturbance cases that are put together on the command line."""
 
-import pytest
-
 from seatrial.runner.config import build_trial
 from tests.trials import asked_for, ordered
 
 
-@pytest.mark.parametrize(
-    ("choice", "name", "parts"),
-    [
+def test_cases_add_up() -> None:
+    cases: list[tuple[str, str, set[str]]] = [
         ("calm", "calm", set()),
         ("[wind,noise]", "wind+noise", {"wind", "noise"}),
         ("[current, noise, process]", "current+noise+process", {"current", "noise", "process"}),
         ("rough", "rough", {"noise", "wind", "current", "waves"}),
         ("[rough,constant]", "rough+constant", {"noise", "wind", "current", "waves", "force"}),
-    ],
-)
-def test_cases_add_up(choice: str, name: str, parts: set[str]) -> None:
-    order = ordered(f"disturbance={choice}")
-    assert order.names["disturbance"] == name
-    made = build_trial(order.config, order.names).disturbance
-    assert {part for part in vars(made) if getattr(made, part) is not None} == parts
+    ]
+    for choice, name, parts in cases:
+        order = ordered(f"disturbance={choice}")
+        assert order.names["disturbance"] == name
+        made = build_trial(order.config, order.names).disturbance
+        assert {part for part in vars(made) if getattr(made, part) is not None} == parts
 
 
 def test_a_part_of_a_case_has_its_options() -> None:

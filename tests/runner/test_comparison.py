@@ -22,7 +22,7 @@ METRICS = (
       for ahead in ("one_step", "ten_step", "free_run")),
 )  # fmt: skip
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture(scope="module")

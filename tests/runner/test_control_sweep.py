@@ -41,7 +41,7 @@ def table(metric: str, dof: str) -> dict[str, list[float]]:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_cell_of_the_table_is_filled(seatrial: Command) -> None:
     """Sixty trials, short ones; a position is kept within two metres and ten degrees."""
     answer = seatrial("-m", *SWEEP, *SHORT)

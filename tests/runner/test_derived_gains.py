@@ -33,7 +33,7 @@ CASES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", CASES)
 def test_tracking_error(case: str, seatrial: Command) -> None:
     vessel, mission, derived = CASES[case]

@@ -29,16 +29,23 @@ def metric(folder: Path, name: str) -> list[float]:
 
 
 def test_a_vessel_is_written_and_sails(seatrial: Command) -> None:
-    """The default trial, and the positioning of a linear controller in noise and wind."""
+    """The default trial; a position is kept within half of its length."""
     text = written(seatrial)
     assert len(text.splitlines()) < 60
     assert seatrial(f"vessel={FILE}", "identifier=ls").code == 0
+    (error,) = metric(seatrial.folder, "e_pos_mae")
+    assert error < 2.5
+
+
+@pytest.mark.slow
+def test_every_kind_of_controller_positions_it_in_noise_and_wind(seatrial: Command) -> None:
+    written(seatrial)
     controllers = "controller=pid_ff,lqi,mpc_standard"
     weather = "disturbance=[noise,wind]"
     assert seatrial("-m", f"vessel={FILE}", controllers, weather, *SHORT).code == 0
     errors = metric(seatrial.folder, "e_pos_mae")
-    assert len(errors) == 4
-    assert max(errors) < 2.5  # half of its length
+    assert len(errors) == 3
+    assert max(errors) < 2.5
 
 
 def test_the_numbers_are_those_of_the_dimensions(seatrial: Command) -> None:
@@ -83,24 +90,34 @@ def test_a_file_is_not_replaced(seatrial: Command) -> None:
     assert (answer.code, answer.out) == (2, "")
     assert answer.err == f"seatrial: {FILE} exists, expected a new name\n"
     assert (seatrial.folder / FILE).read_text() == "mine"
+    (seatrial.folder / "test_my_fit.py").write_text("mine")
+    answer = seatrial("init", "plugin", "my_fit")
+    assert (answer.code, answer.err.count("\n")) == (2, 1)
+    assert "test_my_fit.py exists" in answer.err
+    assert not (seatrial.folder / "my_fit.py").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "the following arguments are required: SUBJECT"),
-        (("boat", "tug"), "argument SUBJECT: invalid choice: 'boat'"),
-        (("vessel",), "the following arguments are required: NAME"),
-        (("vessel", "../tug"), "argument NAME: got '../tug', expected letters, digits and _"),
-        (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
-        (("vessel", "tug", "--length", "long"), "argument --length: got 'long', expected a posit"),
-        (("vessel", "tug", "--mass", "nan"), "argument --mass: got 'nan', expected a positive nu"),
-        (("vessel", "tug", "--length", "1e9"), "length: got 1e+09 m, expected 0.1 to 1000"),
-        (("vessel", "tug", "seed=1"), "unrecognized arguments: seed=1"),
-    ],
+REFUSED = (
+    ((), "the following arguments are required: SUBJECT"),
+    (("boat", "tug"), "argument SUBJECT: invalid choice: 'boat'"),
+    (("vessel",), "the following arguments are required: NAME"),
+    (("vessel", "../tug"), "argument NAME: got '../tug', expected letters, digits and _"),
+    (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
+    (("vessel", "tug", "--length", "long"), "argument --length: got 'long', expected a posit"),
+    (("vessel", "tug", "--mass", "nan"), "argument --mass: got 'nan', expected a positive nu"),
+    (("vessel", "tug", "--length", "1e9"), "length: got 1e+09 m, expected 0.1 to 1000"),
+    (("vessel", "tug", "seed=1"), "unrecognized arguments: seed=1"),
+    (("plugin", "numpy"), "init plugin: numpy is a module of Python"),
+    (("plugin", "ls"), "identifier ls is seatrial's own"),
+    (("plugin", "class"), "init plugin: got 'class', expected small letters"),
+    (("plugin", "../fit"), "argument NAME: got '../fit', expected letters"),
 )
-def test_a_command_that_is_wrong(seatrial: Command, words: tuple[str, ...], message: str) -> None:
-    assert seatrial.refuses("init", *words).startswith(message)
+
+
+def test_a_command_that_is_wrong(seatrial: Command, subtests: pytest.Subtests) -> None:
+    for words, message in REFUSED:
+        with subtests.test(words=words):
+            assert seatrial.refuses("init", *words).startswith(message)
 
 
 def test_a_folder_that_cannot_be_written(seatrial: Command) -> None:

@@ -47,9 +47,13 @@ def test_the_default_trial_of_an_own_vessel(vessel: str, own: Path, seatrial: Co
     assert stored["plant"]["scale"] == 1.0
 
 
-@pytest.mark.parametrize(
-    "controller", ["lqi", "mpc_condensed", "mpc_integral", "mpc_reduced", "mpc_standard"]
+MORE = (
+    pytest.param(name, marks=pytest.mark.slow)
+    for name in ("mpc_condensed", "mpc_integral", "mpc_reduced")
 )
+
+
+@pytest.mark.parametrize("controller", ["lqi", "mpc_standard", *MORE])
 def test_every_controller_tracks_with_derived_weights(
     controller: str, own: Path, seatrial: Command
 ) -> None:

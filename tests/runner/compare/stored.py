@@ -1,9 +1,6 @@
 """Logbooks with known numbers in them, written as the runner writes them."""
 
-import json
-import sqlite3
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -388,34 +385,3 @@ def fill_benchmark(logbook: Logbook) -> None:
         begin = logbook.begin_run(start(name, overrides=cell.options), sweep)
         logbook.finish_run(begin.run_id, Results(series=[series]))
     logbook.end_sweep(sweep)
-
-
-def fill_many(database: Path, number: int) -> None:
-    """A logbook of `number` runs with 27 metrics each, written in bulk."""
-    config = json.dumps({f"group{i}": {f"key{j}": i * j for j in range(10)} for i in range(8)})
-    kinds = [
-        (model, dof, name)
-        for model in ("nominal", "identified", "plant")
-        for dof in ("surge", "sway", "yaw")
-        for name in ("force_mse", "force_mae", "force_mse_filtered")
-    ]
-    with closing(sqlite3.connect(database)) as connection, connection:
-        connection.executemany(
-            "INSERT INTO run (id, fingerprint, attempt, status, vessel, disturbance, excitation,"
-            " identifier, controller, evaluation, seed, config, overrides, versions, host, pid,"
-            " started_at) VALUES (?, ?, 1, ?, 'milliampere', ?, 'waypoints', ?, 'pid', 'replay',"
-            " ?, ?, '[]', '{}', 'here', 1, '2026-01-01 00:00:00.000000')",
-            (
-                (
-                    *(i, f"{i:064d}", "failed" if i % 50 == 0 else "finished"),
-                    *(("calm", "noise", "constant")[i % 3], ("none", "ls", "plsr", "iv")[i % 4]),
-                    *(i // 12, config),
-                )
-                for i in range(1, number + 1)
-            ),
-        )
-        connection.executemany(
-            "INSERT INTO metric (run_id, stage, model, dof, name, value, unit)"
-            " VALUES (?, 'validation', ?, ?, ?, ?, 'N^2')",
-            ((i, *kind, float(i % 97)) for i in range(1, number + 1) for kind in kinds),
-        )

@@ -151,18 +151,16 @@ def test_lost_runs_are_named_by_their_reason(logbook: Logbook, results: Results)
     assert lost[0]["remedy"] == "show 2 --traceback; retry --status failed"
 
 
-@pytest.mark.parametrize(
-    ("runs", "most", "text"),
-    [
+def test_run_numbers_are_shortened() -> None:
+    cases: list[tuple[list[int], int | None, str]] = [
         ([], None, ""),
         ([3, 1, 2, 2], None, "1-3"),
         ([1, 2, 4, 6, 7], None, "1-2, 4, 6-7"),
         ([1, 3, 5, 6], 2, "1, 3, … (4 runs)"),
         ([1, 3], 2, "1, 3"),
-    ],
-)
-def test_run_numbers_are_shortened(runs: list[int], most: int | None, text: str) -> None:
-    assert ranges(runs, most) == text
+    ]
+    for runs, most, text in cases:
+        assert ranges(runs, most) == text
 
 
 def test_the_command_line_selects_and_changes_nothing(program: Program, tmp_path: Path) -> None:

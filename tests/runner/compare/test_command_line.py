@@ -219,14 +219,6 @@ def test_help_imports_nothing_slow() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
-def test_nothing_of_the_models_but_their_errors_is_imported() -> None:
-    folder = Path(__file__).parents[3] / "runner" / "compare"
-    for file in folder.rglob("*.py"):
-        for line in file.read_text().splitlines():
-            if line.strip().startswith(("from seatrial.models", "import seatrial.models")):
-                assert line.strip().split()[1].endswith((".errors", ".findings")), file
-
-
 def test_a_closed_pipe_is_no_error(plain: Path) -> None:
     line = f"{sys.executable} -m runner.compare runs --database {plain}/results.db | head -1"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, env=dict(os.environ))

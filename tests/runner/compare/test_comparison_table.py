@@ -231,31 +231,32 @@ def test_trials_that_share_a_seed_are_split_by_what_differs(tmp_path: Path) -> N
         assert not table(results, rows="plant.scale").notes
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
-        ({"columns": "config"}, "'config' is not known"),
-        ({"rows": "seed; drop table run"}, "is not known"),
-        ({"metric": ["force_mae"]}, "no metric 'force_mae'; expected one of below_true_model,"),
-        ({"coefficient": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
-        ({"dof": ["heave"]}, "dof heave; expected one of surge, yaw"),
-        ({"stage": ["deployment"]}, "stage deployment; expected one of validation"),
-        ({"model": ["plant"]}, "model plant; expected one of identified"),
-        ({"baseline": ["identifier"]}, "expected a factor and its level"),
-        ({"baseline": ["identifier=ridge"]}, "no run has identifier=ridge; expected one of none,"),
-        ({"where": "seed>50"}, "no runs match; the logbook has 17"),
-        ({"rows": "seed", "columns": "seed"}, "both name seed"),
-        ({"metric": ["force_mse"], "coefficient": ["u"]}, "got both"),
-    ],
+REFUSED: tuple[tuple[dict[str, object], str], ...] = (
+    ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
+    ({"columns": "config"}, "'config' is not known"),
+    ({"rows": "seed; drop table run"}, "is not known"),
+    ({"metric": ["force_mae"]}, "no metric 'force_mae'; expected one of below_true_model,"),
+    ({"coefficient": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
+    ({"dof": ["heave"]}, "dof heave; expected one of surge, yaw"),
+    ({"stage": ["deployment"]}, "stage deployment; expected one of validation"),
+    ({"model": ["plant"]}, "model plant; expected one of identified"),
+    ({"baseline": ["identifier"]}, "expected a factor and its level"),
+    ({"baseline": ["identifier=ridge"]}, "no run has identifier=ridge; expected one of none,"),
+    ({"where": "seed>50"}, "no runs match; the logbook has 17"),
+    ({"rows": "seed", "columns": "seed"}, "both name seed"),
+    ({"metric": ["force_mse"], "coefficient": ["u"]}, "got both"),
 )
+
+
 def test_what_is_not_known_is_refused_in_one_line(
-    results: Results, options: dict[str, object], expected: str
+    results: Results, subtests: pytest.Subtests
 ) -> None:
-    with pytest.raises(ConfigurationError) as refused:
-        table(results, **options)
-    assert expected in str(refused.value)
-    assert "\n" not in str(refused.value)
+    for options, expected in REFUSED:
+        with subtests.test(expected):
+            with pytest.raises(ConfigurationError) as refused:
+                table(results, **options)
+            assert expected in str(refused.value)
+            assert "\n" not in str(refused.value)
 
 
 def test_machine_formats_hold_every_fact_at_full_precision(results: Results) -> None:
@@ -319,22 +320,15 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Results]:
         yield opened
 
 
-@pytest.mark.parametrize(("name", "best"), [("coverage", "ls"), ("vaf", "ls"), ("speed", None)])
-def test_bold_is_what_the_catalogue_says_is_better(
-    own: Results, name: str, best: str | None
-) -> None:
-    grid = table(own, metric=[name], columns="none")
-    bold = [key[0] for key, text in cells(grid).items() if text.endswith("*")]
-    assert bold == ([best] if best else [])
-    assert "[knots]" in grid.title  # the stored unit
-    assert ("N" in grid.notes) == (name == "coverage")
-
-
-@pytest.mark.parametrize(
-    ("name", "won"), [("coverage", "won 1/2"), ("vaf", "won 1/2"), ("speed", None)]
-)
-def test_wins_over_a_baseline_go_by_the_same(own: Results, name: str, won: str | None) -> None:
+def test_bold_and_wins_are_what_the_catalogue_says_is_better(own: Results) -> None:
     """Of plsr against none: coverage 99, 99.5 against 80, 99; VAF 70, 61 against 60, 62."""
-    shown = cells(table(own, metric=[name], columns="none", baseline=["identifier=none"]))
-    (text,) = (text for key, text in shown.items() if key[0] == "plsr")
-    assert (won in text) if won else ("won" not in text and "× 3.67" in text)
+    for name, best, won in (
+        ("coverage", ["ls"], "won 1/2"), ("vaf", ["ls"], "won 1/2"), ("speed", [], None),
+    ):  # fmt: skip
+        grid = table(own, metric=[name], columns="none")
+        assert [key[0] for key, text in cells(grid).items() if text.endswith("*")] == best
+        assert "[knots]" in grid.title  # the stored unit
+        assert ("N" in grid.notes) == (name == "coverage")
+        shown = cells(table(own, metric=[name], columns="none", baseline=["identifier=none"]))
+        (text,) = (text for key, text in shown.items() if key[0] == "plsr")
+        assert (won in text) if won else ("won" not in text and "× 3.67" in text)

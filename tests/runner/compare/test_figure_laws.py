@@ -1,7 +1,7 @@
 """What holds of a figure whatever its data: labels apart, hulls to scale, limits at their value."""
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -178,35 +178,32 @@ def test_values_stand_at_their_lines(draw: Callable[..., list[Drawing]]) -> None
         assert f"rms {levels[text.get_color()]:.3g} kN" == text.get_text()
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5])
-def test_texts_beside_a_panel_are_apart_and_inside_of_it(n: int) -> None:
-    for heights in (np.full(n, 0.98), np.full(n, -3.0), np.linspace(0.4, 0.45, n)):
-        moved = style.apart(heights, 0.17)
-        assert np.all(np.diff(moved) >= 0.17 - 1e-12)
-        assert np.all((moved >= 0.0) & (moved <= 1.0))
-    own = np.linspace(0.1, 0.9, n)
-    np.testing.assert_allclose(style.apart(own, 0.17), own, atol=1e-12)
+def test_texts_beside_a_panel_are_apart_and_inside_of_it() -> None:
+    for n in (1, 2, 3, 5):
+        for heights in (np.full(n, 0.98), np.full(n, -3.0), np.linspace(0.4, 0.45, n)):
+            moved = style.apart(heights, 0.17)
+            assert np.all(np.diff(moved) >= 0.17 - 1e-12)
+            assert np.all((moved >= 0.0) & (moved <= 1.0))
+        own = np.linspace(0.1, 0.9, n)
+        np.testing.assert_allclose(style.apart(own, 0.17), own, atol=1e-12)
 
 
-@pytest.mark.parametrize("length", [0.8, 5.0, 73.2, 320.0])
-@pytest.mark.parametrize("extent", [10.0, 400.0, 5e4])
-def test_a_hull_is_a_whole_multiple_of_the_vessel_and_can_be_seen(
-    length: float, extent: float
-) -> None:
-    drawn_m, note = drawn_length({"vessel": {"length_m": length}}, extent)
-    times = drawn_m / length
-    assert times == pytest.approx(round(times))
-    assert drawn_m >= LEAST_SHARE * extent
-    assert (times == 1.0) == (length >= LEAST_SHARE * extent)
-    assert f"{round(times)} times" in note if times > 1.0 else "to scale" in note
+def test_a_hull_is_a_whole_multiple_of_the_vessel_and_can_be_seen() -> None:
+    for length, extent in product((0.8, 5.0, 73.2, 320.0), (10.0, 400.0, 5e4)):
+        drawn_m, note = drawn_length({"vessel": {"length_m": length}}, extent)
+        times = drawn_m / length
+        assert times == pytest.approx(round(times))
+        assert drawn_m >= LEAST_SHARE * extent
+        assert (times == 1.0) == (length >= LEAST_SHARE * extent)
+        assert f"{round(times)} times" in note if times > 1.0 else "to scale" in note
 
 
-@pytest.mark.parametrize("psi", np.linspace(-3.0, 3.0, 7))
-def test_an_outline_has_the_length_and_the_heading_of_the_vessel(psi: float) -> None:
-    bow, _, right, left, _ = outline(10.0, -20.0, psi, 42.0)
-    ahead = bow - 0.5 * (left + right)  # east, north
-    assert np.hypot(*ahead) == pytest.approx(42.0)
-    assert np.arctan2(*ahead) == pytest.approx(psi)
+def test_an_outline_has_the_length_and_the_heading_of_the_vessel() -> None:
+    for psi in np.linspace(-3.0, 3.0, 7):
+        bow, _, right, left, _ = outline(10.0, -20.0, psi, 42.0)
+        ahead = bow - 0.5 * (left + right)  # east, north
+        assert np.hypot(*ahead) == pytest.approx(42.0)
+        assert np.arctan2(*ahead) == pytest.approx(psi)
 
 
 def voyage(model: str, radius: float) -> Series:

@@ -5,8 +5,6 @@ import io
 import json
 from html.parser import HTMLParser
 
-import pytest
-
 from seatrial.runner.compare.formats import Format, render
 from seatrial.runner.compare.grid import (
     Cell,
@@ -27,24 +25,13 @@ GRID = Grid(
 )
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (2757.4, "2757"),
-        (12345.6, "12346"),
-        (0.043124, "0.04312"),
-        (9.99996, "10.00"),
-        (-1.5, "-1.500"),
-        (1.5e9, "1.500e+09"),
-        (1.23456e-7, "1.235e-07"),
-        (float("nan"), "nan"),
-        (float("-inf"), "-inf"),
-        (12, "12"),
-    ],
-)
-def test_figures_have_four_significant_digits(value: float, text: str) -> None:
-    assert number_text(value) == text
+def test_figures_have_four_significant_digits() -> None:
+    for value, text in (
+        (0.0, "0"), (2757.4, "2757"), (12345.6, "12346"), (0.043124, "0.04312"),
+        (9.99996, "10.00"), (-1.5, "-1.500"), (1.5e9, "1.500e+09"), (1.23456e-7, "1.235e-07"),
+        (float("nan"), "nan"), (float("-inf"), "-inf"), (12, "12"),
+    ):  # fmt: skip
+        assert number_text(value) == text
 
 
 def test_units_are_printed_as_they_are_read() -> None:

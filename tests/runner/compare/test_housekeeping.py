@@ -80,23 +80,12 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
     assert "1 of 2 finished" in err
 
 
-@pytest.mark.parametrize(
-    ("text", "duration"),
-    [
-        ("30d", timedelta(days=30)),
-        ("12h", timedelta(hours=12)),
-        ("2w", timedelta(weeks=2)),
-        ("90m", timedelta(minutes=90)),
-    ],
-)
-def test_ages(text: str, duration: timedelta) -> None:
-    assert housekeeping.age(text) == duration
-
-
-@pytest.mark.parametrize("text", ["30", "d", "-1d", "1.5d", "30 d", "1y", "9999999d", ""])
-def test_what_is_no_age_is_refused(text: str) -> None:
-    with pytest.raises(ConfigurationError, match="expected an age such as 30d"):
-        housekeeping.age(text)
+def test_ages() -> None:
+    for text, hours in (("30d", 720.0), ("12h", 12.0), ("2w", 336.0), ("90m", 1.5)):
+        assert housekeeping.age(text) == timedelta(hours=hours)
+    for text in ("30", "d", "-1d", "1.5d", "30 d", "1y", "9999999d", ""):
+        with pytest.raises(ConfigurationError, match="expected an age such as 30d"):
+            housekeeping.age(text)
 
 
 def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Path) -> None:
@@ -135,21 +124,16 @@ def test_prune_leaves_a_run_that_is_under_way_alone(program: Program, tmp_path: 
         assert _count(tmp_path, "run") == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
+def test_prune_without_a_clear_choice_is_refused(program: Program, copy: Path) -> None:
+    for arguments, expected in (
         ([], "expected --older-than, --status or --where"),
         (["--older-than", "soon"], "expected an age"),
         (["--status", "running"], "expected one of failed"),
         (["--where", "1=1"], "--where"),
-    ],
-)
-def test_prune_without_a_clear_choice_is_refused(
-    program: Program, copy: Path, arguments: list[str], expected: str
-) -> None:
-    code, out, err = program("prune", *database(copy), *arguments, "--yes")
-    assert (code, out, len(err.splitlines())) == (2, "", 1)
-    assert expected in err
+    ):
+        code, out, err = program("prune", *database(copy), *arguments, "--yes")
+        assert (code, out, len(err.splitlines())) == (2, "", 1)
+        assert expected in err
     assert _count(copy, "run") == 17
 
 

@@ -1,7 +1,7 @@
 """Figures for print: their width, their fonts, and labels that stay whole."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,17 +14,11 @@ from seatrial.runner.compare.figures import drawings_of, figures
 from seatrial.runner.compare.plots import draw, paper
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Results
+from tests.runner.compare.test_plots import of_kind as of_kind
+from tests.runner.compare.test_plots import voyages as voyages
 
 MM = 72.0 / 25.4  # points
-
-
-@pytest.fixture
-def voyages(sailed: Path, ranked: Path, request: pytest.FixtureRequest) -> Iterator[Results]:
-    kind = getattr(request.node, "callspec", None)
-    ranks = kind is not None and kind.params.get("kind") == "critical_difference"
-    with open_results(f"sqlite:///{ranked if ranks else sailed}/results.db") as opened:
-        yield opened
 
 
 @pytest.mark.slow
@@ -32,10 +26,12 @@ def voyages(sailed: Path, ranked: Path, request: pytest.FixtureRequest) -> Itera
     ("kind", "width"),
     [*((kind, "column") for kind in figures()), ("coefficients", "page"), ("wind", "page")],
 )
-def test_every_kind_fits_the_paper(voyages: Results, tmp_path: Path, kind: str, width: str) -> None:
+def test_every_kind_fits_the_paper(
+    of_kind: Callable[[str], Results], tmp_path: Path, kind: str, width: str
+) -> None:
     """The PDF has the width and TrueType fonts; no text is outside, or other than 8 points."""
     millimetres = paper.width_of(width)
-    (path,) = draw(kind, voyages, PlotRequest(), tmp_path, millimetres)
+    (path,) = draw(kind, of_kind(kind), PlotRequest(), tmp_path, millimetres)
     content = path.read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 (\S+) (\S+) \]", content)
     assert path.suffix == ".pdf"
@@ -45,7 +41,7 @@ def test_every_kind_fits_the_paper(voyages: Results, tmp_path: Path, kind: str, 
     assert b"/Type3" not in content
     assert b"CreationDate" not in content
     with drawn(width_mm=millimetres):
-        for drawing in drawings_of(kind)(voyages, PlotRequest()):
+        for drawing in drawings_of(kind)(of_kind(kind), PlotRequest()):
             paper.fit(drawing.figure)
             texts = [text for text in drawing.figure.findobj(Text) if shown(text)]
             assert {text.get_fontsize() for text in texts} == {8.0}  # type: ignore[attr-defined]
@@ -96,10 +92,10 @@ def test_the_screen_is_as_before_afterwards(voyages: Results, tmp_path: Path) ->
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
 
 
-@pytest.mark.parametrize("text", ["colum", "-5", "0", "5", "1e9", "nan", "inf", ""])
-def test_a_width_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(ConfigurationError, match=r"--width: got .* expected column, page or 40"):
-        paper.width_of(text)
+def test_a_width_that_is_none_is_refused() -> None:
+    for text in ("colum", "-5", "0", "5", "1e9", "nan", "inf", ""):
+        with pytest.raises(ConfigurationError, match=r"--width: got .* expected column, page or"):
+            paper.width_of(text)
 
 
 def test_on_the_command_line(

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import time
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -19,7 +18,6 @@ from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.scripts import metric_script, script_of
 from seatrial.runner.compare.site.static_folder import assets
 from seatrial.runner.database import Logbook
-from tests.benchmarks.filled import fill
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints
 from tests.runner.compare.conftest import Program
@@ -386,21 +384,3 @@ def test_an_empty_logbook_has_a_page(offline: Any, tmp_path: Path) -> None:
         page = write_site(results, tmp_path / "site", "results.db", 1)
     show(offline, page.as_uri())
     assert "No runs in the logbook yet" in offline.find_element("id", "main").text
-
-
-@pytest.mark.slow
-def test_ten_thousand_runs_are_filtered_and_drawn_at_once(offline: Any, tmp_path: Path) -> None:
-    database = fill(tmp_path, 10_000)
-    with open_results(str(database)) as results:
-        page = write_site(results, tmp_path / "site", str(database), 20)
-    show(offline, page.as_uri(), "sweep=all&metric=force_mse")
-    click(offline, "#filters summary")
-    begun = time.monotonic()
-    tick(offline, "Disturbance", "calm")
-    took = time.monotonic() - begun
-    own = float(offline.find_element("id", "main").get_attribute("data-took")) / 1e3
-    print(f"filter and figure of 10,000 runs: {took:.2f} s by the clock, {own:.2f} s of the page")
-    assert took < 5.0  # measured at 0.3 s; a busy machine takes longer
-    cells = cells_of(offline)
-    assert cells is not None
-    assert sum(cell["n"] for cell in cells) > 3_000

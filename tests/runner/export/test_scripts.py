@@ -163,20 +163,17 @@ def test_an_identified_linear_model_leaves_as_it_was_stored(export: Exporter, sa
     np.testing.assert_array_equal(script["linear"].A, A)
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_a_wrong_operating_point_is_one_line(
+    export: Exporter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(export.folder)
+    for words, expected in (
         (("--to", "statespace", "--at", "speed=1"), "--at: got 'speed=1', expected NAME=NUMBER"),
         (("--to", "statespace", "--at", "u=fast"), "--at: got 'u=fast', expected NAME=NUMBER"),
         (("--to", "mss", "--at", "u=1"), "--at: got --to mss, expected --to statespace or"),
         (("--to", "mss", "-o", "1st.m"), "expected a name of letters, digits and _"),
-    ],
-)
-def test_a_wrong_operating_point_is_one_line(
-    export: Exporter, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str
-) -> None:
-    monkeypatch.chdir(export.folder)
-    code, out, err = export.program("model", "1", "--database", export.database, *words)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert expected in err
+    ):
+        code, out, err = export.program("model", "1", "--database", export.database, *words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert expected in err
     assert list(export.folder.iterdir()) == []

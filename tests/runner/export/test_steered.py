@@ -38,28 +38,33 @@ def numbers(vessel: VesselParameters) -> dict[str, Any]:
     return known | {"entries": plant.entries, "inverse": plant.inverse_inertia}
 
 
-@pytest.mark.parametrize("name", sorted(STEERED))
-def test_it_comes_back_to_the_last_digit(tmp_path: Path, name: str) -> None:
-    model = stored(name)
-    for form in ("yaml", "json"):
-        (file,) = write(model, form, tmp_path / f"again.{form}")
-        again = options.part(VesselParameters, OmegaConf.to_container(OmegaConf.load(file)))
-        assert isinstance(again, VesselParameters)
-        for key, value in numbers(again).items():
-            np.testing.assert_array_equal(value, numbers(model.parameters)[key], err_msg=key)
-        table, own = again.nominal(), model.table
-        found, wanted = (dict(zip(map(str, t.terms), t.theta, strict=True)) for t in (table, own))
-        for term, row in wanted.items():
-            np.testing.assert_array_equal(found.get(term, 0.0 * row), row)
+def test_it_comes_back_to_the_last_digit(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for name in sorted(STEERED):
+        with subtests.test(name):
+            model = stored(name)
+            for form in ("yaml", "json"):
+                (file,) = write(model, form, tmp_path / f"{name}.{form}")
+                check_equal(file, model)
 
 
-@pytest.mark.parametrize("to", [name for name, form in FORMATS.items() if not form.inputs])
-@pytest.mark.parametrize("name", ["mariner", "kvlcc2", "container", "zeefakkel"])
-def test_a_format_without_inputs_says_so(tmp_path: Path, name: str, to: str) -> None:
-    model = stored(name)
+def check_equal(file: Path, model: StoredModel) -> None:
+    """A file holds a model to the last digit."""
+    again = options.part(VesselParameters, OmegaConf.to_container(OmegaConf.load(file)))
+    assert isinstance(again, VesselParameters)
+    for key, value in numbers(again).items():
+        np.testing.assert_array_equal(value, numbers(model.parameters)[key], err_msg=key)
+    table, own = again.nominal(), model.table
+    found, wanted = (dict(zip(map(str, t.terms), t.theta, strict=True)) for t in (table, own))
+    for term, row in wanted.items():
+        np.testing.assert_array_equal(found.get(term, 0.0 * row), row)
+
+
+def test_a_format_without_inputs_says_so(tmp_path: Path) -> None:
+    model = stored("mariner")
     inputs = ", ".join(model.parameters.inputs)
-    expected = f"--to {to}: got {name}_7, which is commanded by {inputs}, expected a vessel by forc"
-    with pytest.raises(ConfigurationError, match=expected) as error:
-        write(model, to, tmp_path / f"again{FORMATS[to].endings[0]}")
-    assert "\n" not in str(error.value)
+    for to in (name for name, form in FORMATS.items() if not form.inputs):
+        expected = f"--to {to}: got mariner_7, which is commanded by {inputs}, expected a vessel by"
+        with pytest.raises(ConfigurationError, match=expected) as error:
+            write(model, to, tmp_path / f"again{FORMATS[to].endings[0]}")
+        assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,5 @@
 """Measured recordings through a whole trial: statistics, quality, and what makes them the same."""
 
-import json
 import re
 from pathlib import Path
 
@@ -11,9 +10,6 @@ from seatrial.models.errors import RecordingError
 from seatrial.runner import trial as trials
 from seatrial.runner.fingerprint import fingerprint
 from tests.data import DATA
-from tests.runner.command import Command
-from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
 from tests.trials import composed
 
 SURGE = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
@@ -87,26 +83,3 @@ def test_a_damaged_file_is_refused_before_any_work(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("0.5,", "oops,", 1))
     with pytest.raises(RecordingError, match="oops"):
         trials.check(composed(*SURGE, f"excitation.path={path}"))
-
-
-@pytest.mark.data
-@pytest.mark.slow
-def test_stats_prints_the_statistics_of_the_four_recordings(
-    seatrial: Command, program: Program
-) -> None:
-    """From the command line: 18 columns of each equal the outside tables to two decimals."""
-    names = ["surge-1", "sway-1", "heave-1", "random-1"]
-    paths = ",".join(f"{DATA}/beluga/{name}.csv" for name in names)
-    assert seatrial("-m", *SURGE[:2], "identifier=none", f"excitation.path={paths}").code == 0
-    for run, name in enumerate(names, start=1):
-        stats = json.loads(program("stats", f"{run}", "--format", "json")[1])
-        found = {row["column"]: row for row in stats}
-        rows = re.findall(
-            r"^(\w[\w\\]*) +&(.*)\\\\$",
-            (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text(), re.M,
-        )  # fmt: skip
-        assert len(rows) == 18
-        for column, cells in rows:
-            row = found[column.replace("\\", "")]
-            ours = [f"{row[stat]:.2f}" for stat in ("N", "mean", "std", "median", "min", "max")]
-            assert ours == [cell.strip() for cell in cells.split("&")], (name, column)
