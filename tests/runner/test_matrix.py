@@ -1,11 +1,11 @@
 """Vessels with controllers and evaluations: it sails, or one line says why not.
 
-`make slow` has five kinds of vessels, each controller with one evaluation; `make nightly` has all.
+`make slow` has a third of the pairs on five kinds of vessels, `make nightly` all on all vessels.
 """
 
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import cycle, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -79,11 +79,10 @@ def tried(vessel: str, pairs: Iterable[tuple[str, str]]) -> int:
 
 @pytest.mark.slow
 def test_a_part_of_the_matrix() -> None:
-    """Each vessel has each controller, and the evaluations in turn."""
-    evaluations = options("evaluation")
-    for first, vessel in enumerate(KINDS):
-        shifted = evaluations[first:] + evaluations[:first]
-        assert tried(vessel, zip(options("controller"), cycle(shifted), strict=False)) > 0, vessel
+    """A third of the pairs, every controller and every evaluation among them."""
+    pairs = product(enumerate(options("controller")), enumerate(options("evaluation")))
+    third = [(one, other) for (i, one), (j, other) in pairs if (i + j) % 3 == 2]
+    assert sum(tried(vessel, third) for vessel in KINDS) > len(KINDS)
 
 
 @pytest.mark.nightly
