@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
+from io import BytesIO
 from typing import Any, cast
 from uuid import uuid4
 
@@ -128,8 +129,8 @@ class SharingLoader:
     """
 
     KEPT = 64  # largest number of compositions; the oldest is dropped
-    # Of the last sweep: its identifier, and the pickled composition of each combination of choices.
-    _shared: tuple[str, dict[tuple[str, ...], bytes]] = ("", {})
+    # Of the last sweep: its identifier, and the composition of each combination of choices.
+    _shared: "tuple[str, dict[tuple[str, ...], _Stored]]" = ("", {})
 
     def __init__(self, loader: ConfigLoader) -> None:
         self.hydra = loader
@@ -195,9 +196,8 @@ class SharingLoader:
         if key not in composed:
             if len(composed) >= self.KEPT:
                 del composed[next(iter(composed))]
-            composed[key] = pickle.dumps(self.hydra.load_sweep_config(master, list(choices)))
-        config: DictConfig = pickle.loads(composed[key])  # a third of the time of a deep copy
-        return config
+            composed[key] = _Stored(self.hydra.load_sweep_config(master, list(choices)))
+        return composed[key].copy()
 
 
 @lru_cache(maxsize=4096)  # the jobs of a sweep have most of their overrides in common
@@ -208,6 +208,44 @@ def _parsed(text: str) -> Override:
 
 def _is_task(override: Override) -> bool:
     return not override.is_hydra_override()
+
+
+class _Stored:
+    """A configuration that is copied by pickle, in a third of the time of a deep copy.
+
+    Its classes stay what they are: Hydra imports those of launchers twice, which pickle refuses.
+    """
+
+    def __init__(self, config: DictConfig) -> None:
+        self._classes: list[type] = []
+        file = BytesIO()
+        pickler = _Pickler(file)
+        pickler.classes = self._classes
+        pickler.dump(config)
+        self._data = file.getvalue()
+
+    def copy(self) -> DictConfig:
+        unpickler = _Unpickler(BytesIO(self._data))
+        unpickler.classes = self._classes
+        config: DictConfig = unpickler.load()
+        return config
+
+
+class _Pickler(pickle.Pickler):
+    classes: list[type]
+
+    def persistent_id(self, value: Any) -> int | None:
+        if not isinstance(value, type):
+            return None
+        self.classes.append(value)
+        return len(self.classes) - 1
+
+
+class _Unpickler(pickle.Unpickler):
+    classes: list[type]
+
+    def persistent_load(self, index: Any) -> Any:
+        return self.classes[index]
 
 
 class Composer:

@@ -133,7 +133,10 @@ def test_a_job_after_another(master: DictConfig, jobs: list[str]) -> None:
         assert shared(composer, job.split()) == outcome, job
 
 
-@pytest.mark.parametrize("job", ["identifier=ls seed=4", "hydra.job.name=x seed=1", "~controller"])
+@pytest.mark.parametrize(
+    "job",
+    ["identifier=ls seed=4", "hydra.job.name=x seed=1", "~controller", "hydra/launcher=joblib"],
+)
 def test_what_is_shared_is_what_hydra_composes(master: DictConfig, job: str) -> None:
     sharing = SharingLoader(loader())
     slow = loader().load_sweep_config(master, job.split())
