@@ -64,12 +64,12 @@ demo: $(VENV)/demo.stamp
 	done
 
 # Every identifier on four vessels and the supplied recordings. Two vessels have no wind, and
-# are given true coefficients that differ from the believed ones. Where nothing is random, one seed
+# are given true coefficients that differ from the nominal ones. Where nothing is random, one seed
 # is enough. A run that fails or diverges (exit code 1) is kept, and counted in the tables.
 SEEDS := 20
 COVERAGE_SEEDS := 100
 TRIAL_SEEDS := 20
-IDENTIFIERS := none,auto,robust,ls,ridge,iv,sparse,gaussian_process,least_squares
+IDENTIFIERS := none,auto,robust,ls,ridge,iv,sparse,gaussian_process,output_error
 ORDERS := plsr,surface_plsr
 BELUGA := random-1 surge-1 sway-1 heave-1
 COMMA := ,

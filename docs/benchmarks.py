@@ -61,11 +61,11 @@ def ratio_row(row: Row) -> list[str]:
         f"{row['peer']}: {shown_seconds(peer)}",
         f"{ratio:.3g}",
         "" if wanted is None else f"{wanted:g}",
-        remark(row, short=wanted is not None and ratio < wanted, by=f"{ratio:.3g} of {wanted}"),
+        note(row, short=wanted is not None and ratio < wanted, by=f"{ratio:.3g} of {wanted}"),
     ]
 
 
-def remark(row: Row, *, short: bool, by: str) -> str:
+def note(row: Row, *, short: bool, by: str) -> str:
     """The shortfall of a figure with its reason, and the note of its benchmark."""
     parts = [f"short: {by}; {row['why'] or 'not explained yet'}"] if short else []
     return "; ".join([*parts, *([row["note"]] if row["note"] else [])])
@@ -79,7 +79,7 @@ def figure_rows(row: Row) -> list[list[str]]:
             f"{row['what']}: {name}" if len(row["found"]) > 1 else row["what"],
             str(one["shown"]),
             str(one.get("limit", "")),
-            remark(rest if i else row, short=bool(one.get("short")), by=str(one.get("short", ""))),
+            note(rest if i else row, short=bool(one.get("short")), by=str(one.get("short", ""))),
         ]
         for i, (name, one) in enumerate(row["found"].items())
     ]
@@ -91,8 +91,8 @@ def main() -> None:
     ratios = [ratio_row(row) for row in rows if row["kind"] == "ratio"]
     figures = [cells for row in rows if row["kind"] == "figures" for cells in figure_rows(row)]
     print(f"Medians, measured in turn on {machine}.\n")
-    print(table(["what", "ours", "other", "times faster", "asked", "remark"], ratios))
-    print(table(["what", "figure", "asked", "remark"], figures), end="")
+    print(table(["what", "ours", "other", "times faster", "asked", "note"], ratios))
+    print(table(["what", "figure", "asked", "note"], figures), end="")
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ from omegaconf import OmegaConf
 from scipy.stats import binomtest
 
 from docs.pages.markdown import table
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[1]
 FILE = ROOT / "results" / "coverage.json"
 WIDTH = 1.96  # standard errors of an interval of 95 %
 PROCESSES = 2
-# The true coefficients of the last two would be the believed ones, about which the prior is.
+# The true coefficients of the last two would be the nominal ones, about which the prior is.
 VESSELS = {
     "milliampere": ("excitation=waypoints",),
     "modulus_ship": ("excitation=prbs", "controller=none"),
@@ -52,7 +52,7 @@ VESSELS = {
 DISTURBANCES = ("noise", "[constant,noise]", "[wind,noise]")
 IDENTIFIERS = {
     "robust": ("identifier=robust",),
-    "least_squares": ("identifier=least_squares",),
+    "output_error": ("identifier=output_error",),
     "iv": ("identifier=iv",),
     "ls": ("identifier=ls", "identifier.basis=physical"),
     "ridge": ("identifier=ridge", "identifier.basis=physical"),
@@ -176,7 +176,7 @@ def counts(
 
 def says_covers(identified: Identified) -> bool:
     """Whether a model says that its intervals are those of the coefficients."""
-    said = [f.value for f in identified.findings if f.name == INTERVAL_OF_ESTIMATE]
+    said = [f.value for f in identified.diagnostics if f.name == INTERVAL_OF_ESTIMATE]
     return said == [0.0]
 
 

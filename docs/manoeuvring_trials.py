@@ -1,9 +1,9 @@
 """What turning circle is predicted after simulated manoeuvring trials: `make manoeuvring`.
 
 The truth is KVLCC2 by the method of MMG. The trials are those of IMO resolution MSC.137(76),
-turning circles, each twice, and zig-zags to both sides, with noise; the believed coefficients are
+turning circles, each twice, and zig-zags to both sides, with noise; the nominal coefficients are
 off by up to 20 %. Three models are identified: a polynomial (Abkowitz) by `iv` and by `auto` from
-all trials, and hull, rudder and propeller (MMG) jointly by `least_squares` from the zig-zags. Each
+all trials, and hull, rudder and propeller (MMG) jointly by `output_error` from the zig-zags. Each
 then turns at 35 degrees to both sides, as do models that are drawn from its distribution.
 
 `python -m docs.manoeuvring_trials` prints the table of `results/manoeuvring_trials.json`;
@@ -27,7 +27,7 @@ from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track, turn
-from seatrial.models.simulation.manoeuvre_sheet import SHARE, interval
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, interval
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import manoeuvring_basis
 from seatrial.models.vessel.devices.device import with_parameters
@@ -65,13 +65,13 @@ class Method(NamedTuple):
 METHODS = {
     "iv": Method(
         ("identifier=iv", "identifier.iterations=4", "identifier.orientation_terms=false",
-         # the regression as it is, not held to what is believed
+         # the regression as it is, not held to the nominal one
          "identifier.restart_s=null", "identifier.inertia_factor=null"),
         ZIGZAGS + CIRCLES, False,
     ),
     "auto": Method(("identifier=auto",), ZIGZAGS + CIRCLES, False),
-    "least_squares": Method(
-        ("identifier=least_squares", "identifier.horizons=[]", "identifier.horizon=250",
+    "output_error": Method(
+        ("identifier=output_error", "identifier.horizons=[]", "identifier.horizon=250",
          f"identifier.free={FREE}"), ZIGZAGS, True,
     ),
 }  # fmt: skip
@@ -120,7 +120,7 @@ def tactical_diameter(model: Vessel, helm_deg: float) -> float:
     return turn(Track(t, x, y, psi, helm, np.hypot(u, v), LENGTH_M)).tactical_diameter
 
 
-def believed_ship(truth: Vessel, share: float) -> Vessel:
+def nominal_ship(truth: Vessel, share: float) -> Vessel:
     """Hull, rudder and propeller coefficients off by up to a share."""
     rng = np.random.default_rng(5)
     theta = np.array(truth.theta)
@@ -152,19 +152,19 @@ def polynomial(ship: Vessel) -> Vessel:
 def identified(method: str, seed: int, truth: Vessel) -> Identified:
     """The model that a method identifies from the trials of a seed."""
     options, kinds, devices = METHODS[method]
-    believed = believed_ship(truth, 0.2)
-    believed = believed if devices else polynomial(believed)
+    nominal = nominal_ship(truth, 0.2)
+    nominal = nominal if devices else polynomial(nominal)
     recording = trials(seed, kinds)
     identifier = trial_of(
         "vessel=kvlcc2", "excitation=rudder_turn", "controller=none", "evaluation=none", *options
     ).identifier
-    problem = Problem(recording, recording, believed, None)
+    problem = Problem(recording, recording, nominal, None)
     return identifier.identify(problem, np.random.default_rng(seed))
 
 
 def circles(result: Identified, truth: Vessel) -> list[Circle]:
     """The predicted turning circles to both sides, with the intervals of the drawn models."""
-    models, found = list(result.draws(DRAWS, SHARE)), []
+    models, found = list(result.draws(DRAWS, DEVIATION_SHARE)), []
     for helm in HELMS_DEG:
         true = tactical_diameter(truth, helm)
         drawn = np.array([_drawn(model, helm) for model in models]) / true

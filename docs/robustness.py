@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from docs.pages.markdown import table
-from seatrial.runner.compare.results import Observation, Results, Run, open_results
+from seatrial.runner.compare.results import Observation, Queries, StoredRun, open_results
 from seatrial.runner.vocabulary import LOST
 
 LOGBOOK = Path(__file__).parents[1] / "results" / "robustness" / "results.db"
@@ -23,7 +23,7 @@ LIMITED = ("limited_share_restarts", "limited_share_free_run")
 METRICS = (FIT, RMSE, *LIMITED)
 NEGLIGIBLE = 1e-3  # error, relative to the spread of a velocity, that cannot be told from none
 STILL = 1e-9  # [m/s, rad/s] spread below which nothing moved
-WORSE, NEAR = 1.02, 1.10  # worse than the believed model; near the best identifier
+WORSE, NEAR = 1.02, 1.10  # worse than the nominal model; near the best identifier
 CASES = (
     "calm", "noise", "constant", "wind+noise", "constant+noise", "rough", "constant+noise_process"
 )  # fmt: skip
@@ -46,7 +46,7 @@ class Outcome:
     case: Case
     identifier: str
     fit: float  # -inf: there is no prediction
-    to_none: Mapping[str, float]  # error over that of the believed model
+    to_none: Mapping[str, float]  # error over that of the nominal model
     to_mean: Mapping[str, float]  # error over that of the mean motion
     diverged: bool  # failed, or its rates had to be limited
     seconds: float
@@ -58,11 +58,11 @@ class Outcome:
 
     @property
     def worst(self) -> float:
-        """The ratio to the believed model of the degree of freedom where it is largest."""
+        """The ratio to the nominal model of the degree of freedom where it is largest."""
         return max(self.to_none.values(), default=math.inf)
 
 
-def outcomes(results: Results) -> list[Outcome]:
+def outcomes(results: Queries) -> list[Outcome]:
     """The outcomes of all runs that ended."""
     runs = [run for run in results.runs(None, (PATH, SECONDS)) if run.status != "running"]
     numbers: dict[int, list[Observation]] = {run.id: [] for run in runs}
@@ -71,7 +71,7 @@ def outcomes(results: Results) -> list[Outcome]:
     return [outcome_of(run, numbers[run.id]) for run in runs]
 
 
-def outcome_of(run: Run, numbers: Iterable[Observation]) -> Outcome:
+def outcome_of(run: StoredRun, numbers: Iterable[Observation]) -> Outcome:
     """The outcome of a run with these metrics."""
     held = {
         (number.model, number.name, number.dof): number.value
@@ -121,7 +121,7 @@ def ratios(
 
 
 def cell(runs: Sequence[Outcome]) -> str:
-    """Median FIT, diverged of all, worst ratio to the believed model, seconds."""
+    """Median FIT, diverged of all, worst ratio to the nominal model, seconds."""
     diverged = sum(run.diverged for run in runs)
     fit, worst = median(run.fit for run in runs), median(run.worst for run in runs)
     return (
@@ -138,7 +138,7 @@ def shown(value: float, form: str) -> str:
 
 
 def per_axis(runs: Sequence[Outcome], mean: bool = False) -> dict[str, float]:
-    """Median ratio to the believed model, or to the mean motion, per degree of freedom."""
+    """Median ratio to the nominal model, or to the mean motion, per degree of freedom."""
     held = [run.to_mean if mean else run.to_none for run in runs]
     dofs = dict.fromkeys(dof for run in held for dof in run)
     return {dof: median(run.get(dof, math.inf) for run in held) for dof in dofs}
@@ -225,7 +225,7 @@ def _place(order: Sequence[str], name: str) -> tuple[int, str]:
     return (order.index(name) if name in order else len(order)), name
 
 
-def page(results: Results) -> str:
+def page(results: Queries) -> str:
     """All tables in Markdown."""
     cells = Cells(outcomes(results))
     parts = [cells.summary()]

@@ -29,7 +29,7 @@ _parsed: set[str] = set()  # keys that are not on disk yet
 
 
 @dataclass(frozen=True)
-class Source:
+class ParsedSource:
     """A Python file: the SHA-256 of its syntax tree, and the modules that it imports.
 
     `from a import b` counts as `a` and `a.b`, `lazy_loader.load("a.b")` as `a.b`; imports for type
@@ -93,14 +93,14 @@ def _files_of(folder: Path, parts: list[str]) -> Iterator[Path]:
         yield from filter(Path.is_file, (place.with_suffix(".py"), place / "__init__.py"))
 
 
-def source(path: Path) -> Source:
+def source(path: Path) -> ParsedSource:
     """Digest and imports of a Python file, read again when the file has changed."""
     stat = path.stat()
     return _source(path, stat.st_mtime_ns, stat.st_size)
 
 
 @lru_cache(maxsize=4096)
-def _source(path: Path, _changed_ns: int, _size: int) -> Source:
+def _source(path: Path, _changed_ns: int, _size: int) -> ParsedSource:
     content = path.read_bytes()
     key = hashlib.sha256(content).hexdigest()
     cached = _cached()
@@ -110,11 +110,11 @@ def _source(path: Path, _changed_ns: int, _size: int) -> Source:
     return cached[key]
 
 
-def parse(content: bytes) -> Source:
+def parse(content: bytes) -> ParsedSource:
     """Parse the content of a source file; raises SyntaxError if it is not Python."""
     tree = ast.parse(content)
     digest = hashlib.sha256(_text(tree).encode("utf-8", "surrogatepass")).hexdigest()
-    return Source(digest, tuple(sorted(set(_imports(tree)))))
+    return ParsedSource(digest, tuple(sorted(set(_imports(tree)))))
 
 
 def _text(node: object) -> str:
@@ -179,11 +179,13 @@ def replace_file(path: Path, content: bytes) -> None:
 
 
 @cache
-def _cached() -> dict[str, Source]:
+def _cached() -> dict[str, ParsedSource]:
     """Cached sources by the SHA-256 of their content; empty if the cache file is unreadable."""
     try:
         rows = json.loads((cache_home() / KEPT_FILE).read_bytes())
-        return {key: Source(digest, tuple(imports)) for key, (digest, imports) in rows.items()}
+        return {
+            key: ParsedSource(digest, tuple(imports)) for key, (digest, imports) in rows.items()
+        }
     except (OSError, ValueError, TypeError, AttributeError):
         return {}
 

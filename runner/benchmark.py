@@ -12,7 +12,13 @@ import typer
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner import in_process, search_path
-from seatrial.runner.compare.benchmark.cells import Cell, Lacking, cells, entrants_of, lacking
+from seatrial.runner.compare.benchmark.cells import (
+    BenchmarkTrial,
+    Lacking,
+    cells,
+    entrants_of,
+    lacking,
+)
 from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
 from seatrial.runner.console import terminal_view
 from seatrial.runner.invocation import trial_program
@@ -59,7 +65,7 @@ def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -
         raise typer.Exit(1)
 
 
-def _run(label: str, own: Sequence[Cell], options: argparse.Namespace) -> int:
+def _run(label: str, own: Sequence[BenchmarkTrial], options: argparse.Namespace) -> int:
     """Run the cells of one entrant in one task as a sweep."""
     words = [f"results_dir={options.results_dir}", f"sweep.name=benchmark_{own[0].task}"]
     words.append(f"hydra/launcher={options.launcher}")

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
-from seatrial.models.errors import PartError
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import PartError, checked_array, name_of
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.findings import Finding
 from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
-from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.loop import Watch, sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
@@ -29,7 +28,7 @@ from seatrial.runner.vocabulary import STREAMS, Stream
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class ControlDesign:
     """Properties of a controller's design on a model, known before the simulation."""
 
     dofs: tuple[str, ...]
@@ -37,7 +36,7 @@ class Design:
     limits: tuple[float, ...] | None = None  # [N, Nm]
     ahead: int = 0  # preview horizon, in loop instants
     every: int = 1  # period of the commands, in loop instants
-    remarks: Sequence[Finding] = ()
+    diagnostics: Sequence[Diagnostic] = ()
 
     @property
     def infeasible(self) -> Array:
@@ -53,7 +52,7 @@ class SimulatedMission:
 
     voyage: Voyage
     period_s: float
-    design: Design
+    design: ControlDesign
     failures: int = 0  # number of commands that could not be computed; the last one was held
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
@@ -105,7 +104,7 @@ class MissionSetup:
     start: Array
     added: Array | None  # force that the excitation adds to the command [N, Nm]
     ahead: Outlook
-    design: Design
+    design: ControlDesign
 
     def sail(self, adaptive: bool = False) -> SimulatedMission:
         """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
@@ -161,7 +160,7 @@ def prepare(
         added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
-    design = Design(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
+    design = ControlDesign(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
     control, controller = mission.steering(vessel.dofs, period), None
     if control is None:
         controller = controller_of(trial, deployed)
@@ -213,15 +212,15 @@ def controller_of(trial: Trial, deployed: bool) -> Controller:
 
 
 def design_of(
-    controller: Controller, model: Vessel | StateSpace, period: float, design: Design
-) -> Design:
-    """Return the design with the limits, horizons and remarks of the controller."""
+    controller: Controller, model: Vessel | StateSpace, period: float, design: ControlDesign
+) -> ControlDesign:
+    """Return the design with the limits, horizons and diagnostics of the controller."""
     return replace(
         design,
         limits=controller.command_limits(),
         ahead=controller.preview_rows(period),
         every=controller.command_rows(period),
-        remarks=controller.remarks(model, period),
+        diagnostics=controller.diagnostics(model, period),
     )
 
 

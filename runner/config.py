@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.excitation.missions import Evaluation, Mission
     from seatrial.models.identification.adaptive import Update
     from seatrial.models.identification.problem import Identifier
-    from seatrial.models.recording.readers import Reader
+    from seatrial.models.recording.recorded_file import MeasuredRecording
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
     from seatrial.runner import options, recording_map, roles
@@ -68,7 +68,7 @@ class Trial:
 
     vessel: "VesselParameters"
     disturbance: "Disturbance"
-    excitation: "Mission | Reader"
+    excitation: "Mission | MeasuredRecording"
     identifier: "Identifier"
     controller: "Controller | None"
     evaluation: "Evaluation | None"
@@ -113,7 +113,7 @@ class PlantChange:
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantOptions:
     """The true plant: `scale` x the nominal coefficient table."""
 
     scale: Annotated[Positive, FromVessel("plant_scale")]
@@ -159,7 +159,7 @@ class Settings:
     seed: NotNegativeInt
     sample_time_s: Positive
     integration_step_s: Positive
-    plant: Plant
+    plant: PlantOptions
     results_dir: Path
     database: Database
     update: object = None

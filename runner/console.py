@@ -106,10 +106,10 @@ def outcome_line(outcome: "Outcome", url: str) -> str:
 
 
 def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
-    """Return a table of (state, trial, remark), and the count of each state."""
-    rows = [(state, error_line(name), error_line(remark)) for state, name, remark in trials]
+    """Return a table of (state, trial, note), and the count of each state."""
+    rows = [(state, error_line(name), error_line(note)) for state, name, note in trials]
     width = max((len(name) for _, name, _ in rows), default=0)
-    lines = [f"{state:<11}  {name:<{width}}  {remark}".rstrip() for state, name, remark in rows]
+    lines = [f"{state:<11}  {name:<{width}}  {note}".rstrip() for state, name, note in rows]
     counts = Counter(state for state, _, _ in rows)
     totals = ", ".join(f"{count} {state}" for state, count in counts.items())
     return [*lines, f"{_number(len(rows), 'trial')}: {totals}; nothing was run"]
@@ -207,7 +207,7 @@ MakeView = Callable[[], AbstractContextManager[View]]
 @contextmanager
 def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Iterator[None]:
     """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
-    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, Pace())):
+    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, TimeLeft())):
         yield
 
 
@@ -233,10 +233,10 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _watch(url: str, sweep_id: int, view: View, pace: "Pace", stop: Event) -> None:
+def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -> None:
     reported: set[int] = set()
     try:
-        with database.Logbook.read(url) as logbook:
+        with database.LogbookWriter.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
                 start_s = time.monotonic()
@@ -255,7 +255,7 @@ def _done(status: "SweepStatus") -> int:
     return sum(status.counts.get(name, 0) for name in ENDINGS)
 
 
-def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
+def _standing(status: "SweepStatus", pace: "TimeLeft") -> Standing:
     done, running = _done(status), status.counts.get("running", 0)
     return Standing(
         done=done,
@@ -266,7 +266,7 @@ def _standing(status: "SweepStatus", pace: "Pace") -> Standing:
     )
 
 
-class Pace:
+class TimeLeft:
     """Estimates the time left from the rate of trials after the first one that ends."""
 
     def __init__(self) -> None:

@@ -38,7 +38,7 @@ Out = Annotated[
 ]
 app.command()(convert)
 app.command()(get)
-WIDE = 120  # letters of a line that goes to a file
+LINE_WIDTH = 120  # letters of a line that goes to a file
 MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
 FLIPPED = {
     "frames.velocity=earth": ("velocity", "earth"),
@@ -192,7 +192,7 @@ def _options(map_file: Path | None) -> ReadOptions:
 def _show(known: Report) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=WIDE)
+        console = Console(highlight=False, width=LINE_WIDTH)
     problems = () if known.examination is None else known.examination.problems
     for problem in problems:
         console.print(f"problem: {problem}", markup=False, soft_wrap=True)

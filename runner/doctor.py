@@ -44,12 +44,12 @@ PROGRAMS = {
 
 
 class Check(NamedTuple):
-    """One line: `verdict` is ok, problem or absent; `remark` is what was expected or is lost."""
+    """One line: `verdict` is ok, problem or absent; `note` is what was expected or is lost."""
 
     verdict: str
     name: str
     result: str
-    remark: str = ""
+    note: str = ""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -58,8 +58,8 @@ def main(arguments: Sequence[str]) -> int:
         raise ConfigurationError(f"doctor: got {' '.join(arguments)}, expected no arguments")
     checks = list(examined())
     for check in checks:
-        remark = f"  ({check.remark})" if check.remark else ""
-        print(f"{check.verdict:<8} {check.name:<22} {check.result}{remark}")
+        note = f"  ({check.note})" if check.note else ""
+        print(f"{check.verdict:<8} {check.name:<22} {check.result}{note}")
     problems = sum(check.verdict == "problem" for check in checks)
     print(f"{problems} problem{'' if problems == 1 else 's'}")
     return 1 if problems else 0
@@ -128,7 +128,7 @@ def _extra(name: str, needed: Sequence[Requirement]) -> Check:
         return Check("absent", title, f"without {lacking}", remedy)
     for check in checks:
         if check.verdict == "problem":
-            return Check("problem", title, f"{check.name} {check.result}", check.remark)
+            return Check("problem", title, f"{check.name} {check.result}", check.note)
     return Check("ok", title, ", ".join(f"{check.name} {check.result}" for check in checks))
 
 
@@ -143,12 +143,12 @@ def _cache() -> Check:
     except OSError as error:
         return Check("problem", "compiled code", str(folder), f"not writable: {error.strerror}")
     if folder.is_relative_to(tempfile.gettempdir()) and not wanted:
-        remark = "temporary: set SEATRIAL_CACHE to a folder that stays"
-        return Check("ok", "compiled code", str(folder), remark)
+        note = "temporary: set SEATRIAL_CACHE to a folder that stays"
+        return Check("ok", "compiled code", str(folder), note)
     files = [path for path in folder.rglob("*") if path.is_file()]
     megabytes = sum(path.stat().st_size for path in files) / 1e6
-    remark = f"{megabytes:.0f} MB in {len(files)} files; it may be deleted"
-    return Check("ok", "compiled code", str(folder), remark)
+    note = f"{megabytes:.0f} MB in {len(files)} files; it may be deleted"
+    return Check("ok", "compiled code", str(folder), note)
 
 
 def _program(name: str, use: str) -> Check:

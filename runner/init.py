@@ -17,11 +17,11 @@ from seatrial.runner import plugin_draft
 from seatrial.runner.invocation import trial_program
 
 if TYPE_CHECKING:  # what is slow to import
-    from seatrial.models.vessel import estimates
+    from seatrial.models.vessel import scales
 else:
     import lazy_loader
 
-    estimates = lazy_loader.load("seatrial.models.vessel.estimates", suppress_warning=True)
+    estimates = lazy_loader.load("seatrial.models.vessel.scales", suppress_warning=True)
 
 TEMPLATES = Path(__file__).parent / "templates"
 CONF = Path(__file__).resolve().parent.parent / "conf"
@@ -136,13 +136,13 @@ def _draft_vessel(arguments: argparse.Namespace) -> Draft:
         raise ConfigurationError(f"vessel {name} is seatrial's own, expected a new name")
     given = {option: getattr(arguments, option) for option in DIMENSIONS}
     words = "".join(f" --{key} {value:g}" for key, value in given.items() if value is not None)
-    hull = estimates.hull(*given.values())
-    forces = estimates.derivatives(hull)
-    thrust = estimates.limits(hull)
+    hull = scales.hull(*given.values())
+    forces = scales.derivatives(hull)
+    thrust = scales.limits(hull)
     values = {
         "name": name, "path": path.as_posix(), "given": words,
         "length": hull.length_m, "beam": hull.beam_m, "draught": hull.draught_m,
-        "mass": hull.mass_kg, **estimates.rigid_body(hull),
+        "mass": hull.mass_kg, **scales.rigid_body(hull),
         **{key.replace("|", ""): value for key, value in forces.items()},
         "surge_n": thrust[0], "sway_n": thrust[1], "yaw_nm": thrust[2],
     }  # fmt: skip

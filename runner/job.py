@@ -92,14 +92,14 @@ def perform(
 
     Errors of the trial are stored in its row; errors of the logbook are raised.
     """
-    with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
         if begun.state != "new":
             return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
         return _run(trial, logbook, begun.run_id)
 
 
-def _run(trial: Trial, logbook: "database.Logbook", run_id: int) -> Outcome:
+def _run(trial: Trial, logbook: "database.LogbookWriter", run_id: int) -> Outcome:
     try:
         # One thread per trial: workers share the cores, and sums are equal on every machine.
         with threadpoolctl.threadpool_limits(1), attributed(trial.config):
@@ -114,7 +114,7 @@ def _run(trial: Trial, logbook: "database.Logbook", run_id: int) -> Outcome:
 
 
 def _store_failure(
-    logbook: "database.Logbook",
+    logbook: "database.LogbookWriter",
     run_id: int,
     status: Literal["diverged", "failed"],
     error: Exception,
@@ -163,7 +163,7 @@ class Planner:
         self._sources = sources
         self._errors: dict[tuple[str, Limits], SeatrialError | None] = {}  # by experiment
 
-    def plan(self, order: Order) -> "Plan":
+    def plan(self, order: Order) -> "PlannedTrial":
         """Build and check a trial; raises SeatrialError if it cannot be run."""
         trial = build_trial(order.config, order.names)
         key = order.experiment(self._sources), trial.limits
@@ -175,7 +175,7 @@ class Planner:
                 self._errors[key] = problem
         if (error := self._errors[key]) is not None:
             raise error.with_traceback(None)
-        return Plan(
+        return PlannedTrial(
             overrides=order.overrides,
             fingerprint=order.fingerprint(self._sources),
             database_url=trial.database_url,
@@ -187,7 +187,7 @@ class Planner:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class PlannedTrial:
     """What a sweep needs of a checked trial; small, because a sweep may have very many."""
 
     overrides: Sequence[str]
@@ -216,19 +216,19 @@ class Refusal:
 StoredRuns = dict[str, "database.RunSummary"]
 
 
-def states(url: str, sweep_id: int, plans: Iterable[Plan]) -> dict[str, str]:
+def states(url: str, sweep_id: int, plans: Iterable[PlannedTrial]) -> dict[str, str]:
     """Return the status of the last attempt of a sweep at each trial, by fingerprint.
 
     Trials without an attempt are left out.
     """
     fingerprints = {plan.fingerprint for plan in plans}
-    with database.Logbook.read(url) as logbook:
+    with database.LogbookWriter.read(url) as logbook:
         # In the order of their attempts.
-        runs = logbook.runs(database.tables.Run.sweep_id == sweep_id)
+        runs = logbook.runs(database.tables.RunRow.sweep_id == sweep_id)
     return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
 
 
-def known(plans: Iterable[Plan]) -> StoredRuns:
+def known(plans: Iterable[PlannedTrial]) -> StoredRuns:
     """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
     plans = list(plans)
     if not plans:
@@ -238,24 +238,24 @@ def known(plans: Iterable[Plan]) -> StoredRuns:
     absent = address.path is not None and not address.path.exists()
     if absent or schema.inspect(address) is schema.Condition.EMPTY:
         return {}
-    with database.Logbook.read(url) as logbook:
+    with database.LogbookWriter.read(url) as logbook:
         return logbook.trials(plan.fingerprint for plan in plans)
 
 
-def listed(plans: Sequence[Plan | Refusal]) -> list[tuple[str, str, str]]:
-    """Return (state, trial, remark) of each trial, for a dry run."""
-    runs = known(plan for plan in plans if isinstance(plan, Plan))
+def listed(plans: Sequence[PlannedTrial | Refusal]) -> list[tuple[str, str, str]]:
+    """Return (state, trial, note) of each trial, for a dry run."""
+    runs = known(plan for plan in plans if isinstance(plan, PlannedTrial))
     return [_listed(plan, runs) for plan in plans]
 
 
-def _listed(plan: Plan | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
+def _listed(plan: PlannedTrial | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
     if isinstance(plan, Refusal):
         return "refused", plan.asked, plan.reason
     run = runs.get(plan.fingerprint)
     if run is None:
         return "new", str(plan), ""
     rerun = run.status == "finished" and plan.rerun
-    remark = f"run {run.run_id}"
+    note = f"run {run.run_id}"
     if run.error:
-        remark += f": {run.error}"
-    return run.status, str(plan), f"{remark}, to be run again" if rerun else remark
+        note += f": {run.error}"
+    return run.status, str(plan), f"{note}, to be run again" if rerun else note

@@ -19,7 +19,7 @@ from hydra.plugins.launcher import Launcher
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.job import Outcome, Plan, states
+from seatrial.runner.job import Outcome, PlannedTrial, states
 from seatrial.runner.processes import Processes
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -62,7 +62,7 @@ def ready(make: Callable[[], Launcher], choice: str) -> Iterator[Launcher]:
 
 
 def launch(
-    launcher: Launcher, choice: str, plans: Sequence[Plan], sweep_id: int, size: int | None
+    launcher: Launcher, choice: str, plans: Sequence[PlannedTrial], sweep_id: int, size: int | None
 ) -> LaunchResult:
     """Run the plans with a launcher, at most `size` of them at a time.
 
@@ -87,7 +87,7 @@ def launch(
 
 
 def _launch_batch(
-    launcher: Launcher, batch: Sequence[Plan], start: int, launched: LaunchResult
+    launcher: Launcher, batch: Sequence[PlannedTrial], start: int, launched: LaunchResult
 ) -> bool:
     """Launch a batch; returns False if the launcher lost one of its workers."""
     try:
@@ -103,7 +103,7 @@ def _launch_batch(
     return len(ended) == len(jobs)
 
 
-def _wait_for_end(batch: Sequence[Plan], sweep_id: int) -> list[Plan]:
+def _wait_for_end(batch: Sequence[PlannedTrial], sweep_id: int) -> list[PlannedTrial]:
     """Wait until no trial of a batch is running; returns the trials that did not end."""
     url = batch[0].database_url
     while "running" in (known := states(url, sweep_id, batch)).values():

@@ -4,24 +4,24 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import RecordingError
-from seatrial.models.findings import Finding
 from seatrial.models.recording.consistency import LEAST_TRUSTED
 from seatrial.models.recording.examination import Examination
-from seatrial.models.recording.readers import Reader
+from seatrial.models.recording.recorded_file import MeasuredRecording
 
 log = logging.getLogger(__name__)
 TRUST = "excitation.trust=true overrides"
-KEPT = 4  # examinations: the trials of a sweep often share a recording
+MAX_EXAMINATIONS = 4  # examinations: the trials of a sweep often share a recording
 _known: dict[tuple[object, ...], Examination | None] = {}
 
 
-def examined(file: Reader, dofs: Sequence[str]) -> Examination | None:
+def examined(file: MeasuredRecording, dofs: Sequence[str]) -> Examination | None:
     """Examine a recording; None if pose and velocity cannot be compared."""
     stamps = tuple(_stamp(path) for path in file.files().values())
     key = (repr(file), stamps, tuple(dofs))
     if key not in _known:
-        while len(_known) >= KEPT:
+        while len(_known) >= MAX_EXAMINATIONS:
             _known.pop(next(iter(_known)))
         _known[key] = file.examine(dofs)
     return _known[key]
@@ -35,7 +35,7 @@ def _stamp(path: Path) -> tuple[float, int]:
     return stat.st_mtime, stat.st_size
 
 
-def refuse(file: Reader, dofs: Sequence[str]) -> None:
+def refuse(file: MeasuredRecording, dofs: Sequence[str]) -> None:
     """Raise RecordingError if an excited axis agrees with nothing and the file is not trusted."""
     known = None if file.trusted else examined(file, dofs)
     if known is None:
@@ -53,8 +53,8 @@ def refuse(file: Reader, dofs: Sequence[str]) -> None:
             )
 
 
-def findings(file: Reader, dofs: Sequence[str]) -> list[Finding]:
-    """Warn of every problem in one line, and return what was found as findings."""
+def diagnostics(file: MeasuredRecording, dofs: Sequence[str]) -> list[Diagnostic]:
+    """Warn of every problem in one line, and return what was found as diagnostics."""
     known = examined(file, dofs)
     if known is None:
         return []
@@ -62,12 +62,12 @@ def findings(file: Reader, dofs: Sequence[str]) -> list[Finding]:
     for problem in found:
         log.warning("recording: %s", problem)
     axes = [
-        Finding(f"consistency_{name}", axis.dof, value)
+        Diagnostic(f"consistency_{name}", axis.dof, value)
         for axis in result.velocities
         for name, value in (("correlation", axis.correlation), ("scale", axis.scale))
     ]
     problems = [
-        Finding(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
+        Diagnostic(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
         for i, p in enumerate(found)
     ]
-    return [*axes, Finding("consistency_lag", "all", result.lag_s, "s"), *problems]
+    return [*axes, Diagnostic("consistency_lag", "all", result.lag_s, "s"), *problems]

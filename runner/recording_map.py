@@ -18,7 +18,7 @@ from seatrial.runner import options
 from seatrial.runner.search_path import CONF
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
-COLUMNS = tuple(field.name for field in fields(ColumnMap))
+MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
 NONE: dict[str, object] = {
     "position": {}, "velocity": {}, "acceleration": {}, "force": {}, "actual_force": {},
     "orientation": None,
@@ -70,7 +70,7 @@ def read_map(path: Path) -> dict[str, object]:
 
 def options_of(content: dict[str, object]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
-    columns = {**NONE, **{key: content.pop(key) for key in COLUMNS if key in content}}
+    columns = {**NONE, **{key: content.pop(key) for key in MAP_COLUMNS if key in content}}
     position = dict(columns["position"] if isinstance(columns["position"], dict) else {})
     for alias, dof in ALIASES.items():
         if alias in content:

@@ -15,7 +15,7 @@ else:
     recording_figures = lazy_loader.load("seatrial.runner.recording_figures", suppress_warning=True)
 
 
-class Sheet(NamedTuple):
+class PageTable(NamedTuple):
     """A table: title, heads of the columns, and rows of text."""
 
     title: str
@@ -23,7 +23,7 @@ class Sheet(NamedTuple):
     rows: Sequence[tuple[str, ...]]
 
 
-def sheets(report: Report) -> Iterator[Sheet]:
+def sheets(report: Report) -> Iterator[PageTable]:
     """The tables of a report, in the order of the page."""
     rows = [
         (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
@@ -35,7 +35,7 @@ def sheets(report: Report) -> Iterator[Sheet]:
         "source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
         "repeated times",
     )  # fmt: skip
-    yield Sheet("Sampling", heads, rows)
+    yield PageTable("Sampling", heads, rows)
     if report.examination is None:
         return
     result = report.examination.result
@@ -46,17 +46,17 @@ def sheets(report: Report) -> Iterator[Sheet]:
             for o in report.offsets
         ]
         heads = ("source", "behind [s]", "correlation", "column", "compared with")
-        yield Sheet("Clocks of the sources", heads, offsets)
+        yield PageTable("Clocks of the sources", heads, offsets)
     numbers = [(r.name, r.unit, f"{r.least:.3g}", f"{r.most:.3g}", f"{r.deviation:.3g}",
                 f"{r.noise:.2g}", f"{r.outliers}") for r in report.ranges]  # fmt: skip
     heads = ("velocity", "unit", "least", "most", "deviation", "noise", "outliers")
-    yield Sheet("Ranges", heads, numbers)
+    yield PageTable("Ranges", heads, numbers)
     if report.terms:
         terms = [(dof, " and ".join(names)) for dof, names in report.terms.items()]
-        yield Sheet("Terms that are not told apart", ("axis", "terms"), terms)
+        yield PageTable("Terms that are not told apart", ("axis", "terms"), terms)
 
 
-def _agreement(result: Consistency) -> Sheet:
+def _agreement(result: Consistency) -> PageTable:
     kinds = (("velocity", result.velocities), ("acceleration", result.accelerations))
     rows = [
         (axis.dof, kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
@@ -68,7 +68,7 @@ def _agreement(result: Consistency) -> Sheet:
         f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are "
         f"{result.lag_s:+.3f} s behind"
     )
-    return Sheet(title, ("axis", "compared", "correlation", "scale", "excited"), rows)
+    return PageTable(title, ("axis", "compared", "correlation", "scale", "excited"), rows)
 
 
 def page(report: Report) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
 from seatrial.models.recording.agreement import correlations, lag
-from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column, as_column
+from seatrial.models.recording.column import Column, as_column, seconds
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.consistency import LONGEST_LAG_S
 from seatrial.models.recording.examination import Examination
@@ -26,12 +25,12 @@ from seatrial.models.vessel.kinematics import unroll
 
 SIMILAR = 0.9  # correlation of two signals that are of the same quantity
 COVERED = 0.5  # share of the recording that a signal must cover to be compared
-SINGULAR = 0.01  # of a singular value, relative to the largest, of terms not told apart
-SHARE = 0.3  # relative weight of a term in a combination
-FEWEST = 50  # samples of a signal that is compared
-SLOW = 0.2  # of the Nyquist frequency: cut-off for clock offsets
+SINGULAR_RATIO = 0.01  # of a singular value, relative to the largest, of terms not told apart
+MIN_WEIGHT = 0.3  # relative weight of a term in a combination
+MIN_SAMPLES = 50  # samples of a signal that is compared
+OFFSET_CUTOFF = 0.2  # of the Nyquist frequency: cut-off for clock offsets
 SLOWER = (1.0, 0.5, 0.25, 0.125)  # of that cut-off, until signals agree
-KEPT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
+MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 BRIDGED = 2.5  # sample times of a source that count as a step of it
 SHORT_S = 120.0  # [s] below which a recording is short
 
@@ -46,7 +45,7 @@ class Offset(NamedTuple):
     correlation: float
 
 
-class Range(NamedTuple):
+class SignalRange(NamedTuple):
     """Range, noise and outliers of one signal of the recording."""
 
     name: str
@@ -66,7 +65,7 @@ class Report:
     samplings: Mapping[str, Sampling]
     examination: Examination | None
     why_not: str  # the recording could not be read; empty if it could
-    ranges: tuple[Range, ...]
+    ranges: tuple[SignalRange, ...]
     offsets: tuple[Offset, ...]
     terms: Mapping[str, tuple[str, ...]]  # by axis, terms that the data do not tell apart
     advice: tuple[str, ...]
@@ -119,10 +118,10 @@ def _samplings(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, S
     return result
 
 
-def _ranges(recording: Recording) -> tuple[Range, ...]:
+def _ranges(recording: Recording) -> tuple[SignalRange, ...]:
     noise = noise_floor(recording.nu, recording.piece_starts, recording.period_s).deviation
     return tuple(
-        Range(
+        SignalRange(
             name, VELOCITY_UNIT[dof], float(np.min(values)), float(np.max(values)),
             float(np.std(values)), float(noise[i]), int(np.sum(outliers(values))),
         )
@@ -139,7 +138,7 @@ def _offsets(
 
     There are none where most of the recording is in gaps: what is left says too little.
     """
-    if len(sources) < 2 or _kept(recording) < KEPT:
+    if len(sources) < 2 or _kept(recording) < MIN_SHARE_LEFT:
         return ()
     poses = np.column_stack([recording.eta, recording.nu])
     names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
@@ -179,7 +178,7 @@ def signals(source: Source) -> dict[str, Array]:
         except RecordingError:
             continue
         known = values[~np.isnan(values)]
-        if len(known) >= FEWEST and np.ptp(known) > 0.0 and "stamp" not in name:
+        if len(known) >= MIN_SAMPLES and np.ptp(known) > 0.0 and "stamp" not in name:
             result[name] = values
     stem = next((name[:-1] for name in result if name.endswith("_w")), None)
     if stem and f"{stem}z" in result:
@@ -196,7 +195,7 @@ def _offset(
     valid = ~(np.isnan(values) | np.isnan(t))
     t, values = t[valid], values[valid]
     t, values = t[is_later(t)], values[is_later(t)]
-    inside = (recording.t >= t[0]) & (recording.t <= t[-1]) if len(t) >= FEWEST else None
+    inside = (recording.t >= t[0]) & (recording.t <= t[-1]) if len(t) >= MIN_SAMPLES else None
     if inside is None or np.mean(inside) < COVERED:
         return None
     period = recording.period_s
@@ -207,7 +206,7 @@ def _offset(
     after = np.clip(np.searchsorted(recording.t, grid[:-1]), 1, len(recording.t) - 1)
     step = np.diff(recording.t)[after - 1]
     for part in SLOWER:  # states that were recorded more slowly than the grid are steps below it
-        cutoff = SLOW * part * 0.5 / period
+        cutoff = OFFSET_CUTOFF * part * 0.5 / period
         moving, known_rates = (np.diff(lowpass(x, cutoff, fine), axis=0) for x in (own, others))
         inside = step < max(1.5 * period, 0.5 / cutoff)  # longer steps say nothing of this band
         rho = correlations(moving[inside], known_rates[inside])[0]
@@ -246,9 +245,9 @@ def _terms(recording: Recording) -> dict[str, tuple[str, ...]]:
             result[dof] = tuple(n for n, s in zip(terms, size, strict=True) if s == 0.0)
             continue
         _, values, ways = np.linalg.svd(phi / size, full_matrices=False)
-        if values[-1] < SINGULAR * values[0]:
+        if values[-1] < SINGULAR_RATIO * values[0]:
             weight = np.abs(ways[-1]) / np.max(np.abs(ways[-1]))
-            result[dof] = tuple(n for n, w in zip(terms, weight, strict=True) if w > SHARE)
+            result[dof] = tuple(n for n, w in zip(terms, weight, strict=True) if w > MIN_WEIGHT)
     return result
 
 
@@ -276,7 +275,7 @@ def _kept(recording: Recording) -> float:
 def _bridges(samplings: Mapping[str, Sampling], recording: Recording) -> tuple[str, ...]:
     """Advice where ordinary steps of a slow source count as gaps, so that most is left out."""
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    if _kept(recording) > KEPT or not slowest.rate_hz > 0.0:
+    if _kept(recording) > MIN_SHARE_LEFT or not slowest.rate_hz > 0.0:
         return ()
     whole = float(recording.t[-1] - recording.t[0])
     return (

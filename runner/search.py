@@ -22,7 +22,7 @@ from seatrial.runner.composition import Composer
 from seatrial.runner.config import Limits, build_as
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.hydra_errors import EXPECTED, one_line
-from seatrial.runner.job import Plan, Planner, Refusal, known, listed, shown
+from seatrial.runner.job import PlannedTrial, Planner, Refusal, known, listed, shown
 from seatrial.runner.launching import LaunchResult
 from seatrial.runner.provenance import collect
 from seatrial.runner.sweep import SeatrialSweeper, SweepJob, accepted, finished_before, texts
@@ -52,7 +52,7 @@ class Attempt:
 
     asked: "optuna.Trial"
     overrides: list[str]
-    plans: list[Plan]
+    plans: list[PlannedTrial]
     results: list[list[float]] = field(default_factory=list)  # one row a seed, by objective
     state: Literal["complete", "pruned", "infeasible"] = "complete"
 
@@ -139,7 +139,7 @@ class SearchSweeper(SeatrialSweeper):
         return attempt
 
     def _loop(
-        self, first: Attempt, done: list[Attempt], logbook: "database.Logbook", job: SweepJob
+        self, first: Attempt, done: list[Attempt], logbook: "database.LogbookWriter", job: SweepJob
     ) -> LaunchResult:
         """Run batches of candidates until all are done, or the launcher has lost its workers.
 
@@ -181,7 +181,7 @@ class SearchSweeper(SeatrialSweeper):
         return launched
 
     def _note(
-        self, attempt: Attempt, run: "database.RunSummary | None", logbook: "database.Logbook"
+        self, attempt: Attempt, run: "database.RunSummary | None", logbook: "database.LogbookWriter"
     ) -> None:
         """Add the results of a run; a candidate whose run has none is infeasible."""
         metrics = logbook.metrics(run.run_id) if run and run.status == "finished" else []

@@ -34,7 +34,7 @@ from seatrial.runner.hydra_errors import EXPECTED, one_line
 from seatrial.runner.job import (
     Order,
     Outcome,
-    Plan,
+    PlannedTrial,
     Planner,
     Refusal,
     known,
@@ -165,7 +165,7 @@ class Session:
         print("\n".join(lines))
 
     def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        """Print what a dry run found: (state, trial, remark) of each trial."""
+        """Print what a dry run found: (state, trial, note) of each trial."""
         self.say(console.dry_run(trials))
 
     def provenance(self) -> Provenance:
@@ -233,7 +233,7 @@ class SweepJob:
 class SweepUnderway:
     """A sweep that has begun; a search sets `planned` to the trials that it has run."""
 
-    logbook: "database.Logbook"
+    logbook: "database.LogbookWriter"
     job: SweepJob
     planned: int
 
@@ -281,7 +281,7 @@ class SeatrialSweeper(Sweeper):
         else:
             self._run(accepted(plans), arguments, _factors(jobs))
 
-    def _run(self, plans: Sequence[Plan], arguments: list[str], factors: list[str]) -> None:
+    def _run(self, plans: Sequence[PlannedTrial], arguments: list[str], factors: list[str]) -> None:
         with self.underway(plans[0], arguments, len(plans)) as sweep:
             outcomes, remaining = finished_before(plans, sweep.logbook, sweep.job.sweep_id)
             launched = self._launch(remaining, sweep.job)
@@ -292,7 +292,7 @@ class SeatrialSweeper(Sweeper):
 
     @contextmanager
     def underway(
-        self, plan: Plan, arguments: Sequence[str], planned: int
+        self, plan: PlannedTrial, arguments: Sequence[str], planned: int
     ) -> Iterator["SweepUnderway"]:
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
 
@@ -300,7 +300,7 @@ class SeatrialSweeper(Sweeper):
         """
         check(self._config.hydra.launcher)
         url, provenance = plan.database_url, self.session.provenance()
-        with database.Logbook.open(url, results_dir=plan.results_dir) as logbook:
+        with database.LogbookWriter.open(url, results_dir=plan.results_dir) as logbook:
             sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned)
             self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
             job = SweepJob(sweep_id, provenance)
@@ -326,7 +326,7 @@ class SeatrialSweeper(Sweeper):
         """The name of the launcher."""
         return str(self._config.hydra.runtime.choices["hydra/launcher"])
 
-    def _launch(self, plans: Sequence[Plan], job: SweepJob) -> LaunchResult:
+    def _launch(self, plans: Sequence[PlannedTrial], job: SweepJob) -> LaunchResult:
         if len(plans) > 1 and self._choice not in COMPILING:
             composer = Composer(self._loader, self._config)
             precompile((plan.kinds, partial(_trial, composer, plan)) for plan in plans)
@@ -338,13 +338,13 @@ class SeatrialSweeper(Sweeper):
         )
 
 
-def _trial(composer: Composer, plan: Plan) -> Trial:
+def _trial(composer: Composer, plan: PlannedTrial) -> Trial:
     order = composer.order(list(plan.overrides))
     return build_trial(order.config, order.names)
 
 
 def begin_sweep(
-    logbook: "database.Logbook",
+    logbook: "database.LogbookWriter",
     labels: SweepLabels,
     provenance: Provenance,
     arguments: Sequence[str],
@@ -365,7 +365,7 @@ def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
     """Run a single trial; one with labels is a sweep of its own."""
     if not trial.sweep:
         return perform(trial, order, provenance)
-    with database.Logbook.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
@@ -377,9 +377,9 @@ def _check_hydra(hydra: Any) -> None:
     check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
-def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[Plan | Refusal]:
+def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:
     """Compose, build and check the jobs; those that choose the same options one after the other."""
-    planner, plans = Planner(collect().sources), dict[int, Plan | Refusal]()
+    planner, plans = Planner(collect().sources), dict[int, PlannedTrial | Refusal]()
     choices = [composer.choices(job) for job in jobs]
     for index in sorted(range(len(jobs)), key=choices.__getitem__):
         try:
@@ -389,14 +389,14 @@ def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[Plan | Refus
     return [plans[index] for index in range(len(jobs))]
 
 
-def accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
+def accepted(plans: Iterable[PlannedTrial | Refusal]) -> list[PlannedTrial]:
     """Return the plans without duplicates; raises ConfigurationError if one cannot be run."""
     plans = list(plans)
     refused = [plan for plan in plans if isinstance(plan, Refusal)]
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
-    ready = [plan for plan in plans if isinstance(plan, Plan)]
+    ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
     logbooks = {(plan.database_url, plan.results_dir) for plan in ready}
     if len(logbooks) > 1:
         raise ConfigurationError(
@@ -406,13 +406,16 @@ def accepted(plans: Iterable[Plan | Refusal]) -> list[Plan]:
 
 
 def finished_before(
-    plans: Sequence[Plan], logbook: "database.Logbook", sweep_id: int, quiet: bool = False
-) -> tuple[list[Outcome], list[Plan]]:
+    plans: Sequence[PlannedTrial],
+    logbook: "database.LogbookWriter",
+    sweep_id: int,
+    quiet: bool = False,
+) -> tuple[list[Outcome], list[PlannedTrial]]:
     """Return the outcomes of trials that had finished before, and the plans to be launched."""
     runs = known(plan for plan in plans if not plan.rerun)
     finished = {key: run.run_id for key, run in runs.items() if run.status == "finished"}
     present = logbook.reuse(sweep_id, list(finished.values()))
-    outcomes, remaining = list[Outcome](), list[Plan]()
+    outcomes, remaining = list[Outcome](), list[PlannedTrial]()
     for plan in plans:
         run_id = finished.get(plan.fingerprint)
         if run_id in present:

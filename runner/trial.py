@@ -13,20 +13,20 @@ from time import perf_counter
 import numpy as np
 
 from seatrial.models.control.controller import Controller
+from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.findings import TRAINING_TIME, Finding
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
-    FEWEST,
+    MIN_SAMPLES,
     Identified,
     Problem,
     check_needs,
     checked,
     with_interval,
 )
-from seatrial.models.recording.readers import Reader
+from seatrial.models.recording.recorded_file import MeasuredRecording
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
@@ -77,9 +77,9 @@ def check(trial: Trial) -> None:
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
-    trial.identifier.check(nominal, thruster, isinstance(excitation, Reader))
+    trial.identifier.check(nominal, thruster, isinstance(excitation, MeasuredRecording))
     recording, period = None, trial.sample_time_s
-    if isinstance(excitation, Reader):  # a damaged file is a configuration error
+    if isinstance(excitation, MeasuredRecording):  # a damaged file is a configuration error
         recording = excitation.read(dofs)
         period = recording.period_s
         _check_samples(trial, excitation, recording)
@@ -97,12 +97,14 @@ def check(trial: Trial) -> None:
     check_needs(needs, trial.vessel.name, thruster, recording)
 
 
-def _check_samples(trial: Trial, file: Reader, recording: Recording) -> None:
+def _check_samples(trial: Trial, file: MeasuredRecording, recording: Recording) -> None:
     """Check that a recording has enough samples to train and to test; raises RecordingError."""
     name = ", ".join(map(str, file.files().values())) or type(file).__name__
     split = file.split_of(recording)
-    if (count := int(np.count_nonzero(split.test))) < FEWEST:
-        raise RecordingError(f"{name}: got {count} samples for testing, expected at least {FEWEST}")
+    if (count := int(np.count_nonzero(split.test))) < MIN_SAMPLES:
+        raise RecordingError(
+            f"{name}: got {count} samples for testing, expected at least {MIN_SAMPLES}"
+        )
     training, nominal = recording.part(split.train), trial.vessel.nominal()
     try:
         trial.identifier.check_samples(training, nominal)
@@ -183,7 +185,7 @@ def _check_evaluation(trial: Trial) -> None:
 def _check_length(trial: Trial, group: str, mission: Mission) -> None:
     """Check that a mission has samples for training and for testing."""
     seconds, period = mission.length().seconds, trial.sample_time_s
-    count, fewest = round(seconds / period), 2 * FEWEST
+    count, fewest = round(seconds / period), 2 * MIN_SAMPLES
     if count < fewest:
         raise ConfigurationError(
             f"{group}={trial.names[group]}: got {seconds:g} s, {count} samples of"
@@ -250,7 +252,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         problem.validation, problem.nominal, identified, excited.truth
     )
     predicted = validation_metrics.predictions(problem, identified, excited.truth, trial.horizons_s)
-    for reason in predicted.findings:
+    for reason in predicted.diagnostics:
         log.warning("prediction: %s", reason.label)
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
@@ -273,13 +275,13 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *coefficient_rows.state_space_coefficients(identified),
         ],
         diagnostics=[
-            *identified.findings,
-            *predicted.findings,
+            *identified.diagnostics,
+            *predicted.diagnostics,
             *validation_metrics.per_file(problem, identified),
             *measured_manoeuvres(trial, problem, identified),
             *excitation_report(problem, excited.recording),
             *device_report(problem.nominal, excited.recording),
-            *deployment_metrics.loop_findings(excited.sailed, "excitation"),
+            *deployment_metrics.loop_diagnostics(excited.sailed, "excitation"),
             *mix.diagnostics,
             *sheets.diagnostics,
         ],
@@ -291,7 +293,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         ],
         note=skipped(trial),
     )
-    if isinstance(trial.excitation, Reader):
+    if isinstance(trial.excitation, MeasuredRecording):
         results = with_quality(results, trial.excitation, excited.recording)
     if results.note:
         return results
@@ -316,27 +318,29 @@ def _with_deployment(
     return deploy(trial, seeds, nominal, deployed, results, true)
 
 
-def measured_manoeuvres(trial: Trial, problem: Problem, identified: Identified) -> list[Finding]:
+def measured_manoeuvres(trial: Trial, problem: Problem, identified: Identified) -> list[Diagnostic]:
     """Return the measures of the manoeuvres that were recorded, beside the predicted ones."""
-    if not isinstance(trial.excitation, Reader):
+    if not isinstance(trial.excitation, MeasuredRecording):
         return []
     length_m = manoeuvre_results.length_of(trial)
     return manoeuvre_results.manoeuvres(problem, identified, length_m)
 
 
 def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:
-    """Identify the model, and say what of it is physically impossible, with a finding."""
+    """Identify the model, and say what of it is physically impossible, with a diagnostic."""
     identifier, rng = trial.identifier, seeds.generator("identifier")
     began = perf_counter()
     result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
-    seconds = Finding(TRAINING_TIME, "all", perf_counter() - began, "s")
-    identified = with_interval(identifier, replace(result, findings=(*result.findings, seconds)))
+    seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
+    identified = with_interval(
+        identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
+    )
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
     if impossible:
-        finding = Finding("unphysical", "all", 1.0, label=impossible)
-        identified = replace(identified, findings=(*identified.findings, finding))
+        diagnostic = Diagnostic("unphysical", "all", 1.0, label=impossible)
+        identified = replace(identified, diagnostics=(*identified.diagnostics, diagnostic))
     return identified, impossible
 
 
@@ -353,23 +357,23 @@ def as_plant(identified: Vessel) -> tuple[Vessel | None, str]:
     return identified, SAILED_AS_IDENTIFIED
 
 
-def with_quality(results: Results, file: Reader, recording: Recording) -> Results:
+def with_quality(results: Results, file: MeasuredRecording, recording: Recording) -> Results:
     """Add the statistics and quality checks of a measured recording to the results."""
     metrics, series = excitation_results.recording_quality(recording)
-    findings = [
+    diagnostics = [
         *excitation_results.column_statistics(file),
         *excitation_results.outlier_counts(file, recording.dofs),
-        *recording_checks.findings(file, recording.dofs),
+        *recording_checks.diagnostics(file, recording.dofs),
     ]
     return replace(
         results,
         metrics=[*results.metrics, *metrics],
-        diagnostics=[*results.diagnostics, *findings],
+        diagnostics=[*results.diagnostics, *diagnostics],
         series=[*results.series, series],
     )
 
 
-def excitation_report(problem: Problem, recording: Recording) -> list[Finding]:
+def excitation_report(problem: Problem, recording: Recording) -> list[Diagnostic]:
     """Report how well the training data distinguish the nominal terms; warn where they do not."""
     reports = persistence(problem.training, problem.nominal, recording)
     for warning in filter(None, (report.warning() for report in reports)):
@@ -377,7 +381,7 @@ def excitation_report(problem: Problem, recording: Recording) -> list[Finding]:
     return excitation_results.excitation_report(reports)
 
 
-def device_report(nominal: Vessel, recording: Recording) -> list[Finding]:
+def device_report(nominal: Vessel, recording: Recording) -> list[Diagnostic]:
     """Report where devices were outside of their data, for how long [s] and how far; warn of it."""
     if not nominal.devices or recording.inputs is None:
         return []
@@ -387,7 +391,7 @@ def device_report(nominal: Vessel, recording: Recording) -> list[Finding]:
     found = validity.excesses(nominal.devices, x, recording.period_s)
     for excess in found:
         log.warning("excitation: %s", excess.text)
-    return [Finding("outside", "all", one.seconds, "s", label=one.text) for one in found]
+    return [Diagnostic("outside", "all", one.seconds, "s", label=one.text) for one in found]
 
 
 def unreached(excited: ExcitationData) -> list[Metric]:
@@ -402,7 +406,9 @@ def unreached(excited: ExcitationData) -> list[Metric]:
 
 def skipped(trial: Trial) -> str | None:
     """Return why a trial has no deployment, or None if it has one."""
-    if isinstance(trial.excitation, Reader):  # its reference is not known, so it has no replay
+    if isinstance(
+        trial.excitation, MeasuredRecording
+    ):  # its reference is not known, so it has no replay
         missing = trial.controller is None or not isinstance(trial.evaluation, Mission)
         return MEASURED if missing else None
     if trial.controller is None:
@@ -415,7 +421,7 @@ def skipped(trial: Trial) -> str | None:
 def excite(trial: Trial, seeds: Streams) -> ExcitationData:
     """Simulate the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
-    if isinstance(trial.excitation, Reader):
+    if isinstance(trial.excitation, MeasuredRecording):
         recording, truth, sailed = trial.excitation.read(vessel.dofs), None, None
     else:
         model = vessel.nominal()
@@ -424,7 +430,7 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = (
         trial.excitation.split_of(recording)
-        if isinstance(trial.excitation, Reader)
+        if isinstance(trial.excitation, MeasuredRecording)
         else trial.excitation.split(recording.t)
     )
     recording = recording.with_thruster(vessel.thruster)
@@ -445,7 +451,7 @@ def sailed_excitation(prepared: MissionSetup) -> SimulatedMission:
     except Diverged as error:
         results = Results(
             deployment_metrics.design_metrics(design, "nominal"),
-            diagnostics=deployment_metrics.design_findings(design, "nominal"),
+            diagnostics=deployment_metrics.design_diagnostics(design, "nominal"),
         )
         raise TrialDiverged(error, results) from error
 
@@ -493,7 +499,7 @@ def deploy(
         for warning in deployment_metrics.design_warnings(prepared.design, name):
             log.warning(warning)
         metrics += deployment_metrics.design_metrics(prepared.design, name)
-        diagnostics += deployment_metrics.design_findings(prepared.design, name)
+        diagnostics += deployment_metrics.design_diagnostics(prepared.design, name)
         try:
             sailed = prepared.sail(adaptive=name == "adaptive")
         except Diverged as error:
@@ -506,10 +512,10 @@ def deploy(
         if sailed.adapter is not None:
             versions = numbered("adaptive", (model for _, model, _ in sailed.adapter.versions))
             coefficients += coefficient_rows.table_coefficients(versions)
-            diagnostics += sailed.adapter.findings()
+            diagnostics += sailed.adapter.diagnostics()
         warnings = deployment_metrics.losses(sailed, name)
         diagnostics += deployment_metrics.warning_rows(warnings)
-        diagnostics += deployment_metrics.loop_findings(sailed, name)
+        diagnostics += deployment_metrics.loop_diagnostics(sailed, name)
         for warning in warnings:
             log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)

@@ -6,7 +6,7 @@ import numpy as np
 
 from seatrial.models.compiled import is_compiled
 from seatrial.models.control.controller import Controller
-from seatrial.models.returned import name_of
+from seatrial.models.errors import name_of
 from seatrial.models.simulation.dynamics import advance
 from seatrial.models.simulation.loop import compiled_step_s
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters, State

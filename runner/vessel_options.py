@@ -3,6 +3,12 @@
 The classes mark such options (seatrial.models.vessel.tuning.FromVessel). A number that the vessel
 gives is copied, any other is derived from its inertia, drag, limits and length. So the stored
 configuration of a trial holds the numbers that were used.
+
+The excitation and the controller of a vessel that the defaults of a trial do not suit.
+
+A lap of way-points under PID control is for a vessel by force in the plane, or one whose devices
+give any force. Other vessels choose from the groups what is in `SUITED`, unless the command line
+or an experiment does.
 """
 
 from collections.abc import Mapping
@@ -12,6 +18,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.runner.config import Settings, build_as
 from seatrial.runner.vocabulary import Config
 
@@ -25,6 +32,14 @@ else:
     parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
+
+if TYPE_CHECKING:  # what is slow to import
+    from seatrial.models.vessel import parameters
+else:
+    import lazy_loader
+
+    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
+
 
 INNER = (dict, list)  # nodes that hold others
 NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where null is a value
@@ -157,3 +172,30 @@ def _plain(value: object) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     return value
+
+
+Choice = Mapping[str, str]
+SUITED: Mapping[str, Choice] = {
+    "by force": {"excitation": "constant_velocity"},
+    "by helm": {"excitation": "heading_changes", "controller": "autopilot"},
+    "by other inputs": {"excitation": "input_prbs", "controller": "none"},
+}
+HELM = "delta"  # the input of `autopilot`
+
+
+def suited_parts(vessel: Config) -> Choice:
+    """Return the options by group; none for a vessel that the defaults suit, or that is invalid."""
+    dofs, inputs = vessel.get("dofs"), vessel.get("inputs")
+    if not isinstance(dofs, list):
+        return {}
+    if not inputs:
+        return {} if {*PLANAR} == {*map(str, dofs)} else SUITED["by force"]
+    if HELM in inputs and "yaw" in dofs:
+        return SUITED["by helm"]
+    if vessel.get("devices"):
+        try:
+            built = build_as(parameters.VesselParameters, vessel, "vessel")
+        except ConfigurationError:
+            return {}  # it is reported when the trial is built
+        return {} if built.positioning else SUITED["by other inputs"]
+    return SUITED["by other inputs"]

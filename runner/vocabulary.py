@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Literal, TypeAlias, get_args
 
-from seatrial.models.findings import TRAINING_TIME as TRAINING_TIME
+from seatrial.models.diagnostics import TRAINING_TIME as TRAINING_TIME
 from seatrial.models.notation import DOFS as DOFS
 
 # A configuration, or a part of it, as read from YAML or from the logbook: plain values by name.
@@ -26,7 +26,7 @@ STREAMS: tuple[Stream, ...] = get_args(Stream)
 COMBINED = ("position", "heading", "all")
 DOF_ORDER = (*DOFS, *COMBINED)
 
-FILE_FINDING = "file_"  # begins the name of a finding that is a metric of one of several files
+FILE_FINDING = "file_"  # begins the name of a diagnostic that is a metric of one of several files
 
 Ending = Literal["finished", "diverged", "failed"]  # of a run that has ended
 ENDINGS: tuple[Ending, ...] = get_args(Ending)

@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import database, export, suited_parts
+from seatrial.runner import database, export, vessel_options
 from seatrial.runner.vocabulary import Config
 
 GROUP = "vessel/"
@@ -41,7 +41,7 @@ def node_of(run_id: int, overrides: Sequence[str]) -> Config:
     Raises LogbookError if there is no such run or model.
     """
     url = _logbook(overrides)
-    with database.Reader.read(url) as logbook:
+    with database.LogbookReader.read(url) as logbook:
         return export.stored_model.read_model(logbook, run_id).node
 
 
@@ -112,7 +112,7 @@ def _with_suited_parts(vessel: DictConfig) -> DictConfig:
         node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
     except OmegaConfBaseException:
         return vessel  # it is reported when the trial is composed
-    chosen = {} if "defaults" in node else suited_parts.suited_parts(node)
+    chosen = {} if "defaults" in node else vessel_options.suited_parts(node)
     if not chosen:
         return vessel
     overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]

@@ -27,24 +27,22 @@ from seatrial.models.vessel.table import Vessel
 from tests.trials import composed
 
 
-def estimated(
-    truth: Vessel, believed: Vessel, size: float, claimed: float, seed: int
-) -> Identified:
+def estimated(truth: Vessel, nominal: Vessel, size: float, claimed: float, seed: int) -> Identified:
     """An unbiased estimate with normal errors; its standard errors are `claimed` times the true."""
     rng = np.random.default_rng(seed)
     deviation = size * np.abs(truth.theta)
     theta = truth.theta + deviation * rng.standard_normal(truth.theta.shape)
     model = Vessel("identified", truth.dofs, truth.terms, theta)
-    residual = Vessel("residual", truth.dofs, truth.terms, theta - believed.theta)
+    residual = Vessel("residual", truth.dofs, truth.terms, theta - nominal.theta)
     return Identified(model, residual, claimed * deviation)
 
 
 @pytest.mark.parametrize("claimed", [1.0, 0.5, 2.0])
 def test_an_estimator_of_known_coverage_has_it(claimed: float) -> None:
-    believed = composed("vessel=milliampere").vessel.nominal()
-    truth = 0.5 * believed
+    nominal = composed("vessel=milliampere").vessel.nominal()
+    truth = 0.5 * nominal
     found = total(
-        [covered(estimated(truth, believed, 0.1, claimed, s), believed, truth) for s in range(400)]
+        [covered(estimated(truth, nominal, 0.1, claimed, s), nominal, truth) for s in range(400)]
     )
     expected = 2.0 * norm.cdf(1.96 * claimed) - 1.0
     for inside, counted in found:
@@ -54,16 +52,16 @@ def test_an_estimator_of_known_coverage_has_it(claimed: float) -> None:
 
 
 def test_only_true_coefficients_with_a_standard_error_are_counted() -> None:
-    believed = composed("vessel=milliampere").vessel.nominal()
-    truth = 0.5 * believed
-    exact = estimated(truth, believed, 0.0, 1.0, 0)
+    nominal = composed("vessel=milliampere").vessel.nominal()
+    truth = 0.5 * nominal
+    exact = estimated(truth, nominal, 0.0, 1.0, 0)
     errors = np.ones_like(truth.theta)  # of coefficients that are zero too
-    everything = covered(Identified(exact.model, exact.residual, errors), believed, truth)
+    everything = covered(Identified(exact.model, exact.residual, errors), nominal, truth)
     assert everything.inertia[1] + everything.damping[1] == np.count_nonzero(truth.theta)
     assert everything.inertia[0] == everything.inertia[1]
     unknown = Identified(exact.model, exact.residual, np.full_like(errors, np.nan))
-    assert covered(unknown, believed, truth) == Count((0, 0), (0, 0))
-    assert covered(Identified(exact.model, exact.residual), believed, truth) == total([])
+    assert covered(unknown, nominal, truth) == Count((0, 0), (0, 0))
+    assert covered(Identified(exact.model, exact.residual), nominal, truth) == total([])
 
 
 def test_the_interval_of_a_share_is_that_of_wilson() -> None:
@@ -89,9 +87,9 @@ def test_models_are_counted_by_what_they_say_of_their_intervals() -> None:
     """Two models of three have an interval of the coefficient; a fourth seed has no model."""
     case, good, poor = Case("ferry", "noise"), Count((5, 5), (9, 10)), Count((0, 5), (3, 10))
     models = [Model(True, good), Model(False, poor), Model(True, good)]
-    assert shares_of(case, "least_squares", models, 1) == [
-        Share(case, "least_squares", True, 2, 1, Count((10, 10), (18, 20))),
-        Share(case, "least_squares", False, 1, 1, poor),
+    assert shares_of(case, "output_error", models, 1) == [
+        Share(case, "output_error", True, 2, 1, Count((10, 10), (18, 20))),
+        Share(case, "output_error", False, 1, 1, poor),
     ]
     (failed,) = shares_of(case, "iv", [], 4)
     assert (failed.seeds, failed.failed) == (0, 4)

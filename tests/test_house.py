@@ -47,7 +47,6 @@ ALLOWED_PAIRS = [
     ("runner", "runner/database"),
     ("runner", "runner/export"),
     ("runner", "runner/record"),
-    ("runner/database", "runner/record"),
 ]
 
 

@@ -13,7 +13,7 @@ from docs.published.page import NOTE, published_grid, summary_grids, write_publi
 from docs.published.printed import by_table, judged, read_folder
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.cli import DEFAULT_DATABASE, show_grids
-from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.results import open_results
 
 
@@ -28,7 +28,9 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--page", type=Path, help="also write the tables and figures to this file")
     parser.add_argument("--database", default=DEFAULT_DATABASE, help="URL or file of the logbook")
-    parser.add_argument("--format", default=Format.RICH, choices=list(Format), type=Format)
+    parser.add_argument(
+        "--format", default=OutputFormat.RICH, choices=list(OutputFormat), type=OutputFormat
+    )
     options = parser.parse_args(words)
     try:
         figures = read_folder(experiment=options.experiment)

@@ -12,9 +12,9 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
-from seatrial.models.identification.objectives import Metric, Objectives, objective_findings
+from seatrial.models.identification.objectives import Metric, Objectives, objective_diagnostics
 from seatrial.models.identification.predictor import PredictionOptions
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.vessel.basis import Array
@@ -50,14 +50,14 @@ class Grid(PredictionOptions):
         z = objectives(points).sum(axis=1).reshape(self.points, self.points)
         rows = zip(AXES, free.dofs, free.labels, free.units, axes, strict=True)
         found = [
-            Finding(name, dof, float(value), unit, i, label=label)
+            Diagnostic(name, dof, float(value), unit, i, label=label)
             for name, dof, label, unit, axis in rows
             for i, value in enumerate(axis)
         ]
-        found += [Finding("topology", "all", float(v), "", *ij) for ij, v in np.ndenumerate(z)]
-        found.append(Finding("local_minima", "all", float(local_minima(z))))
+        found += [Diagnostic("topology", "all", float(v), "", *ij) for ij, v in np.ndenumerate(z)]
+        found.append(Diagnostic("local_minima", "all", float(local_minima(z))))
         best = points[int(np.argmin(z))]
-        found += objective_findings(objectives, best)
+        found += objective_diagnostics(objectives, best)
         model, residual = free.model(problem.nominal, best), free.residual(best)
         return Identified(model, residual, None, tuple(found))
 

@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from seatrial.models import notation
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -25,7 +25,7 @@ from seatrial.models.identification.problem import (
     check_forces,
 )
 from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
-from seatrial.models.identification.state_space_findings import fit, model_findings
+from seatrial.models.identification.state_space_diagnostics import fit, model_diagnostics
 from seatrial.models.notation import PLANAR, POSE_UNIT
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -91,12 +91,12 @@ class Linearised(Identifier):
             "eigenvalues_at_one": int(np.sum(np.abs(model.eigenvalues - 1.0) < ONE)),
         }  # Bargouth (2022), section 4.3
         found = (
-            *(Finding(name, "all", float(value)) for name, value in orders.items()),
-            *model_findings(model, 0, nominal.dofs),
+            *(Diagnostic(name, "all", float(value)) for name, value in orders.items()),
+            *model_diagnostics(model, 0, nominal.dofs),
             *free_run_errors(model, data, held_out),
         )
         table = replace(table, name="identified")
-        return Identified(table, table - nominal, findings=found, state_space=model)
+        return Identified(table, table - nominal, diagnostics=found, state_space=model)
 
 
 def tangent(vessel: Vessel, nu: Array, offset: bool = True) -> Vessel:
@@ -153,7 +153,7 @@ def sampled_model(motion: Vessel, still: Vessel, period_s: float) -> StateSpace:
     return replace(model, B=B, D=D, inputs=inputs).discretised(period_s)
 
 
-def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Finding]:
+def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) -> list[Diagnostic]:
     """Fit [%] and root mean square error of a free run from the measured state, and the drift.
 
     The drift is the distance travelled at the end, in body axes: |y_N - y_0|.
@@ -173,7 +173,7 @@ def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) 
         "body_drift": (drift, units),
     }
     return [
-        Finding(name, dof, float(value), unit)
+        Diagnostic(name, dof, float(value), unit)
         for name, (values, value_units) in quantities.items()
         for dof, value, unit in zip(recording.dofs, values, value_units, strict=True)
     ]

@@ -25,7 +25,7 @@ from docs.published.printed import (
     newest_sweep,
 )
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import Cell, Grid, Scalar, number_text, with_unit
+from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -39,7 +39,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.plots.surface import COLOURS
-from seatrial.runner.compare.results import DiagnosticRow, Results
+from seatrial.runner.compare.results import Queries, StoredDiagnostic
 from seatrial.runner.compare.where import OfSweeps
 from seatrial.runner.search_path import CONF
 
@@ -79,7 +79,7 @@ DECADES = 4.0  # range of the colours of an objective below its highest value
 # Tables.
 
 
-def published_grid(judged: Sequence[Judged]) -> Grid:
+def published_grid(judged: Sequence[Judged]) -> TextTable:
     """Return the grid of one printed table; figures that cannot be reproduced share one row."""
     first = judged[0].printed
     page = f", p. {first.page}" if first.page else ""
@@ -87,29 +87,33 @@ def published_grid(judged: Sequence[Judged]) -> Grid:
     lost = [one for one in judged if one.verdict == "not reproducible"]
     rows = [_row(one) for one in judged if one.verdict != "not reproducible"]
     if lost:
-        head = [Cell(f"{len(lost)} figures"), Cell("")]
+        head = [TableCell(f"{len(lost)} figures"), TableCell("")]
         if len(lost) == 1:
-            head = [Cell(lost[0].printed.row), Cell(lost[0].printed.quantity)]
-        reasons = Cell("; ".join(dict.fromkeys(one.reason for one in lost)), prose=True)
-        rows.append([*head, Cell(""), *[Cell("–")] * 4, Cell("not reproducible"), reasons])
-    return Grid(title, HEADERS, rows, 3, (), [_record(one) for one in judged])
+            head = [TableCell(lost[0].printed.row), TableCell(lost[0].printed.quantity)]
+        reasons = TableCell("; ".join(dict.fromkeys(one.reason for one in lost)), prose=True)
+        rows.append(
+            [*head, TableCell(""), *[TableCell("–")] * 4, TableCell("not reproducible"), reasons]
+        )
+    return TextTable(title, HEADERS, rows, 3, (), [_record(one) for one in judged])
 
 
-def _row(one: Judged) -> list[Cell]:
+def _row(one: Judged) -> list[TableCell]:
     printed = one.printed
     known = [item for item in printed.known if item not in (CALIBRATED, BY_CONSTRUCTION)]
     reasons = [f"additional information: {'; '.join(known)}"] if known else []
     reasons += [one.reason] if one.reason else []
     return [
-        Cell(printed.row),
-        Cell(with_unit(printed.quantity, printed.unit)),
-        Cell(printed.way),
-        Cell(printed.digits or _plain(printed.printed), sort=printed.printed),
-        Cell(_plain(printed.reference), sort=printed.reference),
-        Cell(_ours(one), sort=None if math.isnan(one.value) else one.value),
-        Cell("–") if math.isnan(one.ratio) else Cell(number_text(one.ratio, 3), sort=one.ratio),
-        Cell(one.verdict, bold=one.verdict == "beaten"),
-        Cell("; ".join(reasons), prose=True),
+        TableCell(printed.row),
+        TableCell(with_unit(printed.quantity, printed.unit)),
+        TableCell(printed.way),
+        TableCell(printed.digits or _plain(printed.printed), sort=printed.printed),
+        TableCell(_plain(printed.reference), sort=printed.reference),
+        TableCell(_ours(one), sort=None if math.isnan(one.value) else one.value),
+        TableCell("–")
+        if math.isnan(one.ratio)
+        else TableCell(number_text(one.ratio, 3), sort=one.ratio),
+        TableCell(one.verdict, bold=one.verdict == "beaten"),
+        TableCell("; ".join(reasons), prose=True),
     ]
 
 
@@ -147,13 +151,13 @@ def _record(one: Judged) -> Mapping[str, Scalar]:
     }
 
 
-def summary_grids(tables: Sequence[Sequence[Judged]]) -> list[Grid]:
+def summary_grids(tables: Sequence[Sequence[Judged]]) -> list[TextTable]:
     """Count the verdicts of each table that mean something, and list the others with reasons."""
     sources = [source for judged in tables for source in by_table(judged)]
     return [_counted(sources), _apart(sources)]
 
 
-def _counted(sources: Sequence[Sequence[Judged]]) -> Grid:
+def _counted(sources: Sequence[Sequence[Judged]]) -> TextTable:
     rows, records, total = [], [], Counter[str]()
     for judged in sources:
         counts = Counter(one.verdict for one in judged)
@@ -162,12 +166,14 @@ def _counted(sources: Sequence[Sequence[Judged]]) -> Grid:
             total.update(count)
             records.append(_place(judged) | count)
             rows.append([*_place_cells(judged), *map(_count, count.values())])
-    rows.append([Cell("all"), Cell(""), Cell(""), *(_count(total[name]) for name in COUNTED)])
+    rows.append(
+        [TableCell("all"), TableCell(""), TableCell(""), *(_count(total[name]) for name in COUNTED)]
+    )
     headers = ["source", "table", "experiment", *COUNTED]
-    return Grid("Printed figures and ours", headers, rows, 3, [NOTE], records)
+    return TextTable("Printed figures and ours", headers, rows, 3, [NOTE], records)
 
 
-def _apart(sources: Sequence[Sequence[Judged]]) -> Grid:
+def _apart(sources: Sequence[Sequence[Judged]]) -> TextTable:
     """Return a line for each table and verdict that is not counted, with its reason."""
     rows, records = [], []
     for judged in sources:
@@ -178,10 +184,10 @@ def _apart(sources: Sequence[Sequence[Judged]]) -> Grid:
             reason = COMMON.get(verdict) or Counter(reasons).most_common(1)[0][0]
             found = {"verdict": verdict, "figures": len(reasons), "reason": reason}
             records.append(_place(judged) | found)
-            cells = [Cell(verdict), _count(len(reasons)), Cell(reason, prose=True)]
+            cells = [TableCell(verdict), _count(len(reasons)), TableCell(reason, prose=True)]
             rows.append([*_place_cells(judged), *cells])
     headers = ["source", "table", "experiment", "verdict", "figures", "reason"]
-    return Grid("Figures without a comparison", headers, rows, 4, [APART_NOTE], records)
+    return TextTable("Figures without a comparison", headers, rows, 4, [APART_NOTE], records)
 
 
 def _place(judged: Sequence[Judged]) -> dict[str, Scalar]:
@@ -189,12 +195,12 @@ def _place(judged: Sequence[Judged]) -> dict[str, Scalar]:
     return {"source": source.document, "table": source.table, "experiment": source.experiment}
 
 
-def _place_cells(judged: Sequence[Judged]) -> list[Cell]:
-    return [Cell(str(text)) for text in _place(judged).values()]
+def _place_cells(judged: Sequence[Judged]) -> list[TableCell]:
+    return [TableCell(str(text)) for text in _place(judged).values()]
 
 
-def _count(number: int) -> Cell:
-    return Cell(str(number) if number else "", sort=float(number))
+def _count(number: int) -> TableCell:
+    return TableCell(str(number) if number else "", sort=float(number))
 
 
 # The page.
@@ -211,7 +217,7 @@ class Chapter:
     pictures: Sequence[Picture]
 
 
-def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: Path) -> None:
+def write_published(results: Queries, tables: Sequence[Sequence[Judged]], file: Path) -> None:
     """Write the page of the judged figures of each experiment.
 
     Raises:
@@ -230,7 +236,7 @@ def write_published(results: Results, tables: Sequence[Sequence[Judged]], file: 
     write_page(page, file)
 
 
-def _chapter(results: Results, judged: Sequence[Judged]) -> Chapter:
+def _chapter(results: Queries, judged: Sequence[Judged]) -> Chapter:
     name, tables = judged[0].printed.experiment, by_table(judged)
     pictures = [
         picture(chart, f"{rows[0].printed.table}: ours over printed", f"{name}-{i}-")
@@ -295,7 +301,7 @@ def _ratios(judged: Sequence[Judged]) -> Figure | None:
 # Figures of the sources, drawn from the diagnostics of the newest sweep of their experiments.
 
 
-def objective_figure(results: Results, sweep: int) -> Figure:
+def objective_figure(results: Queries, sweep: int) -> Figure:
     """Hoyer (2021), Figure 7.20: an objective over two parameters, with its minimum and the truth.
 
     There is a panel for each run. Diagnostics: `topology` (i, j), and `topology_first` (i) and
@@ -329,9 +335,9 @@ def objective_figure(results: Results, sweep: int) -> Figure:
 
 def _objective_panel(
     axes: Axes,
-    first: Sequence[DiagnosticRow],
-    second: Sequence[DiagnosticRow],
-    z: Sequence[DiagnosticRow],
+    first: Sequence[StoredDiagnostic],
+    second: Sequence[StoredDiagnostic],
+    z: Sequence[StoredDiagnostic],
     truth: Sequence[float],
 ) -> None:
     x, y = ([row.value for row in side] for side in (first, second))
@@ -354,7 +360,7 @@ def _objective_panel(
     axes.grid(visible=False)
 
 
-def times_figure(results: Results, sweep: int) -> Figure:
+def times_figure(results: Queries, sweep: int) -> Figure:
     """Hoyer (2021), Figure 7.21: time of n predictions without JIT, with JIT, and many at once.
 
     Diagnostics: `prediction_time` (i = n, label = way), which includes the compilation, and
@@ -381,7 +387,7 @@ def times_figure(results: Results, sweep: int) -> Figure:
     return chart
 
 
-FIGURES: Mapping[str, tuple[str, Callable[[Results, int], Figure]]] = {
+FIGURES: Mapping[str, tuple[str, Callable[[Queries, int], Figure]]] = {
     "hoyer_figure_7_20": ("An objective over two parameters", objective_figure),
     "hoyer_figure_7_21": ("Time of n predictions", times_figure),
 }

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.free_run import (
     METRICS,
     Course,
@@ -75,7 +75,9 @@ class PredictionTimes(Identifier):
                     "prediction_time": compilation + later,
                     "prediction_time_compiled": later,
                 }
-                found += [Finding(name, "all", s, "s", n, label=way) for name, s in times.items()]
+                found += [
+                    Diagnostic(name, "all", s, "s", n, label=way) for name, s in times.items()
+                ]
         same = NoIdentifier().identify(problem, rng)
         return Identified(same.model, same.residual, None, tuple(found))
 

@@ -22,10 +22,10 @@ from seatrial.runner.compare.results import (
     BELOW_TRUE_MODEL,
     FINISHED,
     Observation,
-    Results,
-    Run,
+    Queries,
+    StoredRun,
 )
-from seatrial.runner.compare.statistics import SAME, confidence_interval
+from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, confidence_interval
 from seatrial.runner.compare.where import Condition, Joined, OfSweeps
 from seatrial.runner.invocation import trial_program
 
@@ -206,7 +206,7 @@ def _beaten(
 def _reproduced(figure: Printed, value: float, interval: tuple[float, float]) -> bool:
     """Whether our value agrees with the printed one, and is certain enough to say so."""
     printed, (low, high) = figure.printed or 0.0, _ends(value, interval)
-    slack = SAME * abs(printed)
+    slack = RELATIVE_ROUNDING * abs(printed)
     inside = low - slack <= printed <= high + slack
     return not _too_wide(figure, interval) and (inside or abs(value - printed) <= _margin(figure))
 
@@ -223,7 +223,7 @@ def _size(figure: Printed) -> float:
 
 
 def _margin(figure: Printed) -> float:
-    return max(TOLERANCE * abs(_size(figure)), figure.rounding * (1.0 + SAME))
+    return max(TOLERANCE * abs(_size(figure)), figure.rounding * (1.0 + RELATIVE_ROUNDING))
 
 
 def _ends(value: float, interval: tuple[float, float]) -> tuple[float, float]:
@@ -276,19 +276,19 @@ def command_of(experiment: str) -> str:
     return f"{trial_program()}{more} experiment={experiment}"
 
 
-def newest_sweep(results: Results, experiment: str) -> int | None:
+def newest_sweep(results: Queries, experiment: str) -> int | None:
     """Return the number of the newest sweep of an experiment; None without one."""
     sweeps = [sweep.id for sweep in results.reader.sweeps() if sweep.name == experiment]
     return max(sweeps, default=None)
 
 
-def judged(results: Results, printed: Sequence[Printed]) -> list[Judged]:
+def judged(results: Queries, printed: Sequence[Printed]) -> list[Judged]:
     """Compare every printed figure of one experiment with our runs."""
     sweep = newest_sweep(results, printed[0].experiment) if printed else None
     return [_judged(results, figure, sweep) for figure in printed]
 
 
-def _judged(results: Results, figure: Printed, sweep: int | None) -> Judged:
+def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
     if not figure.source:
         return Judged(figure, "not reproducible", figure.note)
     condition, runs = _runs_of(results, figure, sweep)
@@ -314,8 +314,8 @@ def _judged(results: Results, figure: Printed, sweep: int | None) -> Judged:
 
 
 def _runs_of(
-    results: Results, figure: Printed, sweep: int | None
-) -> tuple[Condition | None, list[Run]]:
+    results: Queries, figure: Printed, sweep: int | None
+) -> tuple[Condition | None, list[StoredRun]]:
     """Return the condition on the runs of a printed figure, and the runs, finished or not."""
     if sweep is None:
         return None, []
@@ -331,9 +331,9 @@ def _runs_of(
 class _Stored:
     """The stored numbers of the finished runs that answer a printed figure."""
 
-    results: Results
+    results: Queries
     condition: Condition
-    runs: Sequence[Run]
+    runs: Sequence[StoredRun]
     figure: Printed
 
     def values(self) -> tuple[list[float], list[float]]:

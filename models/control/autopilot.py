@@ -1,7 +1,7 @@
 """Autopilot of a steered vessel: heading by the helm, speed by the shaft.
 
 Heading: PID with the reference's yaw rate and acceleration fed forward, on first-order Nomoto
-T r_dot + r = K delta of the believed model at the commanded speed. With omega and zeta
+T r_dot + r = K delta of the nominal model at the commanded speed. With omega and zeta
 
     k_p = T omega^2 / K,  k_d = (2 zeta omega T - 1) / K,  k_i = omega k_p / 10
     delta = (T r_d' + r_d) / K + k_p e + k_d (r_d - r) + integral,   e = wrap(psi_d - psi)
@@ -19,8 +19,8 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model, table_of
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array
@@ -146,7 +146,7 @@ class SteeringController(Controller):
         return np.array(self.input_start, dtype=np.float64)
 
     def steered(self, model: Model) -> SteeringModel:
-        """The believed model linearised at the commanded speed."""
+        """The nominal model linearised at the commanded speed."""
         table = table_of(model)
         if "yaw" not in table.dofs:
             raise ConfigurationError(
@@ -216,7 +216,7 @@ class Autopilot(SteeringController):
         omega = SPEED * self.omega
         return max(0.0, (2.0 * self.damping * omega + a) / b), omega**2 / b
 
-    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+    def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """Spectral radius of heading loop and linearised model, with the integral."""
         linear = self.steered(model)
         kp, ki, kd = self.gains(linear)
@@ -231,4 +231,4 @@ class Autopilot(SteeringController):
         A[:n, n] -= kp * b
         A[:n, n + 1] += b
         poles = np.linalg.eigvals(A if self.integral else A[:-1, :-1])
-        return [Finding("spectral_radius", "all", float(np.exp(period_s * np.max(poles.real))))]
+        return [Diagnostic("spectral_radius", "all", float(np.exp(period_s * np.max(poles.real))))]

@@ -21,8 +21,8 @@ from scipy.linalg import solve_discrete_are
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.linear_design import DesignModel
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
@@ -336,12 +336,12 @@ def observer_of(design: DesignModel, kind: Estimator, kalman: Kalman) -> Observe
     )  # fmt: skip
 
 
-def estimator_remarks(table: Observer) -> list[Finding]:
+def estimator_diagnostics(table: Observer) -> list[Diagnostic]:
     """Spectral radius of the estimation error, A - A M C, without the bias."""
     if table.measured:
         return []
     error = table.A - table.A @ table.M @ table.C
-    return [Finding("estimator_radius", "all", spectral_radius(error))]
+    return [Diagnostic("estimator_radius", "all", spectral_radius(error))]
 
 
 def _contiguous(values: Array) -> Array:

@@ -195,7 +195,7 @@ def _block_diagonal(*blocks: Array) -> Array:
 
 OPTIMAL = 1
 EQUALITY = 5  # daqp's code of an equality constraint
-TOLERANCE = 1e-9  # of the constraints, as a fraction of the limits
+CONSTRAINT_TOLERANCE = 1e-9  # of the constraints, as a fraction of the limits
 
 
 class Solver:
@@ -214,7 +214,7 @@ class Solver:
         self.rows = np.ascontiguousarray(problem.rows)
         sense = np.where(equal, EQUALITY, 0).astype(np.int32)
         self.model = daqp.Model()
-        self.model.settings = {"primal_tol": TOLERANCE}
+        self.model.settings = {"primal_tol": CONSTRAINT_TOLERANCE}
         flag, _ = self.model.setup(
             self.H, np.zeros(len(self.H)), self.rows, self.bound, -self.bound, sense
         )

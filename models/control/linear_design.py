@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, VELOCITIES
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
@@ -61,14 +61,14 @@ class DesignModel:
         rows = np.vstack([START_WEIGHT * model.C, drift])
         return np.asarray(np.linalg.pinv(rows)[:, : len(model.C)] * START_WEIGHT)
 
-    def remarks(self) -> list[Finding]:
+    def diagnostics(self) -> list[Diagnostic]:
         """Order, controllability, observability and stability of the model."""
         model = self.model
         return [
-            Finding("model_order", "all", float(model.order)),
-            Finding("controllable_order", "all", float(model.controllable_order)),
-            Finding("observable_order", "all", float(model.observable_order)),
-            Finding("open_loop_radius", "all", model.spectral_radius),
+            Diagnostic("model_order", "all", float(model.order)),
+            Diagnostic("controllable_order", "all", float(model.controllable_order)),
+            Diagnostic("observable_order", "all", float(model.observable_order)),
+            Diagnostic("open_loop_radius", "all", model.spectral_radius),
         ]
 
 

@@ -22,7 +22,7 @@ from seatrial.models.control.estimator import (
     Observer,
     accept,
     estimate,
-    estimator_remarks,
+    estimator_diagnostics,
     heading,
     known_force,
     memory,
@@ -36,8 +36,8 @@ from seatrial.models.control.linear_design import (
     closed_loop_radius,
     design_model,
 )
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
@@ -184,7 +184,7 @@ class Lqi(Controller):
         """Number of loop instants between two commands."""
         return samples(self.period_s, period_s)
 
-    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+    def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """The design's order, controllability and closed-loop spectral radius."""
         design = self.design(model, period_s)
         table, _ = self.build(model, period_s)
@@ -192,9 +192,9 @@ class Lqi(Controller):
         gain = table.gain / design.limits[:, None]
         radius = closed_loop_radius(augmented.A, augmented.B, gain)
         return [
-            *design.remarks(),
-            *estimator_remarks(table.observer),
-            Finding("spectral_radius", "all", radius),
+            *design.diagnostics(),
+            *estimator_diagnostics(table.observer),
+            Diagnostic("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]
 
@@ -217,11 +217,13 @@ def samples(own_s: float | None, period_s: float) -> int:
 
 def si_weights(
     design: DesignModel, error_weight: tuple[float, ...], input_weight: tuple[float, ...]
-) -> list[Finding]:
+) -> list[Diagnostic]:
     """The weights in SI units; those of the input are divided by the squared limits."""
-    findings = []
+    diagnostics = []
     for i, dof in enumerate(design.dofs):
-        findings.append(Finding("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2"))
+        diagnostics.append(
+            Diagnostic("error_weight", dof, error_weight[i], f"1/{POSE_UNIT[dof]}^2")
+        )
         scaled = float(input_weight[i] / design.limits[i] ** 2)
-        findings.append(Finding("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
-    return findings
+        diagnostics.append(Diagnostic("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"))
+    return diagnostics

@@ -26,7 +26,7 @@ from seatrial.models.control.estimator import (
     Observer,
     accept,
     estimate,
-    estimator_remarks,
+    estimator_diagnostics,
     heading,
     known_force,
     memory,
@@ -42,8 +42,8 @@ from seatrial.models.control.linear_design import (
     design_model,
 )
 from seatrial.models.control.lqi import samples, si_weights
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.ranges import check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
@@ -342,7 +342,7 @@ class Mpc(Controller):
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
 
-    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+    def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """The design's order, controllability and unconstrained closed-loop spectral radius."""
         design = self.design(model, period_s)
         problem = self.problem(design)
@@ -350,8 +350,8 @@ class Mpc(Controller):
         radius = closed_loop_radius(problem.A, problem.B, gain[:, problem.parameters[0]])
         table = observer_of(design, self.estimator, self.kalman)
         return [
-            *design.remarks(),
-            *estimator_remarks(table),
-            Finding("spectral_radius", "all", radius),
+            *design.diagnostics(),
+            *estimator_diagnostics(table),
+            Diagnostic("spectral_radius", "all", radius),
             *si_weights(design, self.error_weight, self.input_weight),
         ]

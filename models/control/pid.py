@@ -13,8 +13,8 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model, table_of
 from seatrial.models.control.linear_design import closed_loop_radius, design_model
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
@@ -179,7 +179,7 @@ class PidFeedforward(Controller):
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
 
-    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+    def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """Spectral radius of the closed loop on the linearised model, for planar motion.
 
         x = (eta, nu, int e), tau = Kp e + Ki int e - Kd nu, e = -eta. Without feedback, or without
@@ -199,7 +199,7 @@ class PidFeedforward(Controller):
         )
         B = np.vstack([linear.B, np.zeros((len(rows), len(integrating)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
-        return [Finding("spectral_radius", "all", closed_loop_radius(A, B, gain))]
+        return [Diagnostic("spectral_radius", "all", closed_loop_radius(A, B, gain))]
 
     def adapt(
         self, parameters: PidTable, state: Array, model: Vessel, period_s: float,

@@ -1,6 +1,6 @@
 """Model predictive control of the heading on the linearised steered model.
 
-x = (v, r, psi, delta) moves by the believed model linearised ahead at the commanded speed,
+x = (v, r, psi, delta) moves by the nominal model linearised ahead at the commanded speed,
 discretised at the controller's period, with the lag of the helm if it has one. The unknowns are
 increments of the commanded helm over the horizon,
 
@@ -22,8 +22,8 @@ from seatrial.models.control.autopilot import SteeringController
 from seatrial.models.control.controller import Model
 from seatrial.models.control.horizon import Horizon, Solver, increments, unconstrained_gain
 from seatrial.models.control.linear_design import closed_loop_radius
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace
@@ -178,9 +178,9 @@ class SteeredMpc(SteeringController):
         """Number of commands for which the problem had no solution."""
         return int(state.failures[0])
 
-    def remarks(self, model: Model, period_s: float) -> list[Finding]:
+    def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """Spectral radius of the loop without limits."""
         problem = self.problem(model, period_s)
         gain = unconstrained_gain(problem, increments(problem))[:, problem.parameters[0]]
         radius = closed_loop_radius(problem.A, problem.B, gain)
-        return [Finding("spectral_radius", "all", radius)]
+        return [Diagnostic("spectral_radius", "all", radius)]

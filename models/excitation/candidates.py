@@ -1,4 +1,4 @@
-"""Candidate manoeuvres, simulated with a believed model in calm water, and the resulting mix."""
+"""Candidate manoeuvres, simulated with a nominal model in calm water, and the resulting mix."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from seatrial.models.excitation.information import (
     scaled,
 )
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule
+from seatrial.models.excitation.schedule import Gains, Interval, Role, Schedule
 from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
@@ -53,14 +53,14 @@ class UncertainModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """Simulations of the candidates with the believed model, and their information.
+class CandidateSimulations:
+    """Simulations of the candidates with the nominal model, and their information.
 
     Each candidate has `count` instants, followed by `stop` instants that bring the vessel to rest.
     """
 
     candidates: Mapping[str, Mission]
-    plant: Plant  # the believed model with the vessel's thrusters and limits
+    plant: Plant  # the nominal model with the vessel's thrusters and limits
     terms: tuple[Term, ...]
     gains: Gains
     limits: Array
@@ -69,11 +69,11 @@ class Design:
     period_s: float
     reference_filter: Reference
 
-    def sub_experiment(self, name: str, role: Role) -> list[Part]:
+    def sub_experiment(self, name: str, role: Role) -> list[Interval]:
         """A candidate, followed by its stop."""
-        return [Part(name, "manoeuvre", self.count, role), Part(name, "stop", self.stop)]
+        return [Interval(name, "manoeuvre", self.count, role), Interval(name, "stop", self.stop)]
 
-    def schedule(self, parts: Sequence[Part]) -> Schedule:
+    def schedule(self, parts: Sequence[Interval]) -> Schedule:
         """Parts one after the other."""
         dofs = self.plant.vessel.dofs
         return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
@@ -93,12 +93,12 @@ class Design:
             )  # fmt: skip
         except (Diverged, ConfigurationError) as error:
             raise ConfigurationError(
-                f"excitation.candidates.{name}: simulation of the believed model failed: {error}"
+                f"excitation.candidates.{name}: simulation of the nominal model failed: {error}"
             ) from error
 
     @cached_property
     def voyages(self) -> dict[str, Voyage]:
-        """The simulation of every candidate with the believed model."""
+        """The simulation of every candidate with the nominal model."""
         return {name: self.voyage(name) for name in self.candidates}
 
     @cached_property

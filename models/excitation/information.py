@@ -29,10 +29,10 @@ from seatrial.models.vessel.basis import Array, each_product_once
 from seatrial.models.vessel.table import Vessel
 
 Integers = NDArray[np.int64]
-GAP = 1e-6  # at which the search for the optimum stops
+OPTIMALITY_GAP = 1e-6  # at which the search for the optimum stops
 MOST_STEPS = 200_000
-SINGULAR = 1e-12  # of an eigenvalue, relative to the largest, of scaled information
-SHARE = 0.2  # smallest relative weight of a term that belongs to a combination
+ZERO_EIGENVALUE = 1e-12  # of an eigenvalue, relative to the largest, of scaled information
+MIN_WEIGHT = 0.2  # smallest relative weight of a term that belongs to a combination
 INSEPARABLE = 0.01  # of a singular value, relative to the largest
 LINE = 0.01  # smallest amplitude of a spectral line, relative to the largest
 
@@ -69,10 +69,10 @@ def scaled(gammas: Array) -> Array:
 def inseparable(gamma: Array, names: Sequence[str]) -> tuple[str, ...]:
     """The terms that scaled information (n, n) does not separate; empty if it separates all."""
     values, ways = np.linalg.eigh(gamma)
-    if values[0] > SINGULAR * values[-1]:
+    if values[0] > ZERO_EIGENVALUE * values[-1]:
         return ()
     weight = np.abs(ways[:, 0]) / np.max(np.abs(ways[:, 0]))
-    return tuple(name for name, share in zip(names, weight, strict=True) if share > SHARE)
+    return tuple(name for name, share in zip(names, weight, strict=True) if share > MIN_WEIGHT)
 
 
 def sensitivities(gammas: Array, share: Array) -> Array:
@@ -103,7 +103,7 @@ def optimal(gammas: Array, names: Sequence[str]) -> Weights:
     for _ in range(MOST_STEPS):
         d = sensitivities(gammas, share)
         gap_left = float(np.max(d) - n)
-        if gap_left <= GAP:
+        if gap_left <= OPTIMALITY_GAP:
             break
         share *= d / n
         share[d < _threshold(gap_left, n)] = 0.0
@@ -211,7 +211,7 @@ def _of_dof(lines: int, model: Vessel, column: int, x: Array) -> Persistence:
 def _members(way: Array, names: list[str]) -> tuple[str, ...]:
     """The terms that form a combination."""
     weight = np.abs(way) / np.max(np.abs(way))
-    return tuple(name for name, share in zip(names, weight, strict=True) if share > SHARE)
+    return tuple(name for name, share in zip(names, weight, strict=True) if share > MIN_WEIGHT)
 
 
 def spectral_lines(force: Array) -> int:

@@ -11,12 +11,12 @@ from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import (
     Length,
     Mission,
+    ZigZag,
     check_fraction,
     check_offset,
     steady_force,
     within,
 )
-from seatrial.models.excitation.open_loop import ZigZag
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half

@@ -1,15 +1,15 @@
 """An informative mix of sub-experiments. Ljungberg (slides), after his thesis.
 
-Standard manoeuvres are simulated with the believed model in calm water. The optimal mix for
+Standard manoeuvres are simulated with the nominal model in calm water. The optimal mix for
 estimating its coefficients is rounded to integer counts and executed, each sub-experiment from
 rest. Further sub-experiments follow, held out for testing. A random mix, drawn from a pool with
 the same number of every manoeuvre, is the baseline.
 
 With a route the candidates are the motion primitives of a planner: each is the simulated track of
-the believed model with its stop, followed by a passage to the lattice. The plan is executed by
+the nominal model with its stop, followed by a passage to the lattice. The plan is executed by
 feedback along the planned poses plus the simulated force, so that the motion, and with it the
 information, is close to the design. Without feedback in the manoeuvres (`follow: passages`) a
-vessel that differs from the believed model deviates from the plan until the next passage.
+vessel that differs from the nominal model deviates from the plan until the next passage.
 """
 
 from collections import Counter
@@ -21,15 +21,13 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.candidates import Design, UncertainModel
+from seatrial.models.excitation.candidates import CandidateSimulations, UncertainModel
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import Length, Mission
-from seatrial.models.excitation.open_loop import Steering
-from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
+from seatrial.models.excitation.missions import Length, Mission, Steering
+from seatrial.models.excitation.schedule import Gains, Interval, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
-from seatrial.models.planning.lattice import Pace, Primitive
-from seatrial.models.planning.planner import Plan, Task, plan
-from seatrial.models.planning.waters import Corners, Waters
+from seatrial.models.planning.lattice import Corners, Pace, Primitive, Waters
+from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.registry import Timetable
@@ -79,7 +77,7 @@ class Route:
         """Size of the lattice's cells [m]: the option, or the way of 4 s."""
         return 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
 
-    def plan(self, design: Design, names: Sequence[str]) -> Plan | None:
+    def plan(self, design: CandidateSimulations, names: Sequence[str]) -> PlannedPath | None:
         """The path that sails the named candidates; None without an area.
 
         Raises ConfigurationError with what stands in the way.
@@ -88,7 +86,7 @@ class Route:
             return None
         pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.period_s)
         tracks = {name: voyage.log.eta for name, voyage in design.voyages.items()}
-        task = Task(
+        task = PlanningTask(
             waters=self.waters,
             primitives=[Primitive(name, track, True) for name, track in tracks.items()],
             counts=Counter(names),
@@ -108,14 +106,16 @@ def _pose(pose: Pose) -> Array:
     return np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
-def parts_of(found: Plan, design: Design, held_out: Sequence[str], everywhere: bool) -> list[Part]:
+def parts_of(
+    found: PlannedPath, design: CandidateSimulations, held_out: Sequence[str], everywhere: bool
+) -> list[Interval]:
     """What is sailed along a plan; of each candidate the last ones are held out for testing.
 
     Poses are followed `everywhere`, or on the passages.
     """
     remaining = Counter(leg.name for leg in found.legs if leg.informative)
     held_out_counts, count = Counter(held_out), design.count + design.stop
-    parts: list[Part] = []
+    parts: list[Interval] = []
     for leg in found.legs:
         poses = leg.poses
         if leg.informative:
@@ -126,11 +126,11 @@ def parts_of(found: Plan, design: Design, held_out: Sequence[str], everywhere: b
                 pair = _followed(pair, poses[:count], design.voyages[leg.name].log.tau)
             parts += pair
             poses = poses[count:]
-        parts.append(Part(leg.name, "passage", len(poses), poses=poses))
+        parts.append(Interval(leg.name, "passage", len(poses), poses=poses))
     return parts
 
 
-def _followed(pair: list[Part], poses: Array, force: Array) -> list[Part]:
+def _followed(pair: list[Interval], poses: Array, force: Array) -> list[Interval]:
     """A manoeuvre and its stop with the poses and the force that were planned, (N, n_dof)."""
     edges = np.cumsum([0, *(part.count for part in pair)])
     return [
@@ -143,7 +143,7 @@ def _followed(pair: list[Part], poses: Array, force: Array) -> list[Part]:
 class Mix(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
-    `design`: optimal, by the believed model of `vessel`, or random, drawn with `draw_seed` from a
+    `design`: optimal, by the nominal model of `vessel`, or random, drawn with `draw_seed` from a
     pool of `repeats` of every candidate. `stop_s` (x `time_scale`) of velocity feedback bring the
     vessel to rest after each. `held_out` are sailed last, for testing. In the area of `route` the
     order and what lies between follow from a plan.
@@ -159,7 +159,7 @@ class Mix(Mission):
     stop_s: Positive
     time_scale: Annotated[Positive, FromVessel("tuning.excitation.time_scale")]
     vessel: VesselParameters
-    believed: UncertainModel
+    nominal: UncertainModel
     extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
@@ -187,17 +187,17 @@ class Mix(Mission):
         return True
 
     @cached_property
-    def information(self) -> Design:
-        """Simulations of the candidates with the believed model."""
+    def information(self) -> CandidateSimulations:
+        """Simulations of the candidates with the nominal model."""
         nominal = self.vessel.nominal()
         own = nominal.terms
         extra = tuple(one for one in basis.terms(self.extra_terms) if one not in own)
         count, stop = (
             max(2, round(s * self.time_scale / self.period_s)) for s in (self.length_s, self.stop_s)
         )
-        return Design(
+        return CandidateSimulations(
             candidates=self.candidates,
-            plant=self.vessel.plant(self.believed.model(nominal)),
+            plant=self.vessel.plant(self.nominal.model(nominal)),
             terms=own + extra,
             gains=self.feedback,
             limits=self._limits,
@@ -225,7 +225,7 @@ class Mix(Mission):
         return {name: int(n) for name, n in zip(self.candidates, counts, strict=True)}
 
     @cached_property
-    def plan(self) -> Plan | None:
+    def plan(self) -> PlannedPath | None:
         """The path of the manoeuvres through the area; None where there is none."""
         return self.route.plan(self.information, self._to_be_sailed)
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.missions import Mission
-from seatrial.models.excitation.open_loop import Beside, OpenLoop, counter_steer
+from seatrial.models.excitation.missions import Beside, Mission, OpenLoop, counter_steer
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording.recording import Mask
 from seatrial.models.simulation.registry import CONTROLLERS
@@ -28,7 +27,7 @@ Role = Literal["training", "testing", "none"]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Interval:
     """An interval of `count` control instants."""
 
     name: str
@@ -111,7 +110,7 @@ class Gains:
 class Schedule:
     """Parts on the instants of one control period, for a vessel in surge, sway and yaw."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[Interval, ...]
     manoeuvres: dict[str, Mission]
     dofs: tuple[str, ...]
     period_s: float

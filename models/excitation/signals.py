@@ -230,7 +230,7 @@ class Ramp(Signal):
 
 
 @dataclass(frozen=True)
-class Shared(Signal):
+class SharedSignal(Signal):
     """A signal with a share of its amplitude on every axis."""
 
     signal: Signal

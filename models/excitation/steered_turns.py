@@ -11,14 +11,14 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.excitation.helm import SteeredMission
-from seatrial.models.excitation.open_loop import Steering
+from seatrial.models.excitation.missions import Steering
 from seatrial.models.ranges import Positive
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.tuning import FromVessel
 
-DAMPING = 1.0
+DAMPING_RATIO = 1.0
 
 
 class WilliamsonTable(NamedTuple):
@@ -102,7 +102,7 @@ class Williamson(HelmsmanMission):
         """The commands of the manoeuvre."""
         gain, time = self.nomoto_gain[self.index], self.nomoto_time_s[self.index]
         omega = self.bandwidth / self.unit_s
-        kp, kd = time * omega**2 / gain, (2.0 * DAMPING * omega * time - 1.0) / gain
+        kp, kd = time * omega**2 / gain, (2.0 * DAMPING_RATIO * omega * time - 1.0) / gain
         table = WilliamsonTable(
             self.base, self.index, dofs.index("yaw"),
             self.sign * float(np.radians(abs(self.helm_deg))), float(np.radians(self.away_deg)),
@@ -172,7 +172,7 @@ class ReverseSpiral(HelmsmanMission):
         table = RateTable(
             self.base, self.index, dofs.index("yaw"), rates,
             max(1, round(self.hold_lengths * self.unit_s / period_s)),
-            round(self.approach_s / period_s), (2.0 * DAMPING * omega * time - 1.0) / gain,
+            round(self.approach_s / period_s), (2.0 * DAMPING_RATIO * omega * time - 1.0) / gain,
             period_s * time * omega**2 / gain, self.input_low[self.index],
             self.input_high[self.index],
         )  # fmt: skip

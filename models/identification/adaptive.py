@@ -14,8 +14,8 @@ from typing import Literal
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identifier, Problem, lack_of_fit
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -148,14 +148,14 @@ class Adapter:
             return "the candidate does not explain the whole past better than zero force"
         return None
 
-    def findings(self) -> list[Finding]:
+    def diagnostics(self) -> list[Diagnostic]:
         """Times of the model updates with their triggers, and times of the rejected candidates."""
         rows = []
         for i, (time, _, size) in enumerate(self.versions, start=1):
-            rows.append(Finding("update", "all", time, "s", i=i, label="adaptive"))
-            rows.append(Finding("update_trigger", "all", size, i=i, label=self.update.trigger))
+            rows.append(Diagnostic("update", "all", time, "s", i=i, label="adaptive"))
+            rows.append(Diagnostic("update_trigger", "all", size, i=i, label=self.update.trigger))
         for i, (time, reason) in enumerate(self.refused, start=1):
-            rows.append(Finding("update_refused", "all", time, "s", i=i, label=reason))
+            rows.append(Diagnostic("update_refused", "all", time, "s", i=i, label=reason))
         return rows
 
 

@@ -22,16 +22,16 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import NEGLIGIBLE, derivative_response, noise_floor
+from seatrial.models.recording.smoothing import NEGLIGIBLE_NOISE, derivative_response, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-WORTH_A_WARNING = 0.05  # of a believed coefficient
+WORTH_A_WARNING = 0.05  # of a nominal coefficient
 CONFIDENCE = 0.95  # that no loss is within the interval of its coefficient, of all together
 RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
 
@@ -41,7 +41,7 @@ def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, A
     starts, period = recording.piece_starts, recording.period_s
     floors = [recording.noise, noise_floor(recording.nu_dot, starts, period)]
     velocity, acceleration = (
-        np.where(floor.share > NEGLIGIBLE, floor.deviation, 0.0)
+        np.where(floor.share > NEGLIGIBLE_NOISE, floor.deviation, 0.0)
         * rng.standard_normal(recording.nu.shape)
         for floor in floors
     )
@@ -64,14 +64,14 @@ def attenuations(samples: Samples, again: Samples) -> Array:
 
 
 def noticeable(
-    samples: Samples, shares: Array, believed: Vessel, errors: Array | None
+    samples: Samples, shares: Array, nominal: Vessel, errors: Array | None
 ) -> list[tuple[int, int]]:
     """Coefficients (term, degree of freedom) that lose more than 5 %, the largest force first.
 
     shares (n_terms,), errors (n_terms, n_dof). A loss within the interval of the estimate
-    (Bonferroni's, for all together) and a coefficient that is believed to be zero do not count.
+    (Bonferroni's, for all together) and a coefficient that is nominally zero do not count.
     """
-    theta = believed.on(samples.terms).theta
+    theta = nominal.on(samples.terms).theta
     count = max(int(np.count_nonzero(theta)), 1)
     interval = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE) / count))
     loss = shares[:, None] * np.abs(theta)
@@ -91,7 +91,7 @@ def with_attenuation(
     samples: Samples,
     result: Identified,
 ) -> Identified:
-    """The result with a finding for each coefficient that noise attenuates, and a warning."""
+    """The result with a diagnostic for each coefficient that noise attenuates, and a warning."""
     training, dofs = problem.training, problem.nominal.dofs
     if problem.compared or not options.noise_remedies:
         return result
@@ -106,16 +106,18 @@ def with_attenuation(
     lost = noticeable(samples, shares, problem.nominal, errors)
     if not lost:
         return result
-    findings = [
-        Finding("attenuation", dofs[k], float(shares[i]), label=samples.terms[i].name)
+    diagnostics = [
+        Diagnostic("attenuation", dofs[k], float(shares[i]), label=samples.terms[i].name)
         for i, k in lost
     ]
-    worst = findings[0]
+    worst = diagnostics[0]
     warning = (
         f"noise in the regressors attenuates {worst.dof}.{worst.label} by "
         f"{100.0 * shares[lost[0][0]]:.0f} %, which its standard error does not show: "
         f"try {' or '.join(options.noise_remedies)}"
     )
     return replace(
-        result, findings=(*result.findings, *findings), warnings=(*result.warnings, warning)
+        result,
+        diagnostics=(*result.diagnostics, *diagnostics),
+        warnings=(*result.warnings, warning),
     )

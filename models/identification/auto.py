@@ -5,7 +5,7 @@ training part (`blocked_free_run`). A candidate is admissible if it is worse tha
 in no degree of freedom, and better on the whole by more than one standard error: otherwise chance
 may have chosen it. The one chosen is identified again on the whole training part; where it then
 fails, or predicts that part worse than the nominal model, the next one takes its place, and in the
-end the nominal model. A degree of freedom that did not move keeps its believed equation.
+end the nominal model. A degree of freedom that did not move keeps its nominal equation.
 
 An estimate that noise biases (without `interval_covers`) is chosen only where it predicts
 significantly better: its bias adds up over a long manoeuvre, such as a turning circle, and free
@@ -17,17 +17,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.blocked_free_run import (
     UNUSABLE,
+    WORSE_THAN_NOMINAL,
     Blocks,
     Contest,
     LeftOut,
-    error_findings,
+    error_diagnostics,
     first_within,
+    with_nominal_axes,
 )
-from seatrial.models.identification.guard import LOST, with_nominal_axes
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -42,7 +43,7 @@ from seatrial.models.ranges import Folds, Positive, check_ranges
 from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
-SIGNIFICANT = 2.0  # standard errors
+MIN_STANDARD_ERRORS = 2.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,11 @@ class Auto(Identifier):
         errors, reasons = contest.run()
         chosen, identified = self._best(alternatives, blocks, dict(errors), reasons, rng)
         known = {} if reference is None else {NONE: reference}
-        findings = error_findings({**known, **errors}, blocks, chosen)
-        left_out = [Finding("left_out", "all", 1.0, label=f"{n}: {r}") for n, r in reasons.items()]
-        return replace(identified, findings=(*identified.findings, *findings, *left_out))
+        diagnostics = error_diagnostics({**known, **errors}, blocks, chosen)
+        left_out = [
+            Diagnostic("left_out", "all", 1.0, label=f"{n}: {r}") for n, r in reasons.items()
+        ]
+        return replace(identified, diagnostics=(*identified.diagnostics, *diagnostics, *left_out))
 
     def _best(
         self,
@@ -107,14 +110,14 @@ class Auto(Identifier):
     ) -> tuple[str, Identified]:
         """Name and result of the best alternative that holds on the whole training part too.
 
-        One that keeps a believed equation there gives way to one that is not significantly worse.
+        One that keeps a nominal equation there gives way to one that is not significantly worse.
         """
         held: tuple[str, Identified] | None = None
         least = min(errors.values(), key=lambda one: one.error, default=None)
         while errors:
             name = preferred(errors, alternatives)
             left_out = errors.pop(name)
-            if held and least and left_out.exceeds(least, SIGNIFICANT):
+            if held and least and left_out.exceeds(least, MIN_STANDARD_ERRORS):
                 continue
             try:
                 result = alternatives[name].identify(blocks.problem, rng)
@@ -124,9 +127,11 @@ class Auto(Identifier):
                 reason = str(error)
             if reason is None:
                 found = name, with_interval(alternatives[name], result)
-                if not any(finding.name == LOST for finding in result.findings):
+                if not any(
+                    diagnostic.name == WORSE_THAN_NOMINAL for diagnostic in result.diagnostics
+                ):
                     return found
-                held, reason = held or found, "it keeps the believed equation of an axis"
+                held, reason = held or found, "it keeps the nominal equation of an axis"
             reasons[name] = f"on the whole training part: {reason}"
         if held:
             reasons.pop(held[0])
@@ -145,7 +150,7 @@ def preferred(errors: dict[str, LeftOut], alternatives: Mapping[str, Identifier]
         return name
     best = min(errors.values(), key=lambda one: one.error)
     other = first_within(unbiased)
-    return name if unbiased[other].exceeds(best, SIGNIFICANT) else other
+    return name if unbiased[other].exceeds(best, MIN_STANDARD_ERRORS) else other
 
 
 def _objection(model: Vessel, blocks: Blocks) -> str | None:
@@ -175,4 +180,4 @@ def moving_axes_only(result: Identified, blocks: Blocks) -> Identified:
 def _fallback(problem: Problem, reason: str) -> Identified:
     """The nominal model, with the reason."""
     nominal = NoIdentifier().identify(problem, np.random.default_rng(0))
-    return replace(nominal, findings=(Finding("fallback", "all", 1.0, label=reason),))
+    return replace(nominal, diagnostics=(Diagnostic("fallback", "all", 1.0, label=reason),))

@@ -17,9 +17,15 @@ exceeds the least by hardly anything.
 One-step errors of the force, by which orders and penalties are usually chosen, do not see whether a
 model runs away; an order or a method chosen on the test part is evaluated on the data that chose
 it: Jervan (2020), chapter 6.
+
+An identified model that is on no axis worse than knowing nothing.
+
+Every block of the training part is predicted by free runs of a model that was identified without
+it, and of the nominal one (`blocked_free_run`). An axis that is predicted worse keeps its nominal
+equation; then the rest is judged again, since the equations act on each other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -27,22 +33,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.findings import Finding
+from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.spread import TableSpread
 from seatrial.models.identification.validation import RESTART_S, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import smoothing_for
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
-FOLDS = 3
+BLOCK_FOLDS = 3
 SEED = 0  # of estimates on blocks, so that the choice draws nothing from the trial's stream
 SIMPLER = 0.04  # relative excess of the squared error that a simpler alternative may have
-NEGLIGIBLE = 1e-6  # mean squared error, over the variance, that cannot be told from none
+NEGLIGIBLE_ERROR = 1e-6  # mean squared error, over the variance, that cannot be told from none
 FAR = 2.0  # times the squared error of another, which is no matter of chance
 MOTION = 2.0  # least standard deviation of a velocity that moves, over that of its noise
-STILL = 1e-9  # [m/s, rad/s] standard deviation below which nothing moved
+MIN_DEVIATION = 1e-9  # [m/s, rad/s] standard deviation below which nothing moved
 UNUSABLE = (IdentificationError, ConfigurationError, RecordingError)  # what an alternative may say
 
 
@@ -82,7 +90,9 @@ class LeftOut(NamedTuple):
         reference = LeftOut(np.mean(other.squares, axis=1, keepdims=True), other.samples)
         mean, error = overall.excess(reference)
         uncertain = min(deviations * float(error[0]), (FAR - 1.0) * other.error)
-        return float(mean[0]) > max(uncertain, SIMPLER * other.error, NEGLIGIBLE - other.error)
+        return float(mean[0]) > max(
+            uncertain, SIMPLER * other.error, NEGLIGIBLE_ERROR - other.error
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +100,7 @@ class Blocks:
     """The blocks of a problem's training part, and how they are predicted."""
 
     problem: Problem
-    folds: int = FOLDS
+    folds: int = BLOCK_FOLDS
     horizon_s: float = RESTART_S
     force: str | None = None
 
@@ -98,7 +108,9 @@ class Blocks:
     def axes(self) -> list[int]:
         """Degrees of freedom whose velocity moved by more than its noise."""
         training = self.problem.training
-        moved = np.std(training.nu, axis=0) > np.maximum(MOTION * training.noise.deviation, STILL)
+        moved = np.std(training.nu, axis=0) > np.maximum(
+            MOTION * training.noise.deviation, MIN_DEVIATION
+        )
         return np.flatnonzero(moved).tolist()
 
     @property
@@ -112,14 +124,14 @@ class Blocks:
         worse = [
             f"{self.problem.nominal.dofs[k]} {own:.3g} instead of {other:.3g}"
             for k, own, other in zip(self.axes, left_out.nrmse, reference.nrmse, strict=True)
-            if k in lost or own**2 > FAR * other**2 + NEGLIGIBLE
+            if k in lost or own**2 > FAR * other**2 + NEGLIGIBLE_ERROR
         ]
         return f"worse than the nominal model: NRMSE in {', '.join(worse)}" if worse else None
 
     def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
         """The axes that are worse than a reference by more than one standard error."""
         mean, error = left_out.excess(reference)
-        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE)
+        allowed = np.maximum(error, SIMPLER * reference.nrmse**2 + NEGLIGIBLE_ERROR)
         return [k for k, own, most in zip(self.axes, mean, allowed, strict=True) if own > most]
 
     def judge(self, identifier: Identifier) -> LeftOut:
@@ -200,7 +212,7 @@ def first_equal(errors: dict[str, LeftOut]) -> str:
     the few in which a model with it goes astray make the standard error as large as the gain.
     """
     least = min(left_out.error for left_out in errors.values())
-    most = (1.0 + SIMPLER) * least + NEGLIGIBLE
+    most = (1.0 + SIMPLER) * least + NEGLIGIBLE_ERROR
     return next(name for name, left_out in errors.items() if left_out.error <= most)
 
 
@@ -285,19 +297,139 @@ def best_of(
         raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")
     chosen = first_equal(errors)
     result = alternatives[chosen].identify(blocks.problem, rng)
-    return replace(result, findings=(*result.findings, *error_findings(errors, blocks, chosen)))
+    return replace(
+        result, diagnostics=(*result.diagnostics, *error_diagnostics(errors, blocks, chosen))
+    )
 
 
-def error_findings(errors: dict[str, LeftOut], blocks: Blocks, chosen: str) -> tuple[Finding, ...]:
+def error_diagnostics(
+    errors: dict[str, LeftOut], blocks: Blocks, chosen: str
+) -> tuple[Diagnostic, ...]:
     """FIT of every alternative per axis, its mean NRMSE, and the choice."""
     dofs, rows = blocks.problem.nominal.dofs, []
     for i, (name, left_out) in enumerate(errors.items()):
         fits = zip(blocks.axes, 100.0 * (1.0 - left_out.nrmse), strict=True)
         rows += [
-            Finding("left_out_fit", dofs[k], float(fit), "%", i, label=name) for k, fit in fits
+            Diagnostic("left_out_fit", dofs[k], float(fit), "%", i, label=name) for k, fit in fits
         ]
         rows.append(
-            Finding("left_out_error", "all", float(np.sqrt(left_out.error)), "", i, label=name)
+            Diagnostic("left_out_error", "all", float(np.sqrt(left_out.error)), "", i, label=name)
         )
-        rows.append(Finding("chosen", "all", float(name == chosen), "", i, label=name))
+        rows.append(Diagnostic("chosen", "all", float(name == chosen), "", i, label=name))
     return tuple(rows)
+
+
+WORSE_THAN_NOMINAL = "worse_than_nominal"  # the diagnostic of an axis
+RUNAWAY_ERROR = 2.0  # error over the spread of the motion: twice that of its mean
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingPart(Blocks):
+    """The whole training part in place of blocks, to judge a model that is fitted to it."""
+
+    @cached_property
+    def left_out(self) -> tuple[Recording, ...]:
+        """The training part, with smoothed velocities."""
+        return (self.smoothed,)
+
+
+class Runaway(TrainingPart):
+    """Judges a regression: an axis is lost that is worse than the nominal model and runs away.
+
+    A regression minimises the error of the force, so its free runs over the same part may be a
+    little worse; with twice the error of the mean motion they say that it has failed.
+    """
+
+    def lost(self, left_out: LeftOut, reference: LeftOut) -> list[int]:
+        """The axes that are worse than a reference, and whose error is above RUNAWAY."""
+        nrmse = dict(zip(self.axes, left_out.nrmse, strict=True))
+        return [k for k in super().lost(left_out, reference) if nrmse[k] > RUNAWAY_ERROR]
+
+
+def held_to_nominal(part: TrainingPart, result: Identified) -> Identified:
+    """The result with the nominal equation of each axis that it predicts worse where it was fitted.
+
+    Free runs over the training part are compared. It costs no further estimate, and finds models
+    that run away or whose regression has failed, not those that are fitted too closely.
+    """
+    return guarded_by([result.model], part, result)
+
+
+def guarded(
+    blocks: Blocks, estimate: Callable[[Problem], Vessel], result: Identified
+) -> Identified:
+    """The result with the nominal equation of each axis that is predicted worse with its own.
+
+    `estimate` returns the model of a part of the recording.
+    """
+    try:
+        models = [estimate(problem) for problem in blocks.problems]
+    except UNUSABLE:
+        return with_nominal_axes(
+            result, blocks.problem.nominal, blocks.every_axis, WORSE_THAN_NOMINAL
+        )
+    return guarded_by(models, blocks, result)
+
+
+def guarded_by(models: Sequence[Vessel], blocks: Blocks, result: Identified) -> Identified:
+    """The same for models that were identified without each of the blocks.
+
+    An axis that did not move, or of which the nominal model cannot be simulated, is not judged.
+    """
+    nominal = blocks.problem.nominal
+    if not blocks.axes:
+        return result
+    try:
+        reference = blocks.errors([nominal] * len(blocks.left_out))
+    except UNUSABLE:
+        return result
+    lost: list[int] = []
+    while new := [k for k in _lost(blocks, models, nominal, lost, reference) if k not in lost]:
+        lost += new
+    changed = with_nominal_axes(result, nominal, lost, WORSE_THAN_NOMINAL)
+    if lost and unphysical(changed.model, nominal, blocks.problem.training.nu) is not None:
+        return with_nominal_axes(result, nominal, blocks.every_axis, WORSE_THAN_NOMINAL)
+    return changed
+
+
+def _lost(
+    blocks: Blocks, models: Sequence[Vessel], nominal: Vessel, lost: list[int], reference: LeftOut
+) -> list[int]:
+    """The axes on which models are worse; all where they cannot be simulated."""
+    mixed = [mixed_table(model, nominal, lost) for model in models]
+    try:
+        return blocks.lost(blocks.errors(mixed), reference)
+    except UNUSABLE:
+        return blocks.every_axis
+
+
+def mixed_table(model: Vessel, nominal: Vessel, axes: Sequence[int]) -> Vessel:
+    """A model with the nominal equations of some axes."""
+    terms = model.terms + tuple(term for term in nominal.terms if term not in model.terms)
+    theta = model.on(terms).theta.copy()
+    theta[:, list(axes)] = nominal.on(terms).theta[:, list(axes)]
+    return replace(model, terms=terms, theta=theta)
+
+
+def with_nominal_axes(
+    result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
+) -> Identified:
+    """A result with the nominal equations of some axes, each with a `diagnostic`."""
+    if not axes:
+        return result
+
+    def without(table: Array, value: float) -> Array:
+        changed = table.copy()
+        changed[:, list(axes)] = value
+        return changed
+
+    residual = replace(result.residual, theta=without(result.residual.theta, 0.0))
+    dofs = nominal.dofs
+    return replace(
+        result,
+        model=nominal + residual,
+        residual=residual,
+        std_error=None if result.std_error is None else without(result.std_error, np.nan),
+        spread=result.spread if isinstance(result.spread, TableSpread) else None,
+        diagnostics=(*result.diagnostics, *(Diagnostic(diagnostic, dofs[k], 1.0) for k in axes)),
+    )

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.attenuation import with_attenuation
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.refinement import refined_by_segments
@@ -59,13 +59,13 @@ def finished(
         moved = moved_spread(problem, model, change, result)
         errors, spread = moved.std_error[rows], moved
     residual = free.residual(free.values + change).on(result.residual.terms)
-    active = (Finding("active_constraint", "all", 1.0, label=name) for name in broken)
+    active = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
         result,
         model=problem.nominal + residual,
         residual=residual,
         std_error=errors,
-        findings=(*result.findings, *active),
+        diagnostics=(*result.diagnostics, *active),
         spread=spread,
     )
 
@@ -73,7 +73,7 @@ def finished(
 def moved_spread(
     problem: Problem, model: Structure, change: Array, result: Identified
 ) -> ReplicateSpread:
-    """The distribution of a table that was moved by `change` (m,) from the believed one.
+    """The distribution of a table that was moved by `change` (m,) from the nominal one.
 
     It is that of tables drawn about the estimate, each moved as the estimate was.
     """

@@ -52,7 +52,7 @@ def folds(
     return list(KFold(count, shuffle=True, random_state=seed).split(indices))
 
 
-class Part(NamedTuple):
+class Subset(NamedTuple):
     """A subset of the samples: its rows, regressors with the constant, and X'X."""
 
     rows: NDArray[np.int64] | slice
@@ -70,9 +70,9 @@ class Part(NamedTuple):
         return moment
 
 
-def part(x: Array, rows: NDArray[np.int64] | slice) -> Part:
+def part(x: Array, rows: NDArray[np.int64] | slice) -> Subset:
     """The subset of the given rows; the rows of a slice are not copied."""
-    return Part(rows, x[rows], x[rows].T @ x[rows])
+    return Subset(rows, x[rows], x[rows].T @ x[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class Splits:
     parts. `held_out` is Z'Z of the validation part, used only by `test`.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[Subset, ...]
     folds: tuple[tuple[tuple[int, ...], int], ...]
     held_out: Array | None
 

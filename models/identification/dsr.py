@@ -20,8 +20,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.physical_form import PhysicalForm, physical_form
 from seatrial.models.identification.problem import (
     Identified,
@@ -38,21 +38,19 @@ from seatrial.models.identification.sampled_data import (
     moves,
     sampled,
 )
-from seatrial.models.identification.state_space_findings import (
+from seatrial.models.identification.state_space_diagnostics import (
+    NAMES,
+    Alternative,
     axes_of,
-    fit_findings,
-    model_findings,
-    physical_findings,
-    realisation_findings,
+    fit_diagnostics,
+    model_diagnostics,
+    physical_diagnostics,
+    realisation_diagnostics,
+    select_variant,
 )
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.uncertainty import check_bootstrap
 from seatrial.models.identification.validation import RESTART_S, prediction
-from seatrial.models.identification.variant_selection import (
-    NAMES,
-    Alternative,
-    select_variant,
-)
 from seatrial.models.notation import POSES, poses_of
 from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Recording
@@ -79,8 +77,8 @@ class Dsr(Identifier):
     `u_dot`), None the whole pose.
 
     `physical_form: optional` keeps the nominal model if there is no physical form, with the
-    reason as a finding, and controls with the state-space model; `better` keeps the nominal model
-    also if it predicts restarts of 30 s of the training part better, and controls with it.
+    reason as a diagnostic, and controls with the state-space model; `better` keeps the nominal
+    model also if it predicts restarts of 30 s of the training part better, and controls with it.
     """
 
     L: Annotated[int, Ge(2), Le(1000)]
@@ -171,28 +169,28 @@ class Dsr(Identifier):
         """
         nominal, dofs = problem.nominal, problem.nominal.dofs
         data = self._sampled(problem.training, nominal)
-        method, findings = self._method(data, self._order(nominal))
+        method, diagnostics = self._method(data, self._order(nominal))
         realisation = self._realise(data, self._order(nominal), method)
         model, errors, usable = realisation.model, None, self._has_form(dofs)
-        findings += realisation_findings(realisation)
+        diagnostics += realisation_diagnostics(realisation)
         try:
             form = self._form(model, data, problem)
             model = _rotate_outputs(form.model, data.heading)
             vessel = form.vessel("identified", dofs, data.extra)
-            findings += physical_findings(form, dofs)
+            diagnostics += physical_diagnostics(form, dofs)
             errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
         except IdentificationError as error:
             if self.physical_form == "required":
                 raise
             vessel = replace(nominal, name="identified")
-            findings.append(Finding("physical_form", "all", 0.0, label=str(error)))
+            diagnostics.append(Diagnostic("physical_form", "all", 0.0, label=str(error)))
             usable = usable and self.physical_form == "optional"
         axes, named = axes_of(model.outputs), self.outputs is not None
-        findings += model_findings(model, self.markov_parameters, axes, named)
+        diagnostics += model_diagnostics(model, self.markov_parameters, axes, named)
         held_out = self._sampled(problem.validation, nominal)
-        findings += fit_findings(model, held_out, axes, named)
+        diagnostics += fit_diagnostics(model, held_out, axes, named)
         return Identified(
-            vessel, vessel - nominal, errors, tuple(findings), state_space=model,
+            vessel, vessel - nominal, errors, tuple(diagnostics), state_space=model,
             control_model=_force_inputs_only(model, len(dofs)) if usable else None,
         )  # fmt: skip
 
@@ -222,7 +220,7 @@ class Dsr(Identifier):
         outputs = poses if self.outputs is None else self.outputs
         return None if self.order == "gap" else sum(1 + (name in poses) for name in outputs)
 
-    def _method(self, data: Sampled, order: int | None) -> tuple[Alternative, list[Finding]]:
+    def _method(self, data: Sampled, order: int | None) -> tuple[Alternative, list[Diagnostic]]:
         """The variant and whether D is estimated, chosen by the data if there is a choice."""
         pose = set(self.outputs or ()) <= set(POSES)
         direct = [False] if pose else [False, True]
@@ -236,7 +234,7 @@ class Dsr(Identifier):
             data.y, data.u, self.L, self.J, order, alternatives, stable=self.stable,
             stretch=data.stretch, file=data.file,
         )  # fmt: skip
-        return (chosen.variant, chosen.feedthrough), chosen.findings()
+        return (chosen.variant, chosen.feedthrough), chosen.diagnostics()
 
     def _realise(
         self, data: Sampled, order: int | None, method: Alternative, times: Codes | None = None

@@ -21,7 +21,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.dynamics import MATRICES, Scratch, scratch_in, scratch_size, step
+from seatrial.models.simulation.dynamics import WORK_SHAPE, Scratch, scratch_in, scratch_size, step
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable
 from seatrial.models.vessel.pose import (
@@ -195,7 +195,7 @@ def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> fl
     n_terms, n_dof = plant.codes.shape[0], plant.inverse_inertia.shape[0]
     n_pose = states.shape[1] - n_dof
     size = scratch_size(n_terms, n_dof, n_pose)
-    work = scratch_in(np.zeros(size), np.zeros(MATRICES), n_terms, n_dof, n_pose)
+    work = scratch_in(np.zeros(size), np.zeros(WORK_SHAPE), n_terms, n_dof, n_pose)
     eta, nu = np.empty(n_pose), np.empty(n_dof)
     for k in range(states.shape[0]):
         _follow(plant, course, k, euler, eta, nu, work)
@@ -313,7 +313,7 @@ def _lanes(
     )  # fmt: skip
     n_terms = structure.codes.shape[0]
     vectors = _aligned(scratch_size(n_terms, n_dof, n_pose))
-    matrices = _aligned(72).reshape((*MATRICES, WIDTH))
+    matrices = _aligned(72).reshape((*WORK_SHAPE, WIDTH))
     work = scratch_in(as_packs(vectors), as_packs(matrices), n_terms, n_dof, n_pose)
     states = _aligned(n_pose + n_dof)
     return _Lanes(entries, inverse, parameters, states, plant, as_packs(states), work)

@@ -25,8 +25,8 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.free_parameters import ned_forces
 from seatrial.models.identification.linear import qr, turns
@@ -57,7 +57,7 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-SINGULAR = 1e-10
+SINGULAR_RATIO = 1e-10
 WEAK = 0.1  # strength below which the estimate is little else than noise, and so are its intervals
 REFINED = (
     "the instruments are weak, so that the model of the regression was refined by free runs; "
@@ -124,12 +124,12 @@ def _check_rank(r: Array, names: Sequence[str], what: str) -> None:
 
 
 def _check_singular(s: Array, vt: Array, names: Sequence[str], what: str) -> None:
-    if s[-1] > SINGULAR * s[0]:
+    if s[-1] > SINGULAR_RATIO * s[0]:
         return
     terms = [str(names[int(i)]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else []
     raise IdentificationError(
         f"the {what} do not distinguish {', '.join(terms) or 'the terms'} from each other: got a "
-        f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR:g}"
+        f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR_RATIO:g}"
     )
 
 
@@ -140,7 +140,7 @@ class Estimate:
     samples: Samples
     kept: tuple[int, ...]  # terms that are determined; the others keep their nominal values
     solution: Solution  # over `kept`
-    findings: tuple[Finding, ...]
+    diagnostics: tuple[Diagnostic, ...]
 
     def table(self, values: Array, missing: float) -> Array:
         """Values (n_kept, n_dof) on all terms, `missing` elsewhere, shape (n_terms, n_dof)."""
@@ -264,10 +264,10 @@ class InstrumentalVariables(ResidualOptions):
         return replace(self, wind_measurement=windy)
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the residual table with standard errors; findings describe the instruments."""
+        """Identify the residual table with standard errors and the strength of the instruments."""
         if self.wind_measurement is None:
             return self.with_wind(problem).estimated(problem, rng)
-        lag, findings = thruster_of(self, problem)
+        lag, diagnostics = thruster_of(self, problem)
         estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)
         if self.inertia_factor is None:
@@ -277,15 +277,19 @@ class InstrumentalVariables(ResidualOptions):
         if not (problem.compared or weak):
             errors = estimate.table(self._errors(estimate, rng), np.nan)
             spread = estimate.spread()
-        findings = (*findings, *estimate.findings)
-        result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
+        diagnostics = (*diagnostics, *estimate.diagnostics)
+        result = Identified(
+            problem.nominal + residual, residual, errors, diagnostics, spread=spread
+        )
         if problem.compared or self.instruments == "none":
             return finished(self, problem, lag, estimate.samples, result)
         for refinement in self._refinements(weak):
             options = replace(self, refinement=refinement)
             final = finished(options, problem, lag, estimate.samples, result)
             if self._simulates(problem, final.model):
-                return replace(final, warnings=(*final.warnings, *self._remarks(final, refinement)))
+                return replace(
+                    final, warnings=(*final.warnings, *self._diagnostics(final, refinement))
+                )
         raise IdentificationError(
             "the instruments are too weak: the identified model diverges under the inputs of the "
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
@@ -303,7 +307,7 @@ class InstrumentalVariables(ResidualOptions):
             return (self.refinement,)
         return ("free_run", "none") if weak else ("none", "free_run")
 
-    def _remarks(self, final: Identified, refinement: Refinement) -> tuple[str, ...]:
+    def _diagnostics(self, final: Identified, refinement: Refinement) -> tuple[str, ...]:
         """Warnings of what was done."""
         if refinement != self.refinement:
             return (REFINED,)
@@ -345,7 +349,7 @@ class InstrumentalVariables(ResidualOptions):
             samples,
             estimate.kept,
             estimate.solution,
-            estimate.findings + _fit_findings(estimate, problem.nominal.dofs),
+            estimate.diagnostics + _fit_diagnostics(estimate, problem.nominal.dofs),
         )
 
     def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
@@ -367,11 +371,11 @@ class InstrumentalVariables(ResidualOptions):
             except IdentificationError:
                 break
             count += 1
-        findings = [Finding("iterations", "all", float(count)), *_correlations(estimate, z)]
-        findings.append(Finding("instrument_strength", "all", estimate.strength))
+        diagnostics = [Diagnostic("iterations", "all", float(count)), *_correlations(estimate, z)]
+        diagnostics.append(Diagnostic("instrument_strength", "all", estimate.strength))
         for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
-            findings.append(Finding("same_sign", dof, float(share)))
-        return Estimate(samples, estimate.kept, estimate.solution, tuple(findings))
+            diagnostics.append(Diagnostic("same_sign", dof, float(share)))
+        return Estimate(samples, estimate.kept, estimate.solution, tuple(diagnostics))
 
     def columns(
         self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
@@ -433,7 +437,7 @@ def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
     return Estimate(samples, kept, solution, ())
 
 
-def _correlations(estimate: Estimate, z: Array) -> tuple[Finding, ...]:
+def _correlations(estimate: Estimate, z: Array) -> tuple[Diagnostic, ...]:
     """Correlation of every regressor with its instrument; a low one gives a poor estimate."""
     values = []
     for i in estimate.kept:
@@ -442,15 +446,17 @@ def _correlations(estimate: Estimate, z: Array) -> tuple[Finding, ...]:
         size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
         if size > 0.0:
             name = estimate.samples.terms[i].name
-            values.append(Finding("instrument_correlation", "all", float(a @ b) / size, label=name))
+            values.append(
+                Diagnostic("instrument_correlation", "all", float(a @ b) / size, label=name)
+            )
     return tuple(values)
 
 
-def _fit_findings(estimate: Estimate, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
+def _fit_diagnostics(estimate: Estimate, dofs: tuple[str, ...]) -> tuple[Diagnostic, ...]:
     """Condition number of the projected regressors, and the terms that are not determined."""
-    condition = [Finding("condition_number", dof, estimate.solution.condition) for dof in dofs]
+    condition = [Diagnostic("condition_number", dof, estimate.solution.condition) for dof in dofs]
     dropped = [
-        Finding("dropped_term", "all", 1.0, label=term.name)
+        Diagnostic("dropped_term", "all", 1.0, label=term.name)
         for i, term in enumerate(estimate.samples.terms)
         if i not in estimate.kept
     ]

@@ -13,8 +13,8 @@ from typing import Literal
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.linear import (
     Decomposition,
@@ -47,7 +47,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 HUBER = 1.345  # 95 % as efficient as least squares on Gaussian residuals
 NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation of a Gaussian
-ROUNDS = 30
+MAX_ROUNDS = 30
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,10 @@ class LeastSquares(ResidualOptions):
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors and condition numbers."""
-        lag, findings = thruster_of(self, problem)
+        lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
-        fitted, penalty_findings = self.solve(samples, dofs)
+        fitted, penalty_diagnostics = self.solve(samples, dofs)
         if problem.compared:
             errors, f_errors = (np.full_like(x, np.nan) for x in (fitted.theta, fitted.shared))
         elif self.bootstrap is None:
@@ -99,14 +99,16 @@ class LeastSquares(ResidualOptions):
             length = round(self.block_s / samples.period_s)
             errors, f_errors = bootstrap_errors(fitted, length, self.bootstrap, rng)
         residual = Vessel("residual", dofs, samples.terms, fitted.theta)
-        findings += condition_findings(samples, fitted, dofs) + penalty_findings
+        diagnostics += condition_diagnostics(samples, fitted, dofs) + penalty_diagnostics
         if self.ned_force:
             residual += Vessel("force", dofs, NED_COLUMNS, ned_table(fitted.shared))
             shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
             errors = np.vstack([errors, shares])
-            findings += ned_findings(fitted.shared, f_errors)
+            diagnostics += ned_diagnostics(fitted.shared, f_errors)
         spread = None if problem.compared or self.ned_force else spread_of(fitted)
-        result = Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
+        result = Identified(
+            problem.nominal + residual, residual, errors, diagnostics, spread=spread
+        )
         return finished(self, problem, lag, samples, result)
 
     def without_bootstrap(self) -> Identifier:
@@ -115,8 +117,8 @@ class LeastSquares(ResidualOptions):
 
     def solve(
         self, samples: Samples, dofs: tuple[str, ...]
-    ) -> tuple[LinearFit, tuple[Finding, ...]]:
-        """The fit, and the findings about its penalty.
+    ) -> tuple[LinearFit, tuple[Diagnostic, ...]]:
+        """The fit, and the diagnostics about its penalty.
 
         Weights that depend on the residual (Huber's; the precision of each degree of freedom if
         they share unknowns) are computed from the last fit, until they converge.
@@ -124,15 +126,15 @@ class LeastSquares(ResidualOptions):
         shared = ned_columns(samples.heading) if self.ned_force else None
         base = recency(len(samples), samples.period_s, self.half_life_s)[:, None]
         weights = np.broadcast_to(base, samples.epsilon.shape)
-        penalties, findings = self.penalise(samples, weights, shared, dofs)
+        penalties, diagnostics = self.penalise(samples, weights, shared, dofs)
         fitted = fit(samples, weights, penalties, shared)
         depends = self.ned_force or self.weighting == "huber"
-        for _ in range(ROUNDS if depends else 0):
+        for _ in range(MAX_ROUNDS if depends else 0):
             last, weights = weights, base * self.reweight(fitted.rest, samples)
             fitted = fit(samples, weights, penalties, shared)
             if np.max(np.abs(weights - last)) < 1e-4 * np.max(weights):
                 break
-        return fitted, findings
+        return fitted, diagnostics
 
     def reweight(self, rest: Array, samples: Samples) -> Array:
         """Weights from the residual `rest` (N, n_dof), shape (N, n_dof), at most 1."""
@@ -148,8 +150,8 @@ class LeastSquares(ResidualOptions):
 
     def penalise(
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
-    ) -> tuple[Array | None, tuple[Finding, ...]]:
-        """Penalty of each degree of freedom (n_dof,), None for no penalty, and its findings."""
+    ) -> tuple[Array | None, tuple[Diagnostic, ...]]:
+        """Penalty of each degree of freedom (n_dof,), None for no penalty, and its diagnostics."""
         return None, ()
 
 
@@ -165,7 +167,7 @@ class Ridge(LeastSquares):
 
     def penalise(
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
-    ) -> tuple[Array, tuple[Finding, ...]]:
+    ) -> tuple[Array, tuple[Diagnostic, ...]]:
         """Penalty of each degree of freedom (n_dof,), after the shared unknowns are subtracted."""
         targets = samples.epsilon
         if shared is not None:
@@ -177,11 +179,11 @@ class Ridge(LeastSquares):
             penalties = [self.penalty * n for _ in dofs]
         else:
             penalties = [least_gcv(part, targets[:, k]) for k, part in enumerate(parts)]
-        findings = []
+        diagnostics = []
         for dof, part, value in zip(dofs, parts, penalties, strict=True):
-            findings.append(Finding("ridge_penalty", dof, value / n))
-            findings.append(Finding("effective_parameters", dof, part.parameters(value)))
-        return np.array(penalties), tuple(findings)
+            diagnostics.append(Diagnostic("ridge_penalty", dof, value / n))
+            diagnostics.append(Diagnostic("effective_parameters", dof, part.parameters(value)))
+        return np.array(penalties), tuple(diagnostics)
 
 
 def spread_of(fitted: LinearFit) -> TableSpread:
@@ -223,23 +225,23 @@ def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
     return np.asarray(np.exp2(-age / half_life_s))
 
 
-def condition_findings(
+def condition_diagnostics(
     samples: Samples, fitted: LinearFit, dofs: tuple[str, ...]
-) -> tuple[Finding, ...]:
+) -> tuple[Diagnostic, ...]:
     """Condition number of each degree of freedom, and the terms that do not vary."""
     rows = [
-        Finding("condition_number", dof, float(value))
+        Diagnostic("condition_number", dof, float(value))
         for dof, value in zip(dofs, fitted.condition, strict=True)
     ]
     used = {*samples.varying.tolist(), samples.constant}
     dropped = [term.name for i, term in enumerate(samples.terms) if i not in used]
-    return (*rows, *(Finding("dropped_term", "all", 1.0, label=name) for name in dropped))
+    return (*rows, *(Diagnostic("dropped_term", "all", 1.0, label=name) for name in dropped))
 
 
-def ned_findings(force: Array, errors: Array) -> tuple[Finding, ...]:
+def ned_diagnostics(force: Array, errors: Array) -> tuple[Diagnostic, ...]:
     """The constant force (north, east) [N] and its standard errors."""
-    findings = []
+    diagnostics = []
     for label, value, error in zip(("north", "east"), force, errors, strict=True):
-        findings.append(Finding("ned_force", "all", float(value), "N", label=label))
-        findings.append(Finding("ned_force_std_error", "all", float(error), "N", label=label))
-    return tuple(findings)
+        diagnostics.append(Diagnostic("ned_force", "all", float(value), "N", label=label))
+        diagnostics.append(Diagnostic("ned_force_std_error", "all", float(error), "N", label=label))
+    return tuple(diagnostics)

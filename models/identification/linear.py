@@ -31,7 +31,7 @@ from seatrial.models.identification.uncertainty import (
 from seatrial.models.vessel.basis import Array
 
 TOGETHER = 2048  # rows in a block
-SINGULAR = 1e-12
+SINGULAR_RATIO = 1e-12
 
 
 def turns(n: int, together: int = TOGETHER) -> list[slice]:
@@ -162,11 +162,11 @@ def decompose(samples: Samples, weights: Array, penalised: bool = False) -> Deco
     x /= scale
     x *= np.sqrt(weights)[:, None]
     u, s, vt = svd(x)
-    if len(s) and s[-1] <= SINGULAR * s[0] and not penalised:
+    if len(s) and s[-1] <= SINGULAR_RATIO * s[0] and not penalised:
         names = [str(samples.terms[columns[i]]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)]
         raise IdentificationError(
             f"the training part does not distinguish {', '.join(names)} from each other: got a "
-            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR:g}"
+            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR_RATIO:g}"
         )
     return Decomposition(samples.phi.shape[1], columns, constant, mean, scale, weights, u, s, vt)
 

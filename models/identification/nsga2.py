@@ -15,32 +15,32 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
-from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
 from seatrial.models.identification.multiobjective_search import (
+    Nsga2Search,
+    Operators,
+    ParameterSpace,
     RunningMetric,
     SearchResult,
-    Space,
     search,
 )
-from seatrial.models.identification.objectives import Metric, Objectives, objective_findings
+from seatrial.models.identification.objectives import Metric, Objectives, objective_diagnostics
 from seatrial.models.identification.output_error import (
     check_determined,
     check_horizons,
-    fit_findings,
+    fit_diagnostics,
     fit_through,
 )
-from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Uncertainty,
-    covariance_findings,
+    covariance_diagnostics,
 )
-from seatrial.models.identification.predictor import PredictionOptions, Predictor
+from seatrial.models.identification.predictor import PredictionOptions, Predictor, active_bounds
 from seatrial.models.identification.problem import (
-    FEWEST,
+    MIN_SAMPLES,
     Identified,
     Identifier,
     Problem,
@@ -54,7 +54,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 RADIUS = 0.125  # of the neighbourhood in which trade-offs are compared, in normalised objectives
-OUTLIER = 2.0  # standard deviations above the mean trade-off that make a knee
+KNEE_DEVIATIONS = 2.0  # standard deviations above the mean trade-off that make a knee
 Decision = Literal["knee", "ideal", "pseudo_weights"]
 
 
@@ -103,8 +103,8 @@ def _upper_outliers(mu: Array) -> NDArray[np.int64]:
     if len(finite) < 2 or np.ptp(mu[finite]) == 0.0:
         return np.zeros(0, dtype=np.int64)
     deviation = (mu[finite] - np.mean(mu[finite])) / np.std(mu[finite])
-    if np.max(deviation) >= OUTLIER:
-        return np.asarray(finite[deviation >= OUTLIER])
+    if np.max(deviation) >= KNEE_DEVIATIONS:
+        return np.asarray(finite[deviation >= KNEE_DEVIATIONS])
     return finite[[np.argmax(deviation)]] if np.max(deviation) > 1.0 else finite[:0]
 
 
@@ -144,7 +144,7 @@ class Nsga2(PredictionOptions):
     generations, after `generations`, or when all objectives of one point are below
     `objective_floor` times the spread of the measured states. `mutation_probability` of each
     parameter is by default 1/m. `decision` chooses the point, with `weights` of the objectives for
-    pseudo_weights. `polish: least_squares` refines it with the `polish_horizons` (samples).
+    pseudo_weights. `polish: output_error` refines it with the `polish_horizons` (samples).
     `errors`, `bootstrap` and `block_s` set the standard errors of a refined point.
     """
 
@@ -163,7 +163,7 @@ class Nsga2(PredictionOptions):
     objective_floor: NotNegative
     decision: Decision
     weights: tuple[Positive, ...] | None
-    polish: Literal["least_squares"] | None
+    polish: Literal["output_error"] | None
     polish_horizons: tuple[int, ...]
     errors: Errors
     bootstrap: int | None
@@ -178,7 +178,7 @@ class Nsga2(PredictionOptions):
         check_horizons(self.polish_horizons)
         if self.uncertainty.bootstrap is not None and self.polish is None:
             raise ConfigurationError(
-                "bootstrap needs polish=least_squares: a front has no standard errors"
+                "bootstrap needs polish=output_error: a front has no standard errors"
             )
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
@@ -204,15 +204,15 @@ class Nsga2(PredictionOptions):
             )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the chosen (and refined) point, with the front as findings."""
+        """The residual table of the chosen (and refined) point, with the front as diagnostics."""
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         objectives = Objectives(predictor, self.objective, self.grouped)
         space = self._space(predictor.free, problem)
         result = self._search(objectives, space, rng)
         chosen, rule = choose(result.front, self.decision, self.weights)
-        findings = front_findings(predictor, objectives, result)
-        findings.append(Finding("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
+        diagnostics = front_diagnostics(predictor, objectives, result)
+        diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
         point, errors, own = result.points[chosen], None, dict[str, float]()
         spread: Spread | None = None
         if self.polish is not None:
@@ -224,27 +224,27 @@ class Nsga2(PredictionOptions):
             condition = check_determined(predictor, fit_result)
             step_s, free = predictor.course.step_s, predictor.free
             errors, own, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
-            findings.append(Finding("condition_number", "all", condition))
-            findings += covariance_findings(free, covariance)
-            findings += fit_findings(predictor, fit_result)
+            diagnostics.append(Diagnostic("condition_number", "all", condition))
+            diagnostics += covariance_diagnostics(free, covariance)
+            diagnostics += fit_diagnostics(predictor, fit_result)
             point = fit_result.point
             spread = ParameterSpread(problem.nominal, free, point, covariance)
-        findings += objective_findings(objectives, point)
-        findings += active_bounds(predictor.free, point, (space.lower, space.upper))
+        diagnostics += objective_diagnostics(objectives, point)
+        diagnostics += active_bounds(predictor.free, point, (space.lower, space.upper))
         residual = predictor.free.residual(point)
         model = predictor.free.model(problem.nominal, point)
         return Identified(
-            model, residual, errors, tuple(findings), device_errors=own, spread=spread
+            model, residual, errors, tuple(diagnostics), device_errors=own, spread=spread
         )
 
-    def _better_start(self, problem: Problem, chosen: Array, believed: Array) -> Array:
-        """The chosen point (m,), or the believed one if that predicts better over `RESTART_S`.
+    def _better_start(self, problem: Problem, chosen: Array, nominal: Array) -> Array:
+        """The chosen point (m,), or the nominal one if that predicts better over `RESTART_S`.
 
         A short search may end far from the valley that a refinement can follow.
         """
-        every = max(round(RESTART_S / problem.training.period_s), FEWEST)
+        every = max(round(RESTART_S / problem.training.period_s), MIN_SAMPLES)
         errors = Objectives(self.predictor(problem, every), "mse", grouped=True)
-        points = np.array([chosen, believed])
+        points = np.array([chosen, nominal])
         return np.asarray(points[np.argmin(np.sum(errors(points), axis=1))])
 
     def without_bootstrap(self) -> Identifier:
@@ -256,15 +256,15 @@ class Nsga2(PredictionOptions):
         """How the standard errors of a refined point are computed."""
         return Uncertainty(self.errors, self.bootstrap, self.block_s)
 
-    def _space(self, free: FreeParameters, problem: Problem) -> Space:
+    def _space(self, free: FreeParameters, problem: Problem) -> ParameterSpace:
         """Bounds and scales of the search."""
         lower, upper = self.box(free, problem.training)
         one_sign = lower * upper > 0.0
         listed = np.isin(free.labels, self.log_scale)
-        return Space(lower, upper, one_sign if "all" in self.log_scale else listed)
+        return ParameterSpace(lower, upper, one_sign if "all" in self.log_scale else listed)
 
     def _search(
-        self, objectives: Objectives, space: Space, rng: np.random.Generator
+        self, objectives: Objectives, space: ParameterSpace, rng: np.random.Generator
     ) -> SearchResult:
         m = len(space.lower)
         size = self.population or min(10 ** min(m, 9), self.population_cap)
@@ -279,21 +279,25 @@ class Nsga2(PredictionOptions):
         return search(objectives, space, floor, metric, searcher, self.generations)
 
 
-def front_findings(
+def front_diagnostics(
     predictor: Predictor, objectives: Objectives, result: SearchResult
-) -> list[Finding]:
+) -> list[Diagnostic]:
     """All points of the Pareto set, and the history of the running metric."""
     free = predictor.free
-    findings = []
+    diagnostics = []
     for i, (point, values) in enumerate(zip(result.points, result.front, strict=True)):
         for j, (dof, label, unit) in enumerate(
             zip(free.dofs, free.labels, free.units, strict=True)
         ):
-            findings.append(Finding("pareto_parameter", dof, float(point[j]), unit, i, j, label))
+            diagnostics.append(
+                Diagnostic("pareto_parameter", dof, float(point[j]), unit, i, j, label)
+            )
         for j, (dof, name, unit) in enumerate(objectives.labels):
-            findings.append(Finding("pareto_objective", dof, float(values[j]), unit, i, j, name))
+            diagnostics.append(
+                Diagnostic("pareto_objective", dof, float(values[j]), unit, i, j, name)
+            )
     for i, step in enumerate(result.metric.changes, start=2):
         for j, (name, value) in enumerate(step._asdict().items()):
-            findings.append(Finding("running_metric", "all", value, "", i, j, name))
-    generations = Finding("generations", "all", float(result.generations), label=result.reason)
-    return [*findings, generations]
+            diagnostics.append(Diagnostic("running_metric", "all", value, "", i, j, name))
+    generations = Diagnostic("generations", "all", float(result.generations), label=result.reason)
+    return [*diagnostics, generations]

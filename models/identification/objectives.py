@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.vessel.basis import Array
 
@@ -79,10 +79,10 @@ class Objectives:
         return np.column_stack([share[:, :n].mean(axis=1), share[:, n:].mean(axis=1)])
 
 
-def objective_findings(objectives: Objectives, point: Array) -> list[Finding]:
+def objective_diagnostics(objectives: Objectives, point: Array) -> list[Diagnostic]:
     """The objectives of one design point (m,) over the training part."""
     values = objectives(point[None])[0]
     return [
-        Finding("objective", dof, float(value), unit, label=name)
+        Diagnostic("objective", dof, float(value), unit, label=name)
         for (dof, name, unit), value in zip(objectives.labels, values, strict=True)
     ]

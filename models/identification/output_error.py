@@ -7,29 +7,43 @@ of standard deviation sigma (Ljung (1987)). The predictions are those of `nsga2`
 section 6.1. A free run over a long recording has many local minima far from the true parameters,
 one over a short horizon has few. So the model is fitted with horizons of growing length
 (`horizons`, in samples), each fit starting from the last one.
+
+Bootstrap of an output-error fit over the files that it was trained on.
+
+A replicate draws as many files as there are, with repetition, and takes one Gauss-Newton step from
+the fit:
+
+    p = p_hat + (sum_f c_f J_f'J_f + P)^-1 (sum_f c_f J_f'e_f - P (p_hat - p_0))
+
+with c_f the times that file f was drawn, and the precision P of the prior about p_0. The files,
+not the samples, are the independent units: Efron and Tibshirani (1993), An Introduction to the
+Bootstrap, chapter 8.
 """
 
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
-from seatrial.models.identification.file_bootstrap import errors_of_replicates, file_bootstrap
 from seatrial.models.identification.free_parameters import FreeParameters
-from seatrial.models.identification.outputs import check_outputs
-from seatrial.models.identification.physical_bounds import active_bounds
 from seatrial.models.identification.prediction_fit import (
     Errors,
     Fit,
     InitialState,
     Uncertainty,
-    covariance_findings,
+    covariance_diagnostics,
     fit,
     smoothed_starts,
 )
-from seatrial.models.identification.predictor import PredictionOptions, Predictor
+from seatrial.models.identification.predictor import (
+    PredictionOptions,
+    Predictor,
+    active_bounds,
+    check_outputs,
+)
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.spread import ParameterSpread, ReplicateSpread
 from seatrial.models.identification.uncertainty import long_run_share
@@ -38,9 +52,62 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
+MIN_FILES = 3  # files
+
+
+def file_bootstrap(
+    fit: Fit, nominal: Array, box: tuple[Array, Array], file: NDArray[np.int64] | None,
+    count: int, rng: np.random.Generator,
+) -> Array:  # fmt: skip
+    """Design points (count, m) of the replicates.
+
+    Args:
+        fit: the fit, whose Jacobian and residuals are in units of their deviations.
+        nominal: the parameters that the prior is about, shape (m,).
+        box: lower and upper bounds of the parameters, shape (m,) each.
+        file: number of the file of each sample, shape (N,).
+        count: replicates.
+        rng: draws the files.
+
+    Returns:
+        The parameters of the replicates, shape (count, m).
+
+    Raises:
+        IdentificationError: there are fewer than three files.
+    """
+    numbers = np.zeros(0) if file is None else np.unique(file)
+    if len(numbers) < MIN_FILES:
+        raise IdentificationError(
+            f"identifier.resample=files: got {max(len(numbers), 1)} files to train on, expected at "
+            f"least {MIN_FILES}"
+        )
+    outputs, m = fit.rest.shape[1], len(fit.point)
+    jacobian = fit.jacobian.reshape(-1, outputs, m)
+    parts = [(jacobian[file == f].reshape(-1, m), fit.rest[file == f].ravel()) for f in numbers]
+    normals = np.stack([J.T @ J for J, _ in parts])
+    right = np.stack([J.T @ e for J, e in parts])
+    pull = fit.precision * (fit.point - nominal)
+    points = np.empty((count, m))
+    for k in range(count):
+        drawn = rng.multinomial(len(parts), np.full(len(parts), 1.0 / len(parts)))
+        normal = np.tensordot(drawn, normals, axes=1) + np.diag(fit.precision)
+        step = np.linalg.lstsq(normal, drawn @ right - pull, rcond=None)[0]
+        points[k] = np.clip(fit.point + step, *box)
+    return points
+
+
+def errors_of_replicates(
+    free: FreeParameters, points: Array
+) -> tuple[Array, dict[str, float], Array]:
+    """Standard errors of the table and of devices, and the covariance, of points (count, m)."""
+    covariance = np.atleast_2d(np.cov(points.T))
+    own = free.device_errors(np.sqrt(np.diag(covariance)))
+    return free.std_error(covariance), own, covariance
+
+
 SLOW_S = 3.0  # [s] beyond which residuals of white noise do not depend on each other
 SLOW_SHARE = 1.3  # variance at low frequency, over that of white noise, which chance hardly exceeds
-SINGULAR = 1e-7  # ratio of singular values that finite differences cannot tell from zero
+SINGULAR_RATIO = 1e-7  # ratio of singular values that finite differences cannot tell from zero
 
 
 def check_determined(predictor: Predictor, fit_result: Fit) -> float:
@@ -60,18 +127,18 @@ def check_determined(predictor: Predictor, fit_result: Fit) -> float:
     norms = np.linalg.norm(jacobian, axis=0)
     labels = np.array(predictor.free.labels)
     size = np.where(predictor.free.values != 0.0, np.abs(predictor.free.values), 1.0)
-    unused = norms * size <= SINGULAR * np.sqrt(fit_result.rest.size)
+    unused = norms * size <= SINGULAR_RATIO * np.sqrt(fit_result.rest.size)
     if np.any(unused):
         raise IdentificationError(
             f"the training part does not determine {', '.join(labels[unused])}: "
             "the prediction does not depend on them"
         )
     _, s, vt = np.linalg.svd(jacobian / norms, full_matrices=False)
-    if s[-1] <= SINGULAR * s[0]:
+    if s[-1] <= SINGULAR_RATIO * s[0]:
         names = labels[np.abs(vt[-1]) > 0.1]
         raise IdentificationError(
             f"the training part does not distinguish {', '.join(names)} from each other: got a "
-            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR:g}"
+            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR_RATIO:g}"
         )
     return float(s[0] / s[-1])
 
@@ -148,13 +215,13 @@ class OutputError(PredictionOptions):
             )
         else:
             errors, own, covariance = errors_of_replicates(predictor.free, points)
-        findings = [Finding("condition_number", "all", condition)]
-        findings += covariance_findings(predictor.free, covariance)
-        findings += fit_findings(predictor, fit_result)
+        diagnostics = [Diagnostic("condition_number", "all", condition)]
+        diagnostics += covariance_diagnostics(predictor.free, covariance)
+        diagnostics += fit_diagnostics(predictor, fit_result)
         bounds = active_bounds(predictor.free, fit_result.point, box)
-        findings += bounds
+        diagnostics += bounds
         if bounds or slow_residual(fit_result, predictor.course.step_s):
-            findings.append(Finding(INTERVAL_OF_ESTIMATE, "all", 1.0))
+            diagnostics.append(Diagnostic(INTERVAL_OF_ESTIMATE, "all", 1.0))
         model = predictor.free.model(problem.nominal, fit_result.point)
         spread = (
             ParameterSpread(problem.nominal, predictor.free, fit_result.point, covariance)
@@ -162,7 +229,7 @@ class OutputError(PredictionOptions):
             else ReplicateSpread(problem.nominal, predictor.free, fit_result.point, points)
         )
         return Identified(
-            model, residual, errors, tuple(findings), device_errors=own, spread=spread
+            model, residual, errors, tuple(diagnostics), device_errors=own, spread=spread
         )
 
     def replicates(
@@ -246,7 +313,7 @@ def _distance(predictor: Predictor, point: Array, sigma: Array | None) -> float:
     return float(np.sum((predictor.mismatch(point) / scale) ** 2))
 
 
-def fit_findings(predictor: Predictor, fit_result: Fit) -> list[Finding]:
+def fit_diagnostics(predictor: Predictor, fit_result: Fit) -> list[Diagnostic]:
     """Root mean square residual of each state, and the number of evaluations."""
     rms = np.sqrt(np.mean((fit_result.rest * fit_result.sigma) ** 2, axis=0))
     compared = predictor.outputs
@@ -255,8 +322,8 @@ def fit_findings(predictor: Predictor, fit_result: Fit) -> list[Finding]:
         (predictor.dofs, predictor.units) if compared is None else (compared.dofs, compared.units)
     )
     states = zip(dofs, names, units, rms, strict=True)
-    findings = [
-        Finding("prediction_rms", dof, float(value), unit, label=name)
+    diagnostics = [
+        Diagnostic("prediction_rms", dof, float(value), unit, label=name)
         for dof, name, unit, value in states
     ]
-    return [*findings, Finding("evaluations", "all", float(fit_result.evaluations))]
+    return [*diagnostics, Diagnostic("evaluations", "all", float(fit_result.evaluations))]

@@ -3,9 +3,9 @@
     inertia      M_0 / factor <= (M + M') / 2 <= factor M_0       linear matrix inequalities
     symmetry     |M_ij - M_ji| <= factor |M_0ij - M_0ji|
     dissipation  nu' d(nu) >= 0                                   at sampled velocities
-    restoring    moments of roll and pitch that are believed to right the vessel do so
+    restoring    moments of roll and pitch that right the nominal the vessel do so
 
-M_0 is the believed inertia; d(nu) are the forces that depend on velocities alone. A Coriolis force
+M_0 is the nominal inertia; d(nu) are the forces that depend on velocities alone. A Coriolis force
 does no work, so it may be part of d. Restoring forces, weather and constants are left out. A table
 whose damping creates energy runs away in a free run, and one whose inertia is not positive
 definite cannot be simulated at all.
@@ -37,19 +37,24 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES, Array, Term
 from seatrial.models.vessel.table import Vessel
 
-RECORDED = 150  # recorded velocities at which the damping must dissipate
+MAX_VELOCITIES = 150  # recorded velocities at which the damping must dissipate
 DRAWN = 100  # further ones, at each scale
-SCALES = (0.3, 1.0, 2.0, 10.0)  # of the recorded velocities; the last one: no runaway beyond them
-CUTS = 60  # rounds of cutting planes
+VELOCITY_SCALES = (
+    0.3,
+    1.0,
+    2.0,
+    10.0,
+)  # of the recorded velocities; the last one: no runaway beyond them
+MAX_CUTS = 60  # rounds of cutting planes
 RIGHTING = (("roll", "sin(phi)cos(theta)"), ("pitch", "sin(theta)"))  # restoring moments
 RAYS = 4096  # directions in which dissipation is searched
-AROUND = 2.0  # times the largest velocities, as far as a ray is searched
+SEARCHED_MULTIPLE = 2.0  # times the largest velocities, as far as a ray is searched
 CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
 SMALLEST = 1e-3  # of a ray
-MARGIN = 0.02  # of the believed power that remains at a velocity that was cut
+POWER_MARGIN = 0.02  # of the nominal power that remains at a velocity that was cut
 PRIMAL = (1e-12, 1e-9, 1e-6)  # tolerances of the solver: the next one where it cycles
 REPEATS = 5  # of a quadratic program about its solution
-TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the believed inertia
+ROW_TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the nominal inertia
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ def dissipates(term: Term, letter: str) -> bool:
 
 
 def sampled_velocities(
-    nu: Array, inertia: Array | None, scales: tuple[float, ...] = SCALES
+    nu: Array, inertia: Array | None, scales: tuple[float, ...] = VELOCITY_SCALES
 ) -> Array:
     """Velocities (n, n_dof) [m/s, rad/s] for the dissipation, from the recorded ones (N, n_dof).
 
@@ -101,7 +106,7 @@ def sampled_velocities(
     diagonal of the inertia (n_dof, n_dof); without it with the largest recorded one. `scales`
     multiply the velocities.
     """
-    step = max(len(nu) // RECORDED, 1)
+    step = max(len(nu) // MAX_VELOCITIES, 1)
     recorded = [scale * nu[::step] for scale in scales]
     drawn = largest_velocities(nu, inertia) * _spread(nu.shape[1], DRAWN)
     return np.vstack([*recorded, *(scale * drawn for scale in scales[1:])])
@@ -142,7 +147,7 @@ class Rays(NamedTuple):
         inside = np.vstack([inside, *planes, np.eye(len(largest)), -np.eye(len(largest))])
         inside = inside[np.any(inside != 0.0, axis=1)]
         sides = inside / np.max(np.abs(inside), axis=1, keepdims=True)
-        directions = AROUND * largest * sides
+        directions = SEARCHED_MULTIPLE * largest * sides
         index = damping_terms(table)
         terms = [table.terms[i] for i in index]
         motion = table.variables(np.zeros_like(directions), directions)
@@ -178,17 +183,17 @@ def _terms_at(table: Vessel, index: Sequence[int], velocities: Array) -> Array:
     return basis.evaluate([table.terms[i] for i in index], motion)
 
 
-def unphysical(model: Vessel, believed: Vessel, nu: Array) -> str | None:
+def unphysical(model: Vessel, nominal: Vessel, nu: Array) -> str | None:
     """What of an identified model cannot be at recorded velocities nu (N, n_dof); None: nothing.
 
-    Its inertia is not positive definite, or its damping creates energy where the believed one
+    Its inertia is not positive definite, or its damping creates energy where the nominal one
     takes some.
     """
     if np.min(np.linalg.eigvalsh(0.5 * (model.inertia + model.inertia.T))) <= 0.0:
         return "its inertia is not positive definite"
-    velocities = nu[:: max(len(nu) // RECORDED, 1)]
-    own, reference = dissipated(model, velocities), dissipated(believed, velocities)
-    creates = (own < -TOLERANCE * np.abs(reference)) & (reference >= 0.0)
+    velocities = nu[:: max(len(nu) // MAX_VELOCITIES, 1)]
+    own, reference = dissipated(model, velocities), dissipated(nominal, velocities)
+    creates = (own < -ROW_TOLERANCE * np.abs(reference)) & (reference >= 0.0)
     if not np.any(creates):
         return None
     return (
@@ -210,7 +215,7 @@ class PhysicalConstraints:
     def rows(self) -> Rows:
         """Dissipation at the velocities, and the sign of the damping of each axis by itself.
 
-        Rows that the believed table itself violates ask nothing that it could not be.
+        Rows that the nominal table itself violates ask nothing that it could not be.
         """
         rows = self._dissipation(self.velocities) + self._signs(self._damping)
         return self._scaled(rows + self._asymmetry() + self._righting())
@@ -220,24 +225,24 @@ class PhysicalConstraints:
         return damping_terms(self.free.nominal)
 
     def _dissipation(self, velocities: Array, share: float = 0.0) -> Rows:
-        """Dissipation at velocities (n, n_dof) of at least a `share` of the believed one."""
+        """Dissipation at velocities (n, n_dof) of at least a `share` of the nominal one."""
         table, index = self.free.nominal, self._damping
         phi = _terms_at(table, index, velocities)
         work = phi[:, :, None] * velocities[:, None, :]  # (n, terms, n_dof)
         slopes = np.einsum("ntd,tdm->nm", work, self.free.slopes[index])
-        believed = np.sum((phi @ table.theta[index]) * velocities, axis=1)
-        needed = (share - 1.0) * believed
+        nominal = np.sum((phi @ table.theta[index]) * velocities, axis=1)
+        needed = (share - 1.0) * nominal
         return Rows(slopes, needed, ("dissipation",) * len(slopes))
 
     def _scaled(self, rows: Rows) -> Rows:
-        """Rows of size one, without those that the believed table violates or nothing changes."""
+        """Rows of size one, without those that the nominal table violates or nothing changes."""
         size = np.linalg.norm(rows.A * self.scale, axis=1)
         keep = (rows.b <= 0.0) & (size > 0.0)
         names = tuple(name for name, kept in zip(rows.names, keep, strict=True) if kept)
         return Rows(rows.A[keep] / size[keep, None], rows.b[keep] / size[keep], names)
 
     def _signs(self, index: Sequence[int]) -> Rows:
-        """Coefficients of x, |x|x and x^3 in the equation of x that are believed to be positive."""
+        """Coefficients of x, |x|x and x^3 in the equation of x that are nominally positive."""
         table, directions = self.free.nominal, self.free.slopes
         A, b, names = [], [], []
         for i in index:
@@ -250,18 +255,18 @@ class PhysicalConstraints:
         return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), tuple(names))
 
     def _asymmetry(self) -> Rows:
-        """M_ij - M_ji differs from zero by no more than `factor` times what is believed."""
+        """M_ij - M_ji differs from zero by no more than `factor` times the nominal one."""
         M, slopes = self.free.nominal.inertia, self._inertia_slopes
         A, b = [], []
         for i, j in zip(*np.triu_indices(len(M), 1), strict=True):
-            slope, believed = slopes[:, i, j] - slopes[:, j, i], M[i, j] - M[j, i]
+            slope, nominal = slopes[:, i, j] - slopes[:, j, i], M[i, j] - M[j, i]
             for sign in (1.0, -1.0):
                 A.append(sign * slope)
-                b.append(-self.factor * abs(believed) - sign * believed)
+                b.append(-self.factor * abs(nominal) - sign * nominal)
         return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("symmetry",) * len(b))
 
     def _righting(self) -> Rows:
-        """Moments of roll and pitch that are believed to right the vessel do so."""
+        """Moments of roll and pitch that right the nominal the vessel do so."""
         table, directions = self.free.nominal, self.free.slopes
         A, b = [], []
         for i, term in enumerate(table.terms):
@@ -292,13 +297,13 @@ class PhysicalConstraints:
         return np.asarray(0.5 * (slopes + slopes.transpose(0, 2, 1)))
 
     @cached_property
-    def _believed_inertia(self) -> Array:
+    def _nominal_inertia(self) -> Array:
         inertia = self.free.nominal.inertia
         return np.asarray(0.5 * (inertia + inertia.T))
 
     def violated(self, change: Array) -> tuple[str, ...]:
-        """Names of the constraints that a change (m,) of the believed parameters violates."""
-        missed = self.rows.A @ change < self.rows.b - TOLERANCE
+        """Names of the constraints that a change (m,) of the nominal parameters violates."""
+        missed = self.rows.A @ change < self.rows.b - ROW_TOLERANCE
         names = [self.rows.names[i] for i in np.flatnonzero(missed)]
         cuts = self.cuts(change)
         return tuple(dict.fromkeys([*names, *(cuts.names if cuts else ())]))
@@ -312,8 +317,8 @@ class PhysicalConstraints:
         return change * min(1.0, float(np.min(shares)))
 
     def _inertia(self, change: Array) -> tuple[Array, Array]:
-        """Eigenvalues (n_dof,) and vectors of the inertia over the believed one."""
-        M_0 = self._believed_inertia
+        """Eigenvalues (n_dof,) and vectors of the inertia over the nominal one."""
+        M_0 = self._nominal_inertia
         M = M_0 + np.einsum("m,mij->ij", change, self._inertia_directions)
         values, vectors = scipy.linalg.eigh(M, M_0)
         return values, vectors
@@ -324,17 +329,17 @@ class PhysicalConstraints:
         return sum(found[1:], found[0]) if found else None
 
     def power_cuts(self, change: Array) -> Rows | None:
-        """Dissipation where damping takes hardly any of the believed power; None: nowhere."""
-        believed = self.free.nominal.theta
-        theta = believed + self.free.slopes @ change
-        s, power = self._rays.least(theta - 0.5 * MARGIN * believed)
+        """Dissipation where damping takes hardly any of the nominal power; None: nowhere."""
+        nominal = self.free.nominal.theta
+        theta = nominal + self.free.slopes @ change
+        s, power = self._rays.least(theta - 0.5 * POWER_MARGIN * nominal)
         if not np.any(power < 0.0):
             return None
         worst = np.argsort(power)[:CUTS_OF_RAYS]
         worst = worst[power[worst] < 0.0]
         velocities = s[worst, None] * self._rays.directions[worst]
-        rows = self._scaled(self._dissipation(velocities, MARGIN))
-        missed = rows.A @ change < rows.b - 2.0 * TOLERANCE
+        rows = self._scaled(self._dissipation(velocities, POWER_MARGIN))
+        missed = rows.A @ change < rows.b - 2.0 * ROW_TOLERANCE
         names = ("dissipation",) * int(np.count_nonzero(missed))
         return Rows(rows.A[missed], rows.b[missed], names) if names else None
 
@@ -347,7 +352,10 @@ class PhysicalConstraints:
         eigenvalues, vectors = self._inertia(change)
         A, b = [], []
         for value, x in zip(eigenvalues, vectors.T, strict=True):
-            low, high = value < 1.0 / self.factor - TOLERANCE, value > self.factor + TOLERANCE
+            low, high = (
+                value < 1.0 / self.factor - ROW_TOLERANCE,
+                value > self.factor + ROW_TOLERANCE,
+            )
             if low or high:
                 sign = 1.0 if low else -1.0
                 slope = np.einsum("i,mij,j->m", x, self._inertia_directions, x)
@@ -363,7 +371,7 @@ def solve(
 ) -> tuple[Array, tuple[str, ...]]:
     """The step d (m,) that minimises d'Hd/2 - g'd so that `at` + d meets the constraints.
 
-    `at` (m,) is the change of the parameters from the believed ones so far. Returns the names of
+    `at` (m,) is the change of the parameters from the nominal ones so far. Returns the names of
     the active constraints too. Raises IdentificationError if the program cannot be solved.
     """
     root = np.sqrt(np.diag(hessian))
@@ -373,7 +381,7 @@ def solve(
     if constraints is None:
         return np.asarray(np.linalg.solve(H, g)) / root, ()
     rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
-    for _ in range(CUTS):
+    for _ in range(MAX_CUTS):
         change, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
         cuts = constraints.cuts(change / root)
         if cuts is None:
@@ -395,7 +403,7 @@ def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, l
     solution, active = _solved(H, g, A, b)
     for _ in range(REPEATS):
         missing = b - A @ solution
-        if np.max(missing) <= TOLERANCE:
+        if np.max(missing) <= ROW_TOLERANCE:
             break
         step, active = _solved(H, g - H @ solution, A, missing)
         solution = solution + step

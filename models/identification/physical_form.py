@@ -26,7 +26,7 @@ from seatrial.models.vessel.table import Vessel
 
 RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
 REAL = 1e-6  # imaginary part of a logarithm below which it is rounding
-SINGULAR = 1e-9  # eigenvalue of A, or ratio of B_2, that counts as zero
+ZERO_EIGENVALUE = 1e-9  # eigenvalue of A, or ratio of B_2, that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def continuous(model: StateSpace) -> tuple[Array, Array]:
     """
     eigenvalues, period = model.eigenvalues, float(model.period_s or 1.0)
     negative = (eigenvalues.real < 0.0) & (np.abs(eigenvalues.imag) < REAL)
-    if np.any(negative) or np.min(np.abs(eigenvalues)) < SINGULAR:
+    if np.any(negative) or np.min(np.abs(eigenvalues)) < ZERO_EIGENVALUE:
         raise IdentificationError(
             f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
             f"which a sampled continuous model cannot have"
@@ -108,7 +108,7 @@ def continuous(model: StateSpace) -> tuple[Array, Array]:
 def _inertia(inverse: Array) -> Array:
     """M from B_2; raises IdentificationError if it is singular or not positive definite."""
     scale = np.max(np.abs(inverse), axis=0, initial=0.0)
-    if np.min(scale) <= 0.0 or np.linalg.cond(inverse / scale) > 1.0 / SINGULAR:
+    if np.min(scale) <= 0.0 or np.linalg.cond(inverse / scale) > 1.0 / ZERO_EIGENVALUE:
         raise IdentificationError("no physical form: a force has no effect on the acceleration")
     inertia = np.linalg.inv(inverse)
     smallest = float(np.min(np.linalg.eigvals(inertia).real))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import (
     Selection,
@@ -104,7 +104,7 @@ class Plsr(PartialLeastSquares):
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of the chosen orders, with the MSE of every order."""
-        lag, findings = thruster_of(self, problem)
+        lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z = columns(samples)
         held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
@@ -126,8 +126,8 @@ class Plsr(PartialLeastSquares):
         mse = mse * z.y_scale**2
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
         errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
-        findings += order_findings(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
-        result = Identified(problem.nominal + residual, residual, errors, findings)
+        diagnostics += order_diagnostics(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
+        result = Identified(problem.nominal + residual, residual, errors, diagnostics)
         return finished(self, problem, lag, samples, result)
 
     def fit(self, moment: Array, z: Columns) -> Array:
@@ -140,16 +140,16 @@ class Plsr(PartialLeastSquares):
         return np.concatenate(alone, axis=2)
 
 
-def order_findings(
+def order_diagnostics(
     mse: Array, chosen: NDArray[np.int64], dofs: tuple[str, ...], selection: str
-) -> tuple[Finding, ...]:
+) -> tuple[Diagnostic, ...]:
     """MSE of every order (orders, K) on left-out data, and the chosen order of each output (K,)."""
-    findings = []
+    diagnostics = []
     for k, dof in enumerate(dofs):
         unit = SQUARE_UNIT[dof]
-        findings += [
-            Finding("order_mse", dof, float(value), unit, i=a + 1, label=selection)
+        diagnostics += [
+            Diagnostic("order_mse", dof, float(value), unit, i=a + 1, label=selection)
             for a, value in enumerate(mse[:, k])
         ]
-        findings.append(Finding("selected_order", dof, float(chosen[k] + 1), label=selection))
-    return tuple(findings)
+        diagnostics.append(Diagnostic("selected_order", dof, float(chosen[k] + 1), label=selection))
+    return tuple(diagnostics)

@@ -23,8 +23,8 @@ from typing import Literal
 import numpy as np
 import scipy
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import Course
 from seatrial.models.identification.free_run import deviations as state_deviations
@@ -41,8 +41,8 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags
 from seatrial.models.vessel.pose import state_of
 
-STEP = 1e-7  # of the finite differences, relative to the size of the unknown
-TOLERANCE = 1e-8  # relative change of unknowns and error in the final fit
+DIFFERENCE_STEP = 1e-7  # of the finite differences, relative to the size of the unknown
+FIT_TOLERANCE = 1e-8  # relative change of unknowns and error in the final fit
 ROUGH = 1e-4  # the same in the fits before
 REWEIGHTINGS = 2
 GAUSS_NEWTON_STEPS = 4  # of the initial states at one point
@@ -83,8 +83,8 @@ class Misfit:
         self.group = np.cumsum(restart) - 1  # index of the prediction of each sample
         states = predictor.course.measured.shape[1]
         self.start = np.zeros((len(self.begin), states))  # last accepted offset of the states
-        self.believed = predictor.free.values / size
-        self.prior = np.zeros(len(size))  # weight of x - believed
+        self.nominal = predictor.free.values / size
+        self.prior = np.zeros(len(size))  # weight of x - nominal
 
     def best(self, x: Array) -> tuple[Array, Array]:
         """The best initial states, and (measured - predicted) / sigma, shape (N, n).
@@ -111,7 +111,7 @@ class Misfit:
         If the inertia after a forward step is not positive definite, a backward step is used.
         Raises IdentificationError when neither is.
         """
-        sizes = STEP * np.maximum(np.abs(x), 1.0)
+        sizes = DIFFERENCE_STEP * np.maximum(np.abs(x), 1.0)
         points = x + np.diag(sizes)
         after = self._rests(points, start)
         refused = np.flatnonzero(~np.isfinite(after[:, 0, 0]))
@@ -155,7 +155,7 @@ class Misfit:
 
     def _slopes(self, x: Array, start: Array, rest: Array) -> Array:
         """Derivative of `rest` by the initial states, shape (N, n, 2 n_dof)."""
-        sizes = STEP * self.predictor.spread
+        sizes = DIFFERENCE_STEP * self.predictor.spread
         starts = start + np.diag(sizes)[:, None, :]
         after = self._rests(np.tile(x, (len(sizes), 1)), starts)
         slopes = [self._change(rest, own) / size for own, size in zip(after, sizes, strict=True)]
@@ -183,7 +183,7 @@ def fit(
 ) -> Fit:
     """Fit from a design point (m,) within bounds, box = (lower (m,), upper (m,)).
 
-    `prior` (m,) are standard deviations of the parameters about the believed ones, `starts`
+    `prior` (m,) are standard deviations of the parameters about the nominal ones, `starts`
     (n_starts, 2 n_dof) the initial minus the measured states, at first.
     If `sigma` (n,) is None, the spread of the states is used first, and the `final` fit then
     estimates it from the residuals.
@@ -197,7 +197,9 @@ def fit(
     evaluations, tau = 0, 1.0
     for _ in range(1 + (REWEIGHTINGS if final and sigma is None else 0)):
         misfit.sigma, misfit.prior = weights, np.sqrt(tau) * size / deviation
-        solved = _solve(misfit, x, (box[0] / size, box[1] / size), TOLERANCE if final else ROUGH)
+        solved = _solve(
+            misfit, x, (box[0] / size, box[1] / size), FIT_TOLERANCE if final else ROUGH
+        )
         x, evaluations = solved.x, evaluations + int(solved.nfev)
         start, rest = misfit.best(x)
         if final and sigma is None:
@@ -239,13 +241,13 @@ def _solve(
     step to a point where the residual is NaN.
     """
 
-    believed = misfit.believed
+    nominal = misfit.nominal
     last: tuple[Array, Array, Array] | None = None  # a point with its initial states and residuals
 
     def residuals(x: Array) -> Array:
         nonlocal last
         last = (x.copy(), *misfit.best(x))
-        size = np.hypot(np.linalg.norm(last[2]), np.linalg.norm(misfit.prior * (x - believed)))
+        size = np.hypot(np.linalg.norm(last[2]), np.linalg.norm(misfit.prior * (x - nominal)))
         return np.array([float(size)] + [0.0] * len(x))
 
     def jacobian(x: Array) -> Array:
@@ -254,7 +256,7 @@ def _solve(
         misfit.start, rest = last[1:] if last is not None and known else misfit.best(x)
         columns = np.column_stack([rest.ravel(), misfit.jacobian(x, misfit.start, rest)])
         if np.any(misfit.prior):
-            own = np.column_stack([misfit.prior * (x - believed), np.diag(misfit.prior)])
+            own = np.column_stack([misfit.prior * (x - nominal), np.diag(misfit.prior)])
             columns = np.vstack([columns, own])
         R = triangle(columns[rows] for rows in turns(len(columns)))
         return np.asarray(R[:, 1:] * np.copysign(1.0, R[0, 0]))
@@ -343,11 +345,13 @@ def covariance_of(fit_result: Fit, deviation: Array) -> Array:
     return np.asarray(inverse / np.outer(root, root) * np.outer(deviation, deviation))
 
 
-def covariance_findings(free: FreeParameters, covariance: Array) -> list[Finding]:
+def covariance_diagnostics(free: FreeParameters, covariance: Array) -> list[Diagnostic]:
     """Covariance (m, m) of every pair of parameters, i and j counted from 1, j up to i."""
-    findings = []
+    diagnostics = []
     for i, j in zip(*np.tril_indices(len(free)), strict=True):
         unit, label = (f"{names[i]} {names[j]}" for names in (free.units, free.labels))
         value = float(covariance[i, j])
-        findings.append(Finding("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label))
-    return findings
+        diagnostics.append(
+            Diagnostic("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label)
+        )
+    return diagnostics

@@ -1,5 +1,28 @@
-"""Prediction of a recording as a function of free parameters, with their bounds and options."""
+"""Prediction of a recording as a function of free parameters, with their bounds and options.
 
+Outputs of a prediction that a fit compares with the recording, each with a weight.
+
+    e = weight (y_hat - y) / s
+
+where s is the standard deviation of the measured output y in its file, so that every file and
+every output counts alike whatever its size. Outputs are poses and velocities, and loads that were
+measured on devices, such as `propeller.thrust`. A measured load that is NaN is left out.
+
+Bounds of free parameters that follow from physics and from the nominal vessel.
+
+    inertia on the diagonal     M_ii / factor <= M_ii <= factor M_ii
+    inertia off the diagonal    |M_ij| <= sqrt(M_ii M_jj), as in a positive definite matrix
+    damping of its own axis     0 <= d <= WIDE |d|, if the nominal one dissipates
+    other                       |p| <= WIDE |p|
+    parameters of devices       the plausible range of the device
+
+with the nominal values on the right. A parameter that is nominally zero has the size that
+would explain the recorded force alone (`structured.prior_deviation`). These are bounds of each
+parameter by itself, for a search or a trust region; constraints between parameters are in
+`physical_constraints`.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -7,14 +30,18 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge
+from numpy.typing import NDArray
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import (
+    NED,
     TABLE,
     Coriolis,
     FreeParameters,
     free_parameters,
     nonzero_labels,
+    parse_label,
     with_devices,
 )
 from seatrial.models.identification.free_run import (
@@ -30,19 +57,176 @@ from seatrial.models.identification.free_run import (
     spread,
 )
 from seatrial.models.identification.linear import turns
-from seatrial.models.identification.outputs import Outputs, outputs_of
-from seatrial.models.identification.physical_bounds import believed_sizes, physical_bounds
-from seatrial.models.identification.problem import Identifier, Needs, Problem, check_force
+from seatrial.models.identification.physical_constraints import dissipates
+from seatrial.models.identification.problem import (
+    Identifier,
+    Needs,
+    Problem,
+    check_force,
+    reference_force,
+)
+from seatrial.models.identification.structured import prior_deviation
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.packs import WIDTH
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.devices.device import Device
 from seatrial.models.vessel.plant_table import Flags, Layout
 from seatrial.models.vessel.table import Vessel
 
-STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its believed size
+WIDE_MULTIPLE = 5.0  # largest parameter other than inertia, over its nominal size
+ZERO_SHARE = 0.1  # of its range, the size of a device's parameter that is nominally zero
+ACTIVE = 1e-4  # of the distance between its bounds: a parameter that near to one is at it
+
+
+def nominal_sizes(free: FreeParameters, recording: Recording | None, force: str | None) -> Array:
+    """Size (m,) of each parameter; infinite without a recording where it is nominally zero."""
+    sizes = np.where(free.values != 0.0, np.abs(free.values), np.inf)
+    if recording is not None:
+        phi = basis.evaluate(free.nominal.terms, recording.variables())
+        sizes = prior_deviation(free, phi, reference_force(recording, free.nominal, force))
+    for i, place in zip(range(len(free))[free.of_devices], free.places, strict=True):
+        _, low, high = free.nominal.installed.bounds[place]
+        sizes[i] = abs(free.values[i]) or ZERO_SHARE * (high - low)
+    return sizes
+
+
+def physical_bounds(free: FreeParameters, sizes: Array, factor: float) -> tuple[Array, Array]:
+    """Lower and upper bounds (m,) of parameters of the given sizes (m,); `factor` is above 1."""
+    table = free.nominal
+    lower, upper = -WIDE_MULTIPLE * sizes, WIDE_MULTIPLE * sizes
+    diagonal = dict(zip(table.dofs, np.diag(table.inertia), strict=True))
+    for i, place in zip(range(len(free))[free.of_devices], free.places, strict=True):
+        lower[i], upper[i] = table.installed.bounds[place][1:]
+    for i, (label, value) in enumerate(zip(free.labels, free.values, strict=True)):
+        if label in NED or i >= free.of_devices.start:
+            continue
+        dof, term = parse_label(label, table)
+        k = table.dofs.index(dof)
+        if term.name == table.accelerations[k]:
+            lower[i], upper[i] = value / factor, value * factor
+        elif term.name in table.accelerations:
+            other = table.dofs[table.accelerations.index(term.name)]
+            upper[i] = np.sqrt(diagonal[dof] * diagonal[other])
+            lower[i] = -upper[i]
+        elif value > 0.0 and not table.inputs and dissipates(term, table.velocities[k]):
+            lower[i] = 0.0
+    return lower, upper
+
+
+def active_bounds(free: FreeParameters, point: Array, box: tuple[Array, Array]) -> list[Diagnostic]:
+    """The parameters of a design point (m,) that are at a bound of the box."""
+    diagnostics = []
+    rows = zip(free.dofs, free.labels, free.units, point, *box, strict=True)
+    for dof, label, unit, value, low, high in rows:
+        if min(value - low, high - value) <= ACTIVE * (high - low) < np.inf:
+            diagnostics.append(Diagnostic("active_bound", dof, float(value), unit, label=label))
+    return diagnostics
+
+
+ALL = "all"
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """The compared states, and then the compared loads of a recording."""
+
+    names: tuple[str, ...]
+    dofs: tuple[str, ...]  # `all` for a load
+    units: tuple[str, ...]
+    columns: tuple[int, ...]  # of the states
+    loads: tuple[int, ...]  # of the loads of the recording
+    recording: Recording
+    scale: Array  # (N, n) standard deviation in the file over the weight; 1 where there is no data
+
+    @property
+    def spread(self) -> Array:
+        """Size (n,) of each output."""
+        return np.asarray(np.median(self.scale, axis=0))
+
+    def errors(self, deviation: Array, nu: Array, devices: Mapping[str, Device]) -> Array:
+        """Predicted - measured (N, n), from that of the states and the predicted velocities.
+
+        deviation (N, 2 n_dof), nu (N, n_dof); the devices give the loads.
+        """
+        errors = deviation[:, self.columns]
+        if not self.loads:
+            return errors
+        predicted = _loads(self.recording, nu, devices, [*self.names[len(self.columns) :]])
+        assert self.recording.loads is not None
+        difference = predicted - self.recording.loads[:, self.loads]
+        known = np.isfinite(self.recording.loads[:, self.loads])
+        return np.hstack([errors, np.where(known, difference, 0.0)])
+
+
+def outputs_of(weights: Mapping[str, float], recording: Recording, nominal: Vessel) -> Outputs:
+    """The outputs with a weight; raises ConfigurationError for one that is not known.
+
+    A load that the recording does not have is left out.
+    """
+    check_outputs(weights, nominal)
+    states = (*poses_of(nominal.dofs), *velocities_of(nominal.dofs))
+    units = [unit[dof] for unit in (POSE_UNIT, VELOCITY_UNIT) for dof in nominal.dofs]
+    columns = [i for i, name in enumerate(states) if name in weights]
+    loads = [i for i, name in enumerate(recording.load_names) if name in weights]
+    names = [*(states[i] for i in columns), *(recording.load_names[i] for i in loads)]
+    measured = np.hstack([recording.eta, recording.nu])[:, columns]
+    if recording.loads is not None:
+        measured = np.hstack([measured, recording.loads[:, loads]])
+    scale = _spread_by_file(measured, recording) / [weights[name] for name in names]
+    dofs = [*((nominal.dofs * 2)[i] for i in columns), *(ALL for _ in loads)]
+    own_units = [*(units[i] for i in columns), *("N" for _ in loads)]
+    return Outputs(
+        tuple(names), tuple(dofs), tuple(own_units), tuple(columns), tuple(loads), recording, scale
+    )
+
+
+def check_outputs(weights: Mapping[str, float], nominal: Vessel) -> None:
+    """Raise ConfigurationError for an output that is not known, and for a weight of zero."""
+    states = (*poses_of(nominal.dofs), *velocities_of(nominal.dofs))
+    loads = [f"{name}.{load}" for name, each in nominal.devices.items() for load in each.LOADS]
+    for name, weight in weights.items():
+        if name not in states and name not in loads:
+            expected = ", ".join((*states, *loads))
+            raise ConfigurationError(f"identifier.outputs: got {name}, expected some of {expected}")
+        if not weight > 0.0:
+            raise ConfigurationError(f"identifier.outputs.{name} must be positive, got {weight:g}")
+    if not set(weights) & set(states):
+        raise ConfigurationError(
+            f"identifier.outputs: got no state, expected some of {', '.join(states)}"
+        )
+
+
+def _spread_by_file(measured: Array, recording: Recording) -> Array:
+    """Standard deviation of columns (N, n) in the file of each sample; 1 for what is constant."""
+    file = np.zeros(len(recording), dtype=np.int64) if recording.file is None else recording.file
+    scale = np.ones_like(measured)
+    for number in np.unique(file):
+        rows: NDArray[np.bool_] = file == number
+        deviation = np.std(measured[rows], axis=0)
+        scale[rows] = np.where(deviation > 0.0, deviation, 1.0)  # 1 for NaN
+    return scale
+
+
+def _loads(
+    recording: Recording, nu: Array, devices: Mapping[str, Device], names: Sequence[str]
+) -> Array:
+    """Loads (N, n) of devices at velocities nu (N, n_dof) and the recorded inputs."""
+    assert recording.inputs is not None
+    inputs = dict(zip(recording.input_names, recording.inputs.T, strict=True))
+    attitude = attitude_of(recording.dofs, recording.eta)
+    x = basis.variables(np.zeros_like(nu), nu, attitude, recording.dofs, recording.wind, inputs)
+    columns = []
+    for name in names:
+        device, _, load = name.partition(".")
+        each = devices[device]
+        columns.append(each.loads(x)[:, each.LOADS.index(load)])
+    return np.column_stack(columns)
+
+
+STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its nominal size
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,11 +371,11 @@ class PredictionOptions(Identifier):
     tied` C(nu) nu follows from the inertia, with `free` each of its coefficients is a parameter.
     `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel in
     surge, sway and yaw commanded by forces), since a free run accumulates unmodelled forces.
-    `prior` is the standard deviation of a parameter about the believed value, over its size (null:
+    `prior` is the standard deviation of a parameter about the nominal value, over its size (null:
     none; auto: `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are
     those of single parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower,
     upper]`, in any spelling of the term; the other parameters have physical bounds
-    (`physical_bounds`), with the inertia within `bound_factor` of the believed one (null:
+    (`physical_bounds`), with the inertia within `bound_factor` of the nominal one (null:
     unbounded). `force` drives the prediction (null: the command filtered by the known lag, else the
     recorded acting force, else the command). A new prediction begins at the measured state every
     `horizon` samples (null: only one prediction). Rates are limited to `derivative_limit` (m/s,
@@ -271,7 +455,7 @@ class PredictionOptions(Identifier):
         return Predictor(free, plan, course, self.integrator, outputs)
 
     def prior_of(self, free: FreeParameters, recording: Recording) -> Array | None:
-        """Standard deviations (m,) about the believed values, infinite where there are none.
+        """Standard deviations (m,) about the nominal values, infinite where there are none.
 
         None if no parameter has one. Raises ConfigurationError for a pattern without a match.
         """
@@ -280,7 +464,7 @@ class PredictionOptions(Identifier):
             relative = STEERED_PRIOR if free.nominal.inputs else None
         deviation = np.full(len(free), np.inf)
         if relative is not None:
-            deviation = relative * believed_sizes(free, recording, self.force)
+            deviation = relative * nominal_sizes(free, recording, self.force)
         for pattern, value in self.deviations.items():
             named = (
                 _canonical(pattern) if pattern.partition(".")[0] in free.nominal.dofs else pattern
@@ -305,11 +489,11 @@ class PredictionOptions(Identifier):
     def box(self, free: FreeParameters, recording: Recording | None = None) -> tuple[Array, Array]:
         """Lower and upper bounds (m,) of the parameters, infinite where there are none.
 
-        Parameters that are believed to be zero have physical bounds by the recording only.
+        Parameters that are nominally zero have physical bounds by the recording only.
         """
         lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
         if self.bound_factor is not None:
-            sizes = believed_sizes(free, recording, self.force)
+            sizes = nominal_sizes(free, recording, self.force)
             lower, upper = physical_bounds(free, sizes, self.bound_factor)
         for i, label in enumerate(free.labels):
             if label in self.bounds:

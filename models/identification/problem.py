@@ -7,11 +7,16 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, PartError, RecordingError
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE, Finding
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
+from seatrial.models.errors import (
+    ConfigurationError,
+    PartError,
+    RecordingError,
+    checked_array,
+    name_of,
+)
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
-from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once, manoeuvring_basis
@@ -58,7 +63,7 @@ class Identified:
     model: Vessel
     residual: Vessel
     std_error: Array | None = None  # of the residual, shape of residual.theta; NaN: not estimated
-    findings: tuple[Finding, ...] = field(default=())
+    diagnostics: tuple[Diagnostic, ...] = field(default=())
     stages: tuple[Vessel, ...] = ()  # residual table of each stage
     state_space: StateSpace | None = None  # linear model with all its inputs
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
@@ -78,7 +83,7 @@ class Identified:
             yield self.spread.draw(self, rng, share)
 
 
-FEWEST = 2  # samples of a recording
+MIN_SAMPLES = 2  # samples of a recording
 
 
 class Needs(NamedTuple):
@@ -87,7 +92,7 @@ class Needs(NamedTuple):
     force: str | None = None  # commanded, filtered or actual; None: the best available one
     thruster_lag: bool = False  # whether the thruster lag has to be known
     lowpass_hz: float | None = None  # must be below the Nyquist frequency
-    samples: int = FEWEST  # least number of them for training
+    samples: int = MIN_SAMPLES  # least number of them for training
 
 
 class Identifier(ABC):
@@ -161,13 +166,13 @@ def checked(identifier: Identifier, result: object, nominal: Vessel) -> Identifi
 
 
 def with_interval(identifier: Identifier, identified: Identified) -> Identified:
-    """Add the finding `interval_of_estimate` to a model with standard errors, unless it has it."""
+    """Add the diagnostic `interval_of_estimate` to a model with standard errors, once."""
     errors = identified.std_error
-    known = any(finding.name == INTERVAL_OF_ESTIMATE for finding in identified.findings)
+    known = any(diagnostic.name == INTERVAL_OF_ESTIMATE for diagnostic in identified.diagnostics)
     if known or errors is None or not np.any(np.isfinite(errors)):
         return identified
-    finding = Finding(INTERVAL_OF_ESTIMATE, "all", float(not identifier.interval_covers))
-    return replace(identified, findings=(*identified.findings, finding))
+    diagnostic = Diagnostic(INTERVAL_OF_ESTIMATE, "all", float(not identifier.interval_covers))
+    return replace(identified, diagnostics=(*identified.diagnostics, diagnostic))
 
 
 def check_needs(

@@ -25,24 +25,24 @@ from seatrial.models.identification.linear import turns
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.residual import ResidualOptions
-from seatrial.models.identification.segment_spread import SegmentSpread
 from seatrial.models.identification.structured import Structure, inflation
+from seatrial.models.identification.uncertainty import SegmentSpread
 from seatrial.models.identification.validation import bounded_course
 from seatrial.models.notation import DOFS
 from seatrial.models.packs import WIDTH
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import HIGHEST, noise_floor
+from seatrial.models.recording.smoothing import MAX_CUTOFF, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-STEP = 1e-6  # of finite differences, relative to the prior's deviation of a parameter
-STEPS = 5  # of Gauss and Newton for one weighting
+DIFFERENCE_STEP = 1e-6  # of finite differences, relative to the prior's deviation of a parameter
+NEWTON_STEPS = 5  # of Gauss and Newton for one weighting
 WEIGHTINGS = 3
 SHORTER = 1.0 / 3.0  # length of the first segments over that of the last ones
 TRIES = 6  # of a step, each with ten times the damping
-DAMPING = 1e-3  # the first
+FIRST_DAMPING = 1e-3  # the first
 ENOUGH = 1e-4  # relative decrease below which the steps end
-ROUNDING = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
+MIN_RESIDUAL = 1e-9  # least residual that counts as noise, relative to the spread of a velocity
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class _Segments:
 
     def _slopes(self, point: _Point) -> tuple[Array, Array]:
         """If the inertia after a forward step is not positive definite, a backward one is used."""
-        sizes = np.concatenate([STEP * self.deviation, STEP * self.spread])
+        sizes = np.concatenate([DIFFERENCE_STEP * self.deviation, DIFFERENCE_STEP * self.spread])
         ahead = self._after(point, sizes)
         refused = np.flatnonzero(~np.isfinite(ahead[:, 0, 0]))
         if len(refused):
@@ -183,7 +183,7 @@ def with_smooth_angles(recording: Recording) -> Recording:
         return recording
     turned = np.unwrap(recording.eta[:, angles], axis=0)
     floor = noise_floor(turned, recording.piece_starts, recording.period_s)
-    if floor.cutoff_hz is None or floor.cutoff_hz >= HIGHEST * 0.5 / recording.period_s:
+    if floor.cutoff_hz is None or floor.cutoff_hz >= MAX_CUTOFF * 0.5 / recording.period_s:
         return recording
     eta = recording.eta.copy()
     eta[:, angles] = recording.lowpassed(turned, floor.cutoff_hz)
@@ -219,7 +219,7 @@ def refine(
     constraints: PhysicalConstraints | None,
     weightings: int = WEIGHTINGS,
 ) -> Refined:
-    """Refine the parameters from `change` (m,), or from the believed ones if they predict better.
+    """Refine the parameters from `change` (m,), or from the nominal ones if they predict better.
 
     `predictor` begins a segment at each of its restarts; `deviation` (m,) is the prior's.
     """
@@ -237,7 +237,7 @@ def refine(
 
 def _scale(point: _Point, runs: _Segments) -> Array:
     rms = np.sqrt(np.mean(point.rest**2, axis=0))
-    return np.asarray(np.maximum(rms, ROUNDING * runs.spread))
+    return np.asarray(np.maximum(rms, MIN_RESIDUAL * runs.spread))
 
 
 def _squares(rest: Array, weight: Array) -> float:
@@ -263,7 +263,7 @@ def _converge(
     def cost(at: _Point) -> float:
         return _squares(at.rest, weight) + float(prior @ at.change**2)
 
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         J, S = (weight[:, None] * slopes for slopes in runs.slopes(point))
         values = np.concatenate([J, (weight * point.rest)[..., None]], axis=2)
         left, along = runs.project(S, values)
@@ -277,7 +277,7 @@ def _converge(
             moved = runs.point(point.change + step, start)
             if cost(moved) < before:
                 break
-            damping = max(10.0 * damping, DAMPING)
+            damping = max(10.0 * damping, FIRST_DAMPING)
         else:
             break
         point, active, damping = moved, binding, damping / 10.0

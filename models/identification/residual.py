@@ -27,10 +27,15 @@ import scipy
 from annotated_types import Gt
 from numpy.typing import NDArray
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks, best_of
-from seatrial.models.identification.guard import Runaway, TrainingPart, held_to_nominal
+from seatrial.models.identification.blocked_free_run import (
+    Blocks,
+    Runaway,
+    TrainingPart,
+    best_of,
+    held_to_nominal,
+)
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -55,7 +60,7 @@ NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
 SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no effect
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
-SETTLED = 0.5  # periods of the cut-off after which a filter has forgotten where it began
+SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
 
@@ -102,7 +107,7 @@ class ResidualOptions(Identifier):
     zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
     of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
     (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
-    about the believed one, damping dissipates, and an axis that runs away in free runs (`Runaway`)
+    about the nominal one, damping dissipates, and an axis that runs away in free runs (`Runaway`)
     keeps its nominal equation (null: none of these). `refinement: free_run` refines the table by
     free runs over segments of `segment_s` [s]. `tune` maps options to values of which free runs
     over blocks left out choose one.
@@ -351,7 +356,7 @@ def kept(filtered: Recording, smoothing: Smoothing) -> NDArray[np.bool_]:
     """Samples (N,) of a filtered recording that the filter of the regressors leaves."""
     if smoothing.regressors_hz is None:
         return np.ones(len(filtered), dtype=np.bool_)
-    return filtered.interior(max(DROP_S, SETTLED / smoothing.regressors_hz))
+    return filtered.interior(max(DROP_S, SETTLING_PERIODS / smoothing.regressors_hz))
 
 
 def ned_columns(heading: Array) -> Array:
@@ -402,8 +407,8 @@ class _Search:
 
 def thruster_of(
     options: ResidualOptions, problem: Problem
-) -> tuple[SecondOrderLag | None, tuple[Finding, ...]]:
-    """The thruster lag according to `options.thruster`, and the findings of its estimation."""
+) -> tuple[SecondOrderLag | None, tuple[Diagnostic, ...]]:
+    """The thruster lag according to `options.thruster`, and the diagnostics of its estimation."""
     if options.thruster == "known":
         return problem.thruster, ()
     if options.thruster == "none":
@@ -413,7 +418,7 @@ def thruster_of(
 
 def estimate(
     options: ResidualOptions, problem: Problem
-) -> tuple[SecondOrderLag, tuple[Finding, ...]]:
+) -> tuple[SecondOrderLag, tuple[Diagnostic, ...]]:
     """The lag with the largest R^2, by a grid search and the simplex method of Nelder and Mead.
 
     Raises IdentificationError when the training part is too short.
@@ -431,9 +436,9 @@ def estimate(
     lag = SecondOrderLag(frequency, damping)
     r2 = 1.0 - search.unexplained(optimum.x)
     return lag, (
-        Finding("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
-        Finding("thruster_damping", "all", lag.damping),
-        Finding("thruster_r2", "all", r2),
+        Diagnostic("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
+        Diagnostic("thruster_damping", "all", lag.damping),
+        Diagnostic("thruster_r2", "all", r2),
     )
 
 

@@ -1,7 +1,7 @@
 """Identification for recordings that nobody has seen: structure, prior, constraints, free runs.
 
 1. The free parameters of the nominal model are found by a regression with a prior about the
-   believed values and physical constraints (`structured`), on smoothed signals (`smoothing`).
+   nominal values and physical constraints (`structured`), on smoothed signals (`smoothing`).
 2. They are refined by free runs over segments whose initial velocities are free (`refinement`).
 3. Both are repeated with a force that is constant in NED, and with windage where the wind was
    measured. Free runs over blocks left out choose among them (`blocked_free_run`).
@@ -13,8 +13,8 @@ from typing import Literal, Self
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.free_parameters import (
     FreeParameters,
     free_parameters,
@@ -34,7 +34,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")
 Choice = Literal["none", "ned_force", "windage", "both"]
 DISTURBANCES: tuple[Choice, ...] = ("none", "ned_force", "windage", "both")  # the simplest first
-FEWEST = 40  # samples
+MIN_SAMPLES = 40  # samples
 SLIGHT = 0.1  # of the force that the nominal model needs: other forces moved the vessel
 
 
@@ -44,7 +44,7 @@ class Robust(ResidualOptions):
 
     The terms of `basis` that the nominal model has are free where it has them, the others in every
     degree of freedom. `disturbance`: none, ned_force (north, east), windage, or auto by
-    cross-validation. `prior` is the standard deviation of a parameter over its believed size. With
+    cross-validation. `prior` is the standard deviation of a parameter over its nominal size. With
     `refinement: none` the regression is the result.
     """
 
@@ -67,7 +67,7 @@ class Robust(ResidualOptions):
 
     def needs(self) -> Needs:
         """The data of the residual, and enough samples for the folds."""
-        return super().needs()._replace(samples=FEWEST)
+        return super().needs()._replace(samples=MIN_SAMPLES)
 
     def regressed(self, nominal: Vessel) -> tuple[Term, ...]:
         """The terms of the nominal model and those of the basis."""
@@ -95,7 +95,7 @@ class Robust(ResidualOptions):
 
         Raises IdentificationError where the recorded force moved no axis.
         """
-        lag, findings = thruster_of(self, problem)
+        lag, diagnostics = thruster_of(self, problem)
         free, training = self.free(problem.nominal), problem.training
         smoothing = self.smoothing(training)
         samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
@@ -104,7 +104,7 @@ class Robust(ResidualOptions):
             free = self.free(problem.nominal, unexcited)
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
-        findings += (Finding("smoothing", "all", smoothing.signals_hz, "Hz"),)
+        diagnostics += (Diagnostic("smoothing", "all", smoothing.signals_hz, "Hz"),)
         errors, spread = None, None
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
@@ -113,19 +113,21 @@ class Robust(ResidualOptions):
                 errors = free.std_error(refined.spread.covariance)
                 point = free.values + change
                 spread = ParameterSpread(problem.nominal, free, point, refined.spread.joint)
-            findings += (Finding("evaluations", "all", float(refined.evaluations)),)
+            diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
-        findings += tuple(Finding("active_constraint", "all", 1.0, label=name) for name in active)
-        findings += tuple(Finding("not_excited", dof, 1.0) for dof in unexcited)
-        return Identified(problem.nominal + residual, residual, errors, findings, spread=spread)
+        diagnostics += tuple(
+            Diagnostic("active_constraint", "all", 1.0, label=name) for name in active
+        )
+        diagnostics += tuple(Diagnostic("not_excited", dof, 1.0) for dof in unexcited)
+        return Identified(problem.nominal + residual, residual, errors, diagnostics, spread=spread)
 
-    def free(self, nominal: Vessel, believed: Sequence[str] = ()) -> FreeParameters:
+    def free(self, nominal: Vessel, kept: Sequence[str] = ()) -> FreeParameters:
         """The free parameters, with those of the disturbance.
 
-        Degrees of freedom that are `believed` keep their equations.
+        Degrees of freedom that are `kept` keep their equations.
         """
         terms = self.terms(nominal)
-        dofs = [dof for dof in nominal.dofs if dof not in believed]
+        dofs = [dof for dof in nominal.dofs if dof not in kept]
         own = [
             label
             for label, term in nonzero_labels(nominal, "tied")

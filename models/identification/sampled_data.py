@@ -23,7 +23,9 @@ from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
 from seatrial.models.vessel.table import Vessel
 
 Output = Literal["body_pose", "pose"]
-EXCITED = 1e-11  # least ratio of smallest to largest singular value of the inputs' Hankel matrix
+MIN_SINGULAR_RATIO = (
+    1e-11  # least ratio of smallest to largest singular value of the inputs' Hankel matrix
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +200,11 @@ def triangular(blocks: list[Window], rows: Codes) -> Array:
     R = triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows))).T
     inputs = blocks[0].length * blocks[0].x.shape[1]
     excitation = np.linalg.svd(R[:inputs, :inputs], compute_uv=False)
-    if excitation[-1] < EXCITED * excitation[0]:
+    if excitation[-1] < MIN_SINGULAR_RATIO * excitation[0]:
         raise IdentificationError(
             f"the inputs do not excite all {len(excitation)} directions of L samples: got a "
             f"singular value ratio of {excitation[-1] / excitation[0]:.1e}, expected at least "
-            f"{EXCITED:g}"
+            f"{MIN_SINGULAR_RATIO:g}"
         )
     return R
 

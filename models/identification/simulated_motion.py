@@ -30,7 +30,9 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 
-RUNAWAY = 20.0  # a simulation beyond this multiple of the largest measured velocity has diverged
+DIVERGED_MULTIPLE = (
+    20.0  # a simulation beyond this multiple of the largest measured velocity has diverged
+)
 STEP_S = 0.1  # longest integration step
 
 
@@ -93,7 +95,7 @@ def simulated_motion(
     is simulated by the first of the models that can be. Raises IdentificationError when none can.
     """
     wind = mean_wind(recording)
-    limits = RUNAWAY * np.max(np.abs(recording.nu), axis=0)
+    limits = DIVERGED_MULTIPLE * np.max(np.abs(recording.nu), axis=0)
     limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
     motions, first, newest = [], [], []
     for piece in stretches(recording, restart_s):

@@ -22,11 +22,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
-from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.blocked_free_run import Blocks, guarded
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.guard import guarded
 from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
@@ -38,11 +37,11 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 THRESHOLDS = (0.0, *np.geomspace(1e-3, 1.0, 7).tolist())  # shares of the lack of fit
-NEGLIGIBLE = 1e-12  # share of a term in the lack of fit that is rounding
+NEGLIGIBLE_TERM = 1e-12  # share of a term in the lack of fit that is rounding
 CHOICES: tuple[float | None, ...] = (*THRESHOLDS, None)  # None: no terms, the nominal model
 ROUNDING = 1e-12  # mean square of an error, relative to the force's, below which it is rounding
 ITERATIONS = 300  # at most; STLSQ needs one for each term that it leaves out
-TOLERANCE = 1e-6  # change of w at which SR3 ends
+CONVERGED = 1e-6  # change of w at which SR3 ends
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class Sparse(ResidualOptions):
 
     def fitted(self, problem: Problem) -> Identified:
         """Identify the residual table, with the threshold and the number of terms of each axis."""
-        lag, findings = thruster_of(self, problem)
+        lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
         thresholds = [self.threshold] * len(dofs)
@@ -93,15 +92,15 @@ class Sparse(ResidualOptions):
             errors = self.left_out_errors(samples)
             floor = ROUNDING * np.mean(samples.force**2, axis=0)
             thresholds = [CHOICES[sparsest(errors[..., k], floor[k])] for k in range(len(dofs))]
-            findings += error_findings(np.mean(errors, axis=1), dofs)
+            diagnostics += error_diagnostics(np.mean(errors, axis=1), dofs)
         part = self._decompose(samples)
         columns = [
             self._solve(part, samples.epsilon[:, [k]], threshold)
             for k, threshold in enumerate(thresholds)
         ]
         residual = Vessel("residual", dofs, samples.terms, np.hstack(columns))
-        findings += choice_findings(residual, thresholds)
-        result = Identified(problem.nominal + residual, residual, findings=findings)
+        diagnostics += choice_diagnostics(residual, thresholds)
+        result = Identified(problem.nominal + residual, residual, diagnostics=diagnostics)
         return finished(self, problem, lag, samples, result)
 
     def left_out_errors(self, samples: Samples) -> Array:
@@ -139,7 +138,7 @@ class Sparse(ResidualOptions):
             warnings.simplefilter("ignore")
             optimizer = self._optimizer(threshold)
             optimizer.fit(part.s[:, None] * part.vt / root, part.u.T @ weighted / size)
-        shares = np.where(np.abs(optimizer.coef_) > NEGLIGIBLE, optimizer.coef_, 0.0)
+        shares = np.where(np.abs(optimizer.coef_) > NEGLIGIBLE_TERM, optimizer.coef_, 0.0)
         theta[part.columns] = shares.T * size / root / part.scale[:, None]
         if part.constant is not None:
             theta[part.constant] = np.mean(epsilon, axis=0) - part.mean @ theta[part.columns]
@@ -160,7 +159,7 @@ class Sparse(ResidualOptions):
             SR3.calculate_l0_weight(threshold, self.relaxation),
             regularizer="L0",
             relax_coeff_nu=self.relaxation,
-            tol=TOLERANCE,
+            tol=CONVERGED,
             max_iter=ITERATIONS,
             unbias=self.unbiased,
         )
@@ -177,21 +176,23 @@ def sparsest(errors: Array, floor: float) -> int:
     return int(np.flatnonzero(np.mean(excess, axis=1) <= allowed)[-1])
 
 
-def error_findings(errors: Array, dofs: tuple[str, ...]) -> tuple[Finding, ...]:
+def error_diagnostics(errors: Array, dofs: tuple[str, ...]) -> tuple[Diagnostic, ...]:
     """Mean squared error (n_choices, n_dof) on the blocks left out for every threshold."""
     labels = ["no terms" if choice is None else f"{choice:.3g}" for choice in CHOICES]
     return tuple(
-        Finding("threshold_mse", dof, float(errors[i, k]), SQUARE_UNIT[dof], i=i, label=label)
+        Diagnostic("threshold_mse", dof, float(errors[i, k]), SQUARE_UNIT[dof], i=i, label=label)
         for k, dof in enumerate(dofs)
         for i, label in enumerate(labels)
     )
 
 
-def choice_findings(residual: Vessel, thresholds: Sequence[float | None]) -> tuple[Finding, ...]:
+def choice_diagnostics(
+    residual: Vessel, thresholds: Sequence[float | None]
+) -> tuple[Diagnostic, ...]:
     """The threshold of each degree of freedom (None: no terms) and how many terms are left."""
-    findings = []
+    diagnostics = []
     for k, (dof, threshold) in enumerate(zip(residual.dofs, thresholds, strict=True)):
         count = int(np.count_nonzero(residual.theta[:, k]))
-        findings.append(Finding("sparse_threshold", dof, threshold))
-        findings.append(Finding("selected_variables", dof, float(count)))
-    return tuple(findings)
+        diagnostics.append(Diagnostic("sparse_threshold", dof, threshold))
+        diagnostics.append(Diagnostic("selected_variables", dof, float(count)))
+    return tuple(diagnostics)

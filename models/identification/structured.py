@@ -7,8 +7,8 @@ model (`free_parameters`): its Coriolis forces follow the inertia. One quadratic
     minimise sum_k |W (epsilon_k - Phi_k L dp)|^2 + tau sum_j (dp_j / s_j)^2
 
 holds all degrees of freedom together. W is one over the root mean square of each residual, found
-in a few rounds. s_j is the believed size of a parameter, so a parameter that the recording does
-not determine stays where it is believed to be; tau = (1 + rho) / (1 - rho), with rho the lag-1
+in a few rounds. s_j is the nominal size of a parameter, so a parameter that the recording does
+not determine stays at its nominal value; tau = (1 + rho) / (1 - rho), with rho the lag-1
 correlation of the residual, is the number of samples that say as much as one independent sample.
 """
 
@@ -27,13 +27,13 @@ from seatrial.models.identification.residual import Samples
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
-ROUNDS = 4  # of reweighting
+WEIGHTING_ROUNDS = 4  # of reweighting
 ROUNDING = 1e-9  # of the force, below which a residual is rounding
-HIGHEST = 0.999  # of a correlation
+MAX_CORRELATION = 0.999  # of a correlation
 
 
 def prior_deviation(free: FreeParameters, phi: Array, force: Array) -> Array:
-    """s (m,): the believed size of each parameter, or what would explain the force if it is zero.
+    """s (m,): the nominal size of each parameter, or what would explain the force if it is zero.
 
     phi (N, n_terms) over the terms of `free.nominal`, force (N, n_dof) [N, Nm].
     """
@@ -51,7 +51,7 @@ def inflation(rest: Array) -> float:
     power = np.sum(centred**2, axis=0)
     lagged = np.sum(centred[1:] * centred[:-1], axis=0)
     rho = np.divide(lagged, power, out=np.zeros_like(power), where=power > 0.0)
-    rho = np.clip(rho, 0.0, HIGHEST)
+    rho = np.clip(rho, 0.0, MAX_CORRELATION)
     return float(np.mean((1.0 + rho) / (1.0 - rho)))
 
 
@@ -70,7 +70,7 @@ class Structure(NamedTuple):
     constraints: PhysicalConstraints | None
 
     def regress(self, prior: float) -> tuple[Array, tuple[str, ...]]:
-        """The change (m,) of the believed parameters, and the names of the active constraints.
+        """The change (m,) of the nominal parameters, and the names of the active constraints.
 
         `prior` is the standard deviation of a parameter over its size. Raises IdentificationError
         without a solution.
@@ -80,7 +80,7 @@ class Structure(NamedTuple):
         scale, tau = noise_scale(samples.epsilon, samples.force), inflation(samples.epsilon)
         change = np.zeros(len(self.free))
         active: tuple[str, ...] = ()
-        for _ in range(ROUNDS):
+        for _ in range(WEIGHTING_ROUNDS):
             H = np.einsum("d,dij->ij", scale**-2, grams) + np.diag(tau / (prior * self.size) ** 2)
             g = np.einsum("d,dj->j", scale**-2, sides)
             change, active = solve(H, g, self.constraints, np.zeros(len(self.free)))
@@ -91,7 +91,7 @@ class Structure(NamedTuple):
     def nearest(self, table: Array) -> tuple[Array, tuple[str, ...]]:
         """The change (m,) that meets the constraints and explains the forces as a table does best.
 
-        `table` (n_terms, n_dof) is identified - believed. Returns the names of the constraints that
+        `table` (n_terms, n_dof) is identified - nominal. Returns the names of the constraints that
         it violates too; if there are none, the change is that of the table. Directions that the
         samples do not determine stay where they are.
         """
@@ -137,13 +137,13 @@ def structure(
     return Structure(free, samples, size, constraints)
 
 
-def entries_of(table: Vessel, believed: Vessel) -> FreeParameters:
-    """Every coefficient of an estimated `table` as a parameter about the `believed` model.
+def entries_of(table: Vessel, nominal: Vessel) -> FreeParameters:
+    """Every coefficient of an estimated `table` as a parameter about the `nominal` model.
 
     They are those of the table's terms that are nonzero in either. Two entries of the inertia that
-    mirror each other are one parameter where the believed ones are equal.
+    mirror each other are one parameter where the nominal ones are equal.
     """
-    both = believed.on(believed.terms + tuple(t for t in table.terms if t not in believed.terms))
+    both = nominal.on(nominal.terms + tuple(t for t in table.terms if t not in nominal.terms))
     nonzero = (table.on(both.terms).theta != 0.0) | (both.theta != 0.0)
     labels = [
         f"{dof}.{term}"

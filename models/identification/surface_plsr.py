@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import (
     Pair,
@@ -47,7 +47,7 @@ from seatrial.models.vessel.table import Vessel, coefficient_unit
 
 PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least MSE
 RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
-FEWEST = 2
+MIN_COUNT = 2
 
 
 @kernel
@@ -61,7 +61,7 @@ def surface(xx: Array, xy: Array, theta: Array) -> None:
     for order in range(1, n + 1):
         for i in range(n):
             kept[i] = i
-        for count in range(n, max(min(FEWEST, n), order) - 1, -1):
+        for count in range(n, max(min(MIN_COUNT, n), order) - 1, -1):
             part, cross = np.empty((count, count)), np.empty((count, 1))
             for i in range(count):
                 cross[i, 0] = xy[kept[i], 0]
@@ -93,7 +93,7 @@ def whole_surface(moment: Array, beta: Array) -> Array:
 def exists(n: int) -> NDArray[np.bool_]:
     """Mask of the models (order, number of terms), shape (n, n): terms >= max(2, order)."""
     order, count = np.arange(1, n + 1)[:, None], np.arange(1, n + 1)
-    return np.asarray(count >= np.maximum(order, min(FEWEST, n)))
+    return np.asarray(count >= np.maximum(order, min(MIN_COUNT, n)))
 
 
 class Choice(NamedTuple):
@@ -195,8 +195,8 @@ class SurfacePlsr(PartialLeastSquares):
             raise ConfigurationError(f"stages must be 1 to 10, got {self.stages}")
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the residual table of all stages; the surfaces are findings."""
-        lag, findings = thruster_of(self, problem)
+        """Identify the residual table of all stages; the surfaces are diagnostics."""
+        lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
         z, dofs = columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
@@ -206,7 +206,9 @@ class SurfacePlsr(PartialLeastSquares):
         stages: list[list[Choice]] = []
         for stage in range(self.stages):
             stages.append(self.stage(moment, z, pairs, stages))
-            findings += surface_findings(stages[-1], z.y_scale**2, dofs, stage, self.validation)
+            diagnostics += surface_diagnostics(
+                stages[-1], z.y_scale**2, dofs, stage, self.validation
+            )
 
         def theta(outputs: Array) -> Array:
             return np.asarray(
@@ -216,10 +218,10 @@ class SurfacePlsr(PartialLeastSquares):
         sums = np.cumsum(fit_stages(moment, z.beta, stages), axis=0)
         tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
         parts = [tables[0], *(b - a for a, b in pairwise(tables))]
-        findings += stage_findings(samples, parts)
+        diagnostics += stage_diagnostics(samples, parts)
         errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
         model = problem.nominal + tables[-1]
-        result = Identified(model, tables[-1], errors, findings, tuple(parts))
+        result = Identified(model, tables[-1], errors, diagnostics, tuple(parts))
         return finished(self, problem, lag, samples, result)
 
     def stage(
@@ -241,51 +243,53 @@ class SurfacePlsr(PartialLeastSquares):
         ]
 
 
-def surface_findings(
+def surface_diagnostics(
     choices: list[Choice], square: Array, dofs: tuple[str, ...], stage: int, label: str
-) -> tuple[Finding, ...]:
+) -> tuple[Diagnostic, ...]:
     """The surface of each degree of freedom, the MSE of the orders, and the choice."""
     suffix = f"_stage{stage + 1}" if stage else ""
-    findings = []
+    diagnostics = []
     for k, (dof, choice) in enumerate(zip(dofs, choices, strict=True)):
         unit = SQUARE_UNIT[dof]
         for a, j in np.argwhere(~np.isnan(choice.surface_mse)):
             value = float(choice.surface_mse[a, j] * square[k])
             i, n = int(a) + 1, int(j) + 1
-            findings.append(Finding(f"surface_mse{suffix}", dof, value, unit, i, n, label))
+            diagnostics.append(Diagnostic(f"surface_mse{suffix}", dof, value, unit, i, n, label))
         models = float(np.count_nonzero(~np.isnan(choice.surface_mse)))
-        findings.append(Finding(f"surface_models{suffix}", dof, models, label=label))
+        diagnostics.append(Diagnostic(f"surface_models{suffix}", dof, models, label=label))
         for a, mse in enumerate(choice.order_mse * square[k]):
-            findings.append(
-                Finding(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label)
+            diagnostics.append(
+                Diagnostic(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label)
             )
-        findings.append(Finding(f"selected_order{suffix}", dof, float(choice.order), label=label))
+        diagnostics.append(
+            Diagnostic(f"selected_order{suffix}", dof, float(choice.order), label=label)
+        )
         count = float(len(choice.kept))
-        findings.append(Finding(f"selected_variables{suffix}", dof, count, label=label))
-    return tuple(findings)
+        diagnostics.append(Diagnostic(f"selected_variables{suffix}", dof, count, label=label))
+    return tuple(diagnostics)
 
 
-def stage_findings(samples: Samples, stages: list[Vessel]) -> tuple[Finding, ...]:
+def stage_diagnostics(samples: Samples, stages: list[Vessel]) -> tuple[Diagnostic, ...]:
     """Training MSE before the first and after each stage, and each stage's coefficients.
 
     i is the number of the stage. The coefficients of a single stage are omitted, since they equal
     the residual table.
     """
-    rest, findings = samples.epsilon, []
+    rest, diagnostics = samples.epsilon, []
     for stage in range(len(stages) + 1):
         if stage:
             rest = rest - samples.phi @ stages[stage - 1].theta
         for k, dof in enumerate(stages[0].dofs):
             mse = float(np.mean(rest[:, k] ** 2))
-            findings.append(Finding("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
+            diagnostics.append(Diagnostic("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
     for stage, table in enumerate(stages if len(stages) > 1 else [], start=1):
         for term, row in zip(table.terms, table.theta, strict=True):
             for dof, value in zip(table.dofs, row, strict=True):
                 unit = coefficient_unit(term, dof)
                 if value:
-                    findings.append(
-                        Finding(
+                    diagnostics.append(
+                        Diagnostic(
                             "stage_coefficient", dof, float(value), unit, stage, label=term.name
                         )
                     )
-    return tuple(findings)
+    return tuple(diagnostics)

@@ -44,7 +44,7 @@ GRIDS = 5  # of starts, for predictions over a time
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
 RESTART_S = 30.0  # between the restarts of the horizon `restarts`
 HIDES_BIAS = "one step ahead hides bias: judge by free_run"
-RUNAWAY = 20.0  # limit of the rates, relative to the largest measured velocity
+DIVERGED_MULTIPLE = 20.0  # limit of the rates, relative to the largest measured velocity
 LEAST_LIMIT = 10.0  # least limit of the rates, as in Hoyer (2021), section 6.4
 
 
@@ -254,7 +254,7 @@ def bounded_course(
     They are many times the largest velocity, and that velocity within one sample: a large force may
     well accelerate a light model.
     """
-    limit = max(LEAST_LIMIT, RUNAWAY * float(np.max(np.abs(recording.nu))))
+    limit = max(LEAST_LIMIT, DIVERGED_MULTIPLE * float(np.max(np.abs(recording.nu))))
     acceleration = max(limit, limit / recording.period_s)
     return course_of(recording, thruster, force, horizon, limit, attitude, acceleration)
 

@@ -7,26 +7,305 @@ A primitive starts at the origin, heading along the first axis. Basic primitives
 another pose of the lattice: a cell ahead, a turn by 45 deg on an arc of (1 + sqrt(2)) cells, or a
 turn on the spot. An informative primitive ends where the vessel stops, and a passage to the
 nearest pose of the lattice is appended.
+
+Restricted waters: an area, polygonal obstacles in it, and a clearance from both.
+
+Positions are (north, east) [m]. The clearance is the distance of the vessel's reference point:
+half its length and a margin. Rounded corners are approximated by polygons outside the arcs, so a
+path that counts as clear is never closer than the clearance.
+
+A* search over a lattice of poses; the state includes the remaining count of each manoeuvre.
+
+A state is (remaining counts, heading, cell); costs are integer numbers of control instants.
+Ljungberg (slides), "Obtaining an experiment trajectory"; Hart, Nilsson and Raphael (1968).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from heapq import heappop, heappush
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.a_star import Integers
-from seatrial.models.planning.waters import Waters, clear, inside, simplified
+from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned
 
 if TYPE_CHECKING:
     import shapely
 
+if TYPE_CHECKING:
+    import shapely
+else:
+    import lazy_loader
+
+    shapely = lazy_loader.load("shapely")  # slow to import
+
+
+Integers = NDArray[np.int64]
+UNREACHED = np.int64(2**62)
+
+
+class Moves(NamedTuple):
+    """P primitives from H headings on a lattice of I x J cells."""
+
+    di: Integers  # (P, H) displacement in cells
+    dj: Integers
+    to: Integers  # (P, H) final heading
+    cost: Integers  # (P, H) control instants
+    stride: Integers  # (P,) of its counter in the index of the counts; 0 for a basic primitive
+    valid: NDArray[np.bool_]  # (P, H, I, J) whether the path from the cell is clear
+
+
+class CostBounds(NamedTuple):
+    """Lower bounds of the cost to go by remaining counts (C,) and by place (H, I, J)."""
+
+    manoeuvres: Integers  # (C,) minimum instants of the remaining manoeuvres
+    reach: Array  # (C,) maximum displacement by them, in cells
+    pace: float  # cells per instant of the fastest basic primitive
+    relaxed: Integers  # (H, I, J) instants of passages if manoeuvres had no cost and no limit
+    goal: Integers  # (2,) cell
+
+
+@kernel
+def heuristic(bounds: CostBounds, c: int, h: int, i: int, j: int) -> int:
+    """A lower bound of the cost to go [instants]; consistent, so no state is expanded twice.
+
+    It is the time of the remaining manoeuvres plus the time of the passages. The passages cover at
+    least the distance to the goal minus the reach of the manoeuvres, at the fastest pace, and at
+    least the relaxed path around the obstacles.
+    """
+    distance = np.hypot(float(i - bounds.goal[0]), float(j - bounds.goal[1]))
+    straight = int(max(0.0, (distance - bounds.reach[c]) / bounds.pace - 1e-6))
+    return int(bounds.manoeuvres[c]) + max(straight, int(bounds.relaxed[h, i, j]))
+
+
+@kernel
+def relaxed(moves: Moves, free: NDArray[np.bool_], at: int, backward: bool) -> Integers:
+    """Instants from `at` to every place, or `backward` from every place to `at`; Dijkstra.
+
+    Primitives that are `free` (P,) have no cost and may be used any number of times. Returns shape
+    (H, I, J).
+    """
+    n_p, n_h, n_i, n_j = moves.valid.shape
+    best = np.full(n_h * n_i * n_j, UNREACHED)
+    done = np.zeros(n_h * n_i * n_j, dtype=np.bool_)
+    best[at] = 0
+    heap = [(np.int64(0), np.int64(at))]
+    while len(heap) > 0:
+        cost, s = heappop(heap)
+        if done[s]:
+            continue
+        done[s] = True
+        h, i, j = s // (n_i * n_j), s // n_j % n_i, s % n_j
+        for p in range(n_p):
+            for a in range(n_h):
+                if (backward and moves.to[p, a] != h) or (not backward and a != h):
+                    continue
+                side = -1 if backward else 1
+                b = a if backward else moves.to[p, a]
+                k, m = i + side * moves.di[p, a], j + side * moves.dj[p, a]
+                if k < 0 or m < 0 or k >= n_i or m >= n_j:
+                    continue
+                clear = moves.valid[p, a, k, m] if backward else moves.valid[p, a, i, j]
+                if not clear:
+                    continue
+                t = (b * n_i + k) * n_j + m
+                total = cost + (np.int64(0) if free[p] else moves.cost[p, a])
+                if total < best[t]:
+                    best[t] = total
+                    heappush(heap, (total, np.int64(t)))
+    return best.reshape((n_h, n_i, n_j))
+
+
+@kernel
+def shortest(
+    moves: Moves, sizes: Integers, bounds: CostBounds, start: int, goal: int
+) -> tuple[Integers, int]:
+    """Primitives of the path of least cost, and the cost [instants]; empty and -1 if none exists.
+
+    `start` and `goal` are places, h I J + i J + j; the path uses all counts. `sizes` (P,) is the
+    count of an informative primitive plus one. Of several paths of equal cost the one that was
+    reached first is returned.
+    """
+    n_p, n_h, n_i, n_j = moves.valid.shape
+    places = n_h * n_i * n_j
+    n_c = len(bounds.manoeuvres)
+    cost = np.full(n_c * places, 2**31 - 1, dtype=np.int32)
+    parent = np.full(n_c * places, -1, dtype=np.int32)
+    via = np.full(n_c * places, -1, dtype=np.int16)
+    done = np.zeros(n_c * places, dtype=np.bool_)
+    first = (n_c - 1) * places + start
+    cost[first] = 0
+    heap = [(np.int64(0), np.int64(first))]
+    while len(heap) > 0:
+        _, s = heappop(heap)
+        if done[s]:
+            continue
+        done[s] = True
+        if s == goal:
+            return _traceback(parent, via, s), int(cost[s])
+        c, place = s // places, s % places
+        h, i, j = place // (n_i * n_j), place // n_j % n_i, place % n_j
+        for p in range(n_p):
+            stride = moves.stride[p]
+            if not moves.valid[p, h, i, j] or (stride > 0 and c // stride % sizes[p] == 0):
+                continue
+            k, m, b = i + moves.di[p, h], j + moves.dj[p, h], moves.to[p, h]
+            if bounds.relaxed[b, k, m] >= UNREACHED:
+                continue
+            t = (c - stride) * places + (b * n_i + k) * n_j + m
+            total = cost[s] + moves.cost[p, h]
+            if not done[t] and total < cost[t]:
+                cost[t], parent[t], via[t] = total, s, p
+                heappush(heap, (total + heuristic(bounds, c - stride, b, k, m), np.int64(t)))
+    return np.zeros(0, dtype=np.int64), -1
+
+
+@kernel
+def _traceback(parent: NDArray[np.int32], via: NDArray[np.int16], state: np.int64) -> Integers:
+    """The primitives that lead to a state, from first to last."""
+    steps = []
+    while parent[state] >= 0:
+        steps.append(np.int64(via[state]))
+        state = np.int64(parent[state])
+    return np.array(steps[::-1], dtype=np.int64)
+
+
+Corners = tuple[tuple[float, ...], ...]
+QUARTER = 16  # sides of the polygon in a quarter of a circle
+OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # relative radius of a polygon around the circle
+
+
+@dataclass(frozen=True)
+class Waters:
+    """An area and the obstacles in it, each a polygon of (north, east) [m]."""
+
+    area: Corners
+    obstacles: tuple[Corners, ...]
+    clearance_m: NotNegative
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name, corners in self.named.items():
+            if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
+                raise ConfigurationError(
+                    f"{name}: expected at least three corners, each (north, east)"
+                )
+            if not _polygon(corners).is_valid:
+                raise ConfigurationError(f"{name}: the polygon crosses or touches itself")
+
+    @property
+    def named(self) -> dict[str, Corners]:
+        """Every polygon by the name of its option."""
+        return {"area": self.area} | {
+            f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)
+        }
+
+    def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> "shapely.Geometry":
+        """The positions with the clearance and a margin [m], as a shapely geometry.
+
+        The obstacles with an index in `without` are ignored.
+        """
+        distance = (self.clearance_m + margin_m) * OUTSIDE
+        area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
+        obstacles = [corners for i, corners in enumerate(self.obstacles) if i not in without]
+        occupied = [
+            shapely.buffer(_polygon(corners), distance, quad_segs=QUARTER) for corners in obstacles
+        ]
+        free = shapely.difference(area, shapely.union_all(occupied)) if occupied else area
+        shapely.prepare(free)
+        return free
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Limits of the area [m]: (least north, largest north, least east, largest east)."""
+        points = np.array(self.area)
+        (n0, e0), (n1, e1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        return n0, n1, e0, e1
+
+    def in_the_way(self, point: Sequence[float]) -> str | None:
+        """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
+        at = shapely.Point(point[0], point[1])
+        if not _polygon(self.area).contains(at):
+            return "it lies outside area"
+        for i, corners in enumerate(self.obstacles):
+            if _polygon(corners).intersects(at):
+                return f"it lies inside obstacles[{i}]"
+        if self.free().covers(at):
+            return None
+        gaps = {f"obstacles[{i}]": _polygon(c).distance(at) for i, c in enumerate(self.obstacles)}
+        gaps["the edge of area"] = _polygon(self.area).exterior.distance(at)
+        nearest = min(gaps, key=lambda name: gaps[name])
+        return (
+            f"it is {gaps[nearest]:.3g} m from {nearest}, expected at least the clearance_m of "
+            f"{self.clearance_m:g}"
+        )
+
+    def distance(self, points: Array) -> Array:
+        """Distance [m], (N,), of points (N, 2) to the nearest obstacle or edge; 0 if not free."""
+        area = _polygon(self.area)
+        at = shapely.points(points)
+        occupied = shapely.union_all([_polygon(corners) for corners in self.obstacles])
+        edge = np.where(shapely.covers(area, at), shapely.distance(area.exterior, at), 0.0)
+        obstacle = shapely.distance(occupied, at) if self.obstacles else edge
+        return np.asarray(np.minimum(edge, obstacle))
+
+    def separated_by(self, start: Sequence[float], goal: Sequence[float]) -> str | None:
+        """The obstacles that separate two free points [m], in words; None if they are connected.
+
+        A smallest set of at most two obstacles is named if there is one.
+        """
+        numbers = range(len(self.obstacles))
+        if self._connected(start, goal, ()):
+            return None
+        for size in (1, 2):
+            for removed in combinations(numbers, size):
+                if self._connected(start, goal, removed):
+                    return " and ".join(f"obstacles[{i}]" for i in removed)
+        if self._connected(start, goal, tuple(numbers)):
+            return "the obstacles"
+        return "the edge of area"
+
+    def _connected(
+        self, start: Sequence[float], goal: Sequence[float], without: Sequence[int]
+    ) -> bool:
+        points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
+        free = self.free(without=without)
+        return any(all(part.covers(at) for at in points) for part in shapely.get_parts(free))
+
+
+def _polygon(corners: Corners) -> "shapely.Polygon":
+    return shapely.Polygon(corners)
+
+
+def simplified(path: Array, tolerance_m: float) -> Array:
+    """The corners (n, 2) of a path (N, 2) [m] simplified within a tolerance [m]."""
+    if not np.any(path != path[0]):
+        return path[:1]
+    return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(tolerance_m)))
+
+
+def inside(free: "shapely.Geometry", points: Array) -> NDArray[np.bool_]:
+    """Whether points (..., 2) [m] lie in a free geometry, shape (...)."""
+    return np.asarray(shapely.intersects_xy(free, points[..., 0], points[..., 1]))
+
+
+def clear(free: "shapely.Geometry", path: Array, origins: Array) -> NDArray[np.bool_]:
+    """Whether a path (n, 2) from each of the origins (M, 2) stays in a free geometry, (M,)."""
+    if len(path) == 1:
+        return inside(free, origins + path[0])
+    lines = shapely.linestrings(origins[:, None, :] + path)
+    return np.asarray(shapely.covers(free, lines))
+
+
 HEADINGS = 8
-STEP = 2.0 * np.pi / HEADINGS
+HEADING_STEP = 2.0 * np.pi / HEADINGS
 ARC = 1.0 + np.sqrt(2.0)  # radius, in cells
 RUN = np.sqrt(2.0) - 1.0  # straight line between an arc and a pose of the lattice, in cells
 STRAY = 0.02  # tolerance of path simplification, in cells; added to the clearance
@@ -71,12 +350,12 @@ def turned(path: Array, angle: float) -> Array:
 def nearest(pose: Array, cell_m: float) -> tuple[int, int, int]:
     """The pose of the lattice nearest to a pose (3,): cell and heading index, not wrapped."""
     i, j = np.round(pose[:2] / cell_m).astype(int)
-    return int(i), int(j), round(float(pose[2]) / STEP)
+    return int(i), int(j), round(float(pose[2]) / HEADING_STEP)
 
 
 def place_pose(at: tuple[int, int, int], cell_m: float) -> Array:
     """The pose (3,) [m, m, rad] of a place on the lattice."""
-    return np.array([at[0] * cell_m, at[1] * cell_m, at[2] * STEP])
+    return np.array([at[0] * cell_m, at[1] * cell_m, at[2] * HEADING_STEP])
 
 
 def basic(heading: int, cell_m: float, pace: Pace) -> list[Primitive]:
@@ -87,7 +366,7 @@ def basic(heading: int, cell_m: float, pace: Pace) -> list[Primitive]:
         arc = _arc(cell_m, heading % 2 == 1, pace)
         arc[:, 1:] *= side
         moves.append(Primitive(f"arc_{name}", arc))
-        spot = np.array([0.0, 0.0, side * STEP])
+        spot = np.array([0.0, 0.0, side * HEADING_STEP])
         moves.append(Primitive(f"pivot_{name}", pace.line(np.zeros(3), spot)))
     return moves
 
@@ -95,12 +374,12 @@ def basic(heading: int, cell_m: float, pace: Pace) -> list[Primitive]:
 def _arc(cell_m: float, run_first: bool, pace: Pace) -> Array:
     """A turn by 45 deg to starboard with a straight line before or after it, (N, 3)."""
     radius, run = ARC * cell_m, RUN * cell_m
-    arc = radius * STEP
-    n = pace.instants(run + arc, STEP)
+    arc = radius * HEADING_STEP
+    n = pace.instants(run + arc, HEADING_STEP)
     s = np.linspace(0.0, run + arc, n + 1)[1:]
-    turn = np.clip((s - run if run_first else s) / radius, 0.0, STEP)
+    turn = np.clip((s - run if run_first else s) / radius, 0.0, HEADING_STEP)
     ahead = s - radius * turn  # sailed straight so far
-    along = 0.0 if run_first else STEP
+    along = 0.0 if run_first else HEADING_STEP
     x = radius * np.sin(turn) + ahead * np.cos(along)
     y = radius * (1.0 - np.cos(turn)) + ahead * np.sin(along)
     return np.column_stack([x, y, turn])
@@ -111,7 +390,7 @@ def closed(free: Primitive, heading: int, cell_m: float, pace: Pace, hold: int) 
 
     The path is in the frame of the lattice; the vessel rests for `hold` instants at its end.
     """
-    path = turned(free.path, heading * STEP)
+    path = turned(free.path, heading * HEADING_STEP)
     end = place_pose(nearest(path[-1], cell_m), cell_m)
     rest = np.tile(end, (hold, 1))
     poses = np.vstack([path, pace.line(path[-1], end), rest])
@@ -158,7 +437,10 @@ class Lattice:
         h, i, j = np.unravel_index(place, (HEADINGS, *self.shape))
         relative = np.array([i + self.first[0], j + self.first[1]], dtype=np.float64) * self.cell_m
         return np.array(
-            [*(self.anchor[:2] + in_ned(relative, self.anchor[2])), self.anchor[2] + h * STEP]
+            [
+                *(self.anchor[:2] + in_ned(relative, self.anchor[2])),
+                self.anchor[2] + h * HEADING_STEP,
+            ]
         )
 
     @property
@@ -191,7 +473,7 @@ def placed(
     by_heading = [
         [closed(primitive, h, lattice.cell_m, pace, hold) for primitive in informative]
         + [
-            replace(primitive, path=turned(primitive.path, h * STEP))
+            replace(primitive, path=turned(primitive.path, h * HEADING_STEP))
             for primitive in basic(h, lattice.cell_m, pace)
         ]
         for h in range(HEADINGS)

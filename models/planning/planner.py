@@ -14,25 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.a_star import (
-    UNREACHED,
-    Bounds,
-    Integers,
-    Moves,
-    heuristic,
-    relaxed,
-    shortest,
-)
 from seatrial.models.planning.lattice import (
+    HEADING_STEP,
     HEADINGS,
-    STEP,
+    UNREACHED,
+    CostBounds,
+    Integers,
     Lattice,
+    Moves,
     Pace,
     Placed,
     Primitive,
+    Waters,
+    clear,
+    heuristic,
     placed,
+    relaxed,
+    shortest,
 )
-from seatrial.models.planning.waters import Waters, clear
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned, wrap
 
@@ -40,7 +39,7 @@ MOST_STATES = 30_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class PlanningTask:
     """A planning task: the waters, the informative primitives and their counts, start and goal.
 
     `start` and `goal` are (north, east, heading) [m, m, rad]. The vessel rests for `hold` control
@@ -81,7 +80,7 @@ class Leg(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlannedPath:
     """The planned path."""
 
     legs: tuple[Leg, ...]
@@ -99,7 +98,7 @@ class Plan:
 class Setting:
     """A task on its lattice."""
 
-    task: Task
+    task: PlanningTask
     lattice: Lattice
     board: Placed
     moves: Moves
@@ -107,7 +106,7 @@ class Setting:
     start: int
     goal: int
 
-    def bounds(self) -> Bounds:
+    def bounds(self) -> CostBounds:
         """Tables of the heuristic."""
         n, board = len(self.task.used), self.board
         size = np.hypot(board.di, board.dj)
@@ -118,7 +117,7 @@ class Setting:
         row, column = divmod(
             self.goal % (self.lattice.shape[0] * self.lattice.shape[1]), self.lattice.shape[1]
         )
-        return Bounds(
+        return CostBounds(
             manoeuvres=(least @ digits).astype(np.int64),
             reach=(reach @ digits).astype(np.float64),
             pace=float(np.max(size[n:] / board.cost[n:])),
@@ -127,7 +126,7 @@ class Setting:
         )
 
 
-def plan(task: Task) -> Plan:
+def plan(task: PlanningTask) -> PlannedPath:
     """The path of least time; raises ConfigurationError with the reason if there is none."""
     setting = set_up(task)
     bounds = setting.bounds()
@@ -137,10 +136,10 @@ def plan(task: Task) -> Plan:
     legs = _legs(setting, steps)
     at = (int(k) for k in np.unravel_index(setting.start, (HEADINGS, *setting.lattice.shape)))
     bound = int(heuristic(bounds, len(bounds.manoeuvres) - 1, *at))
-    return Plan(tuple(legs), task.start, cost, bound)
+    return PlannedPath(tuple(legs), task.start, cost, bound)
 
 
-def set_up(task: Task) -> Setting:
+def set_up(task: PlanningTask) -> Setting:
     """Place the primitives, the start and the goal of a task on its lattice."""
     for name, pose in (("start", task.start), ("goal", task.goal)):
         obstacle = task.waters.in_the_way(pose[:2].tolist())
@@ -169,7 +168,7 @@ def set_up(task: Task) -> Setting:
     return Setting(task, lattice, board, moves, np.concatenate([sizes, basics + 1]), start, goal)
 
 
-def _check_size(task: Task, lattice: Lattice) -> None:
+def _check_size(task: PlanningTask, lattice: Lattice) -> None:
     cells = lattice.shape[0] * lattice.shape[1]
     counts = math.prod(task.counts[primitive.name] + 1 for primitive in task.used)
     states = cells * HEADINGS * counts
@@ -181,7 +180,7 @@ def _check_size(task: Task, lattice: Lattice) -> None:
         )
 
 
-def _arrival(task: Task, lattice: Lattice) -> int:
+def _arrival(task: PlanningTask, lattice: Lattice) -> int:
     """The place nearest to the goal with a clear straight passage to it."""
     free = task.waters.free()
     at = lattice.place(task.goal.copy())
@@ -240,7 +239,7 @@ def _legs(setting: Setting, steps: Integers) -> list[Leg]:
         h, i, j = (int(k) for k in np.unravel_index(place, (HEADINGS, *lattice.shape)))
         path = board.paths[p][h]
         position = lattice.pose(place)[:2] + in_ned(path[:, :2], task.start[2])
-        poses = np.column_stack([position, pose[2] + path[:, 2] - h * STEP])
+        poses = np.column_stack([position, pose[2] + path[:, 2] - h * HEADING_STEP])
         legs.append(Leg(board.names[p], p < len(task.used), poses))
         pose = poses[-1]
         row, column = i + int(board.di[p, h]), j + int(board.dj[p, h])

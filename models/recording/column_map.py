@@ -13,7 +13,7 @@ from seatrial.models.recording.column import (
     Column,
     Frames,
     Geodetic,
-    Wind,
+    WindColumns,
     as_column,
     check_dofs,
 )
@@ -27,7 +27,7 @@ NORM_TOLERANCE = 0.05  # of the length of a quaternion: a larger error means a w
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class ColumnTable:
     """Columns of numbers on one clock; NaN for an empty cell."""
 
     source: Source
@@ -50,7 +50,7 @@ def read_table(
     options: ReadOptions | None = None,
     *,
     gaps: bool = False,
-) -> Table:
+) -> ColumnTable:
     """Read the `required` columns of a file, and those `optional` columns that exist.
 
     `gaps` allows empty cells and NaN. Raises RecordingError if the file cannot be read, a required
@@ -71,7 +71,7 @@ def read_table(
     for name in optional:
         if (known := source.find(name)) is not None and name not in columns:
             columns[name] = source.numbers(known, gaps=gaps)
-    return Table(source, columns)
+    return ColumnTable(source, columns)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class ColumnMap:
     delay_s: dict[str, float] = field(default_factory=dict)
     loads: dict[str, str | Column] = field(default_factory=dict)
     froude_scale: Positive = 1.0
-    wind: Wind | None = None
+    wind: WindColumns | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -166,12 +166,14 @@ class ColumnMap:
         """Names of the columns with angles of the pose, which may jump by a full turn."""
         return [_plain(name) for dof, name in self._poses().items() if dof in DOFS[3:]]
 
-    def values(self, table: Table, kind: str, dofs: Iterable[str]) -> Array:
+    def values(self, table: ColumnTable, kind: str, dofs: Iterable[str]) -> Array:
         """Columns of one kind with their signs, shape (N, n_dof)."""
         names = getattr(self, kind)
         return np.column_stack([_signed(table, names[dof]) for dof in dofs])
 
-    def air(self, table: Table, heading: Array, nu: Array, dofs: Sequence[str]) -> Array | None:
+    def air(
+        self, table: ColumnTable, heading: Array, nu: Array, dofs: Sequence[str]
+    ) -> Array | None:
         """Velocity of the air over ground in body axes [m/s], shape (N, 2); None if not recorded.
 
         `heading` (N,) [rad] and the velocities `nu` (N, n_dof) are those of the body.
@@ -186,7 +188,7 @@ class ColumnMap:
             air += nu[:, [dofs.index(dof) for dof in ("surge", "sway")]]
         return np.asarray(air)
 
-    def attitude(self, table: Table, heading: float) -> Array:
+    def attitude(self, table: ColumnTable, heading: float) -> Array:
         """(phi, theta, psi) [rad], shape (N, 3), psi from `heading`; zero if not recorded."""
         if self.orientation is not None and _all_in(table, self.quaternion):
             quaternions = np.column_stack([table.columns[name] for name in self.quaternion])
@@ -198,7 +200,7 @@ class ColumnMap:
                 angles[:, DOFS[3:].index(dof)] = _signed(table, name) - offset
         return angles
 
-    def continuous(self, table: Table, angles: Iterable[str] = ()) -> Table:
+    def continuous(self, table: ColumnTable, angles: Iterable[str] = ()) -> ColumnTable:
         """The table with unwrapped angles and with unit quaternions without sign flips.
 
         `angles` names columns of further angles [rad] that do not belong to the pose. Raises
@@ -227,7 +229,7 @@ class ColumnMap:
         return {dof: name for dof, name in self.position.items() if dof in dofs}
 
 
-def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
+def _check_lengths(table: ColumnTable, lengths: Array, names: Sequence[str]) -> None:
     wrong = np.abs(lengths - 1.0) > NORM_TOLERANCE  # False for NaN
     if np.any(wrong):
         k = int(np.argmax(wrong))
@@ -237,7 +239,7 @@ def _check_lengths(table: Table, lengths: Array, names: Sequence[str]) -> None:
         )
 
 
-def _all_in(table: Table, names: Iterable[str]) -> bool:
+def _all_in(table: ColumnTable, names: Iterable[str]) -> bool:
     return all(name in table.columns for name in names)
 
 
@@ -245,7 +247,7 @@ def _plain(name: str | Column) -> str:
     return name.removeprefix("-") if isinstance(name, str) else name.name
 
 
-def _signed(table: Table, name: str | Column) -> Array:
+def _signed(table: ColumnTable, name: str | Column) -> Array:
     values = table.columns[_plain(name)]
     sign = as_column(name).sign
     return -values if sign < 0.0 else values

@@ -10,8 +10,10 @@ from seatrial.models.recording.agreement import CERTAIN, Agreement
 from seatrial.models.recording.consistency import LEAST_TRUSTED, Consistency
 from seatrial.models.recording.motion import DEGREE, Reading
 
-SAME = 1.39  # scales within this factor of one are nearer to it than to the next unit, the knot
-NEAR = 1.25  # a scale is that of a unit within this factor
+SAME_SCALE = (
+    1.39  # scales within this factor of one are nearer to it than to the next unit, the knot
+)
+NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
 SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 CHANGED_SIGN_IN_FLU = ("sway", "heave", "pitch", "yaw")
@@ -29,7 +31,7 @@ Names = Mapping[str, str]  # the recorded column of an option such as velocity.s
 
 
 @dataclass(frozen=True)
-class Problem:
+class RecordingDefect:
     """What is wrong with some axes of a recording, and the option that cures it."""
 
     kind: str  # scale | sign | swap | earth | frame | heading | clock | time | sampling | unknown
@@ -43,7 +45,7 @@ class Problem:
         return f"{axes}{self.message}; {self.cure}"
 
 
-def problems(result: Consistency, names: Names | None = None) -> tuple[Problem, ...]:
+def problems(result: Consistency, names: Names | None = None) -> tuple[RecordingDefect, ...]:
     """All problems of a recording; `names` are the columns that the cures shall show."""
     names, reading = names or {}, result.reading
     axes = [axis for axis in result.best if axis.excited and result.significant(axis)]
@@ -64,34 +66,34 @@ def problems(result: Consistency, names: Names | None = None) -> tuple[Problem, 
     return (*found, *_unexplained(result, found))
 
 
-def _frames(reading: Reading, axes: Sequence[Agreement]) -> list[Problem]:
+def _frames(reading: Reading, axes: Sequence[Agreement]) -> list[RecordingDefect]:
     """Readings of the pose and of the velocity's axes that differ from ours."""
     linear = tuple(axis.dof for axis in axes if axis.dof in DOFS[:3])
     found = []
     if reading.velocity == "earth":
         found.append(
-            Problem(
+            RecordingDefect(
                 "earth", linear, "the velocities are along the axes of the earth, not of the body",
                 f"{OPTION}.frames.velocity=earth",
             )
         )  # fmt: skip
     if reading.position == "ENU":
         found.append(
-            Problem(
+            RecordingDefect(
                 "frame", linear, "the positions are east, north, up, not north, east, down",
                 f"{OPTION}.frames.position=ENU",
             )
         )  # fmt: skip
     if reading.heading == "opposite":
         found.append(
-            Problem(
+            RecordingDefect(
                 "heading", ("yaw",), "the heading counts anticlockwise",
                 f"{OPTION}.position.yaw: {{positive: anticlockwise}}",
             )
         )  # fmt: skip
     if reading.heading == "east":
         found.append(
-            Problem(
+            RecordingDefect(
                 "heading", ("yaw",), "the attitude is of ENU: the heading counts from east, "
                 "anticlockwise", f"{OPTION}.frames.attitude=ENU, or "
                 f"{OPTION}.position.yaw: {{zero: east, positive: anticlockwise}}",
@@ -101,7 +103,7 @@ def _frames(reading: Reading, axes: Sequence[Agreement]) -> list[Problem]:
         degrees = round(np.degrees(reading.heading_offset))
         degrees = degrees - 360 if degrees > 180 else degrees
         found.append(
-            Problem(
+            RecordingDefect(
                 "heading", ("yaw",), f"the heading is {-degrees:g} degrees off the positions",
                 f"subtract {degrees:g} from excitation.heading_deg", float(degrees),
             )
@@ -109,7 +111,7 @@ def _frames(reading: Reading, axes: Sequence[Agreement]) -> list[Problem]:
     return found
 
 
-def _swaps(axes: Sequence[Agreement], names: Names) -> list[Problem]:
+def _swaps(axes: Sequence[Agreement], names: Names) -> list[RecordingDefect]:
     """Velocities that belong to other axes than those they are mapped to."""
     found, seen = [], set()
     for axis in axes:
@@ -129,24 +131,24 @@ def _swaps(axes: Sequence[Agreement], names: Names) -> list[Problem]:
             if a.dof in group
         )
         ordered = tuple(dof for dof in DOFS if dof in group)
-        found.append(Problem("swap", ordered, "the velocities are exchanged", cures))
+        found.append(RecordingDefect("swap", ordered, "the velocities are exchanged", cures))
     return found
 
 
-def _signs(axes: Sequence[Agreement], names: Names) -> list[Problem]:
+def _signs(axes: Sequence[Agreement], names: Names) -> list[RecordingDefect]:
     """Velocities of the wrong sign; those of FLU are named together."""
     wrong = [axis.dof for axis in axes if axis.correlation < 0.0]
     expected = [axis.dof for axis in axes if axis.dof in CHANGED_SIGN_IN_FLU]
     if len(wrong) > 1 and wrong == expected and len(axes) > len(wrong):
         return [
-            Problem(
+            RecordingDefect(
                 "frame", tuple(wrong), "the velocities are forward, left, up, not forward, right, "
                 "down", f"{OPTION}.frames.body=FLU (or the pose is: {OPTION}.frames.position=ENU "
                 f"with {OPTION}.frames.attitude=ENU)",
             )
         ]  # fmt: skip
     return [
-        Problem(
+        RecordingDefect(
             "sign", (dof,), "the velocity has the wrong sign",
             f"{OPTION}.velocity.{dof}={_reversed(_column(names, f'velocity.{dof}'))}", -1.0,
         )
@@ -154,29 +156,29 @@ def _signs(axes: Sequence[Agreement], names: Names) -> list[Problem]:
     ]  # fmt: skip
 
 
-def _time(axes: Sequence[Agreement]) -> Problem | None:
+def _time(axes: Sequence[Agreement]) -> RecordingDefect | None:
     """One factor on all rates, of positions and of angles, is one on time."""
     linear = [axis for axis in axes if axis.dof in DOFS[:3]]
     angular = [axis for axis in axes if axis.dof in DOFS[3:]]
     scale = float(np.median([abs(axis.scale) for axis in axes])) if axes else 1.0
     if not (linear and angular) or not all(_off(axis) for axis in axes):
         return None
-    if not all(1.0 / SAME < abs(axis.scale) / scale < SAME for axis in axes):
+    if not all(1.0 / SAME_SCALE < abs(axis.scale) / scale < SAME_SCALE for axis in axes):
         return None
     unit = _nearest(1.0 / scale, {name: 1.0 / factor for name, factor in TIME_UNITS.items()})
     cure = (
         f"{OPTION}.time: {{unit: {unit}}}" if unit else
         f"the samples are {scale:.3g} times as far apart: {OPTION}.time: {{unit: {scale:.3g} s}}"
     )  # fmt: skip
-    return Problem(
+    return RecordingDefect(
         "time", tuple(axis.dof for axis in axes),
         f"the derivative of the pose is {scale:.3g} times the velocity on every axis", cure, scale,
     )  # fmt: skip
 
 
-def _scales(axes: Sequence[Agreement], names: Names) -> list[Problem]:
+def _scales(axes: Sequence[Agreement], names: Names) -> list[RecordingDefect]:
     """Velocities or poses in another unit; axes of one kind in the same unit are named together."""
-    found: list[Problem] = []
+    found: list[RecordingDefect] = []
     for dofs, rates, poses in (
         (DOFS[:3], VELOCITY_UNITS, LENGTH_UNITS),
         (DOFS[3:], RATE_UNITS, ANGLE_UNITS),
@@ -197,15 +199,17 @@ def _scales(axes: Sequence[Agreement], names: Names) -> list[Problem]:
             told = unit or f"{factor:.3g} {VELOCITY_UNIT[members[0]]}"
             cures = _units(kind, members, told, names)
             message = f"the derivative of the pose is {value:.3g} times the velocity"
-            found.append(Problem("scale", tuple(members), message, cures, value))
+            found.append(RecordingDefect("scale", tuple(members), message, cures, value))
     return found
 
 
-def _degrees(result: Consistency, names: Names) -> Problem:
+def _degrees(result: Consistency, names: Names) -> RecordingDefect:
     """Angles that are in degrees."""
     dofs = tuple(axis.dof for axis in result.velocities if axis.dof in result.reading.degrees)
     cures = _units("position", dofs, "deg", names)
-    return Problem("scale", dofs, "the angles of the pose are in degrees", cures, 1.0 / DEGREE)
+    return RecordingDefect(
+        "scale", dofs, "the angles of the pose are in degrees", cures, 1.0 / DEGREE
+    )
 
 
 def _units(kind: str, dofs: Sequence[str], unit: str, names: Names) -> str:
@@ -215,7 +219,7 @@ def _units(kind: str, dofs: Sequence[str], unit: str, names: Names) -> str:
     )
 
 
-def _clock(result: Consistency) -> list[Problem]:
+def _clock(result: Consistency) -> list[RecordingDefect]:
     """A clock of the velocities that is apart from that of the pose."""
     lag = result.lag_s
     # A filter delays some axes, a clock that is apart all of them.
@@ -224,15 +228,15 @@ def _clock(result: Consistency) -> list[Problem]:
         return []
     behind = "behind" if lag > 0.0 else "ahead of"
     message = f"the velocities are {abs(lag):.3g} s {behind} the pose"
-    return [Problem("clock", (), message, f"{OPTION}.delay_s.velocity={lag:.3g}", lag)]
+    return [RecordingDefect("clock", (), message, f"{OPTION}.delay_s.velocity={lag:.3g}", lag)]
 
 
-def _acceleration(axis: Agreement, names: Names) -> Problem | None:
+def _acceleration(axis: Agreement, names: Names) -> RecordingDefect | None:
     """A recorded acceleration of the wrong sign or unit."""
     name = f"acceleration.{axis.dof}"
     column = _column(names, name)
     if axis.correlation < -LEAST_TRUSTED:
-        return Problem(
+        return RecordingDefect(
             "sign", (axis.dof,), "the acceleration has the wrong sign",
             f"{OPTION}.{name}={_reversed(column)}", -1.0,
         )  # fmt: skip
@@ -241,11 +245,11 @@ def _acceleration(axis: Agreement, names: Names) -> Problem | None:
     if axis.correlation > LEAST_TRUSTED and unit and _off(axis):
         message = f"the derivative of the velocity is {axis.scale:.3g} times the acceleration"
         cure = f"{OPTION}.{name}: {{column: {column}, unit: {unit}}}"
-        return Problem("scale", (axis.dof,), message, cure, units[unit])
+        return RecordingDefect("scale", (axis.dof,), message, cure, units[unit])
     return None
 
 
-def _unexplained(result: Consistency, found: Sequence[Problem]) -> list[Problem]:
+def _unexplained(result: Consistency, found: Sequence[RecordingDefect]) -> list[RecordingDefect]:
     """Excited axes that agree with nothing, and are not named by another problem."""
     named = {dof for problem in found for dof in problem.axes}
     kinds = {problem.kind for problem in found}
@@ -253,7 +257,7 @@ def _unexplained(result: Consistency, found: Sequence[Problem]) -> list[Problem]
         return []
     best = {axis.dof: axis for axis in result.best}
     return [
-        Problem(
+        RecordingDefect(
             "unknown", (axis.dof,),
             f"velocity and derivative of the pose have a correlation of {axis.correlation:.2f}",
             f"another column for {OPTION}.velocity.{axis.dof} or {OPTION}.position.{axis.dof}",
@@ -268,14 +272,14 @@ def _unexplained(result: Consistency, found: Sequence[Problem]) -> list[Problem]
 def _off(axis: Agreement) -> bool:
     """Whether neither regression gives a scale near one."""
     low, high = axis.bounds
-    return high < 1.0 / SAME or low > SAME
+    return high < 1.0 / SAME_SCALE or low > SAME_SCALE
 
 
 def _nearest(size: float, units: Mapping[str, float]) -> str | None:
     """The unit whose factor is nearest to a scale; None if none is near."""
     distance: Callable[[str], float] = lambda unit: abs(np.log(size / units[unit]))  # noqa: E731
     unit = min(units, key=distance)
-    return unit if distance(unit) < np.log(NEAR) else None
+    return unit if distance(unit) < np.log(NEAR_SCALE) else None
 
 
 def _column(names: Names, option: str) -> str:

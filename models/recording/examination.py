@@ -7,11 +7,10 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column, as_column
+from seatrial.models.recording.column import Column, as_column, seconds
 from seatrial.models.recording.column_map import KINDS, ColumnMap
 from seatrial.models.recording.consistency import Consistency, consistency
-from seatrial.models.recording.diagnosis import Problem, problems
+from seatrial.models.recording.diagnosis import RecordingDefect, problems
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import (
     of_angles,
@@ -31,7 +30,7 @@ class Examination:
     """The comparison of pose and velocity, and all problems; the recording that was compared."""
 
     result: Consistency
-    problems: tuple[Problem, ...]
+    problems: tuple[RecordingDefect, ...]
     recording: Recording
 
 
@@ -96,7 +95,7 @@ def _angles(
     return known
 
 
-def _in_degrees(columns: ColumnMap, angles: Sequence[Problem]) -> dict[str, str | Column]:
+def _in_degrees(columns: ColumnMap, angles: Sequence[RecordingDefect]) -> dict[str, str | Column]:
     wrong = {dof for problem in angles for dof in problem.axes}
     return {
         dof: replace(as_column(spec), unit="deg") if dof in wrong else spec
@@ -104,7 +103,7 @@ def _in_degrees(columns: ColumnMap, angles: Sequence[Problem]) -> dict[str, str 
     }
 
 
-def _resampled(columns: ColumnMap, sources: Mapping[str, Source]) -> list[Problem]:
+def _resampled(columns: ColumnMap, sources: Mapping[str, Source]) -> list[RecordingDefect]:
     """The problem of a source whose columns of motion were interpolated from a slower one."""
     groups: dict[str, list[Array]] = {}
     for kind in MOTION:

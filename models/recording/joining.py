@@ -12,10 +12,10 @@ from seatrial.models.recording.recording import SHARED, Mask, Recording
 from seatrial.models.vessel.basis import Array
 
 MOST_SAMPLES = 100  # on the grid, for each sample of the channel with the most
-FEWEST = 3  # samples of a stretch: a derivative of second order needs as many
+MIN_STRETCH = 3  # samples of a stretch: a derivative of second order needs as many
 BETWEEN = 10  # sample times between two recordings that are joined
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
-ROUNDING = 1e-6  # of a sample time
+TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
 R = TypeVar("R", bound=Recording)
 
@@ -29,7 +29,7 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Grid:
+class TimeGrid:
     """The grid that channels are joined on.
 
     At a gap, which is a time longer than `max_gap_s` [s] without a sample of one of the channels,
@@ -44,7 +44,7 @@ class Grid:
         check_ranges(self)
 
 
-class Joined(NamedTuple):
+class JoinedChannels(NamedTuple):
     """Channels on one grid; a step longer than the sample time is a gap."""
 
     t: Array  # (N,) [s]
@@ -52,8 +52,8 @@ class Joined(NamedTuple):
 
 
 def join_channels(
-    channels: Mapping[str, Channel | tuple[Array, Array, bool]], grid: Grid
-) -> Joined:
+    channels: Mapping[str, Channel | tuple[Array, Array, bool]], grid: TimeGrid
+) -> JoinedChannels:
     """Interpolate states linearly, and hold commands, on one uniform grid.
 
     The grid starts where the last channel starts and ends where the first one ends; a command
@@ -84,11 +84,13 @@ def join_channels(
     inside = _long_enough(inside)
     if not np.any(inside):
         raise RecordingError(
-            f"got no {FEWEST} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
+            f"got no {MIN_STRETCH} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
             f"{grid.max_gap_s:g} s in one of {', '.join(known)}"
         )
     t = t[inside]
-    return Joined(t, {name: _on(channel, t, grid.rate_hz) for name, channel in known.items()})
+    return JoinedChannels(
+        t, {name: _on(channel, t, grid.rate_hz) for name, channel in known.items()}
+    )
 
 
 def _check(name: str, channel: Channel) -> None:
@@ -103,7 +105,7 @@ def _check(name: str, channel: Channel) -> None:
         )
 
 
-def _times(channels: Mapping[str, Channel], grid: Grid) -> Array:
+def _times(channels: Mapping[str, Channel], grid: TimeGrid) -> Array:
     """The uniform grid on which every channel has begun and none has ended."""
 
     def end(name: str) -> float:
@@ -131,7 +133,7 @@ def _times(channels: Mapping[str, Channel], grid: Grid) -> Array:
 
 def _covered(channel: Channel, t: Array, max_gap_s: float) -> Mask:
     """Whether the samples around each time t (N,) are near enough, shape (N,)."""
-    tight = max_gap_s * (1.0 + ROUNDING)
+    tight = max_gap_s * (1.0 + TIME_ROUNDING)
     before = np.clip(np.searchsorted(channel.t, t, side="right") - 1, 0, None)
     if channel.held:
         return np.asarray(t - channel.t[before] <= tight)
@@ -155,14 +157,14 @@ def _long_enough(inside: Mask) -> Mask:
     edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
     kept = inside.copy()
     for begin, end in edges.reshape(-1, 2):
-        kept[begin:end] = end - begin >= FEWEST
+        kept[begin:end] = end - begin >= MIN_STRETCH
     return kept
 
 
 def _on(channel: Channel, t: Array, rate_hz: float) -> Array:
     if not channel.held:
         return np.interp(t, channel.t, channel.values)
-    now = np.searchsorted(channel.t, t + ROUNDING / rate_hz, side="right") - 1
+    now = np.searchsorted(channel.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
     return np.asarray(channel.values[np.maximum(now, 0)])
 
 

@@ -15,15 +15,25 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column, Frames, Geodetic, Wind, as_column
-from seatrial.models.recording.column_map import KINDS, ColumnMap, Table
-from seatrial.models.recording.joining import Channel, Grid, join_channels
+from seatrial.models.recording.column import (
+    SI,
+    Column,
+    Frames,
+    Geodetic,
+    WindColumns,
+    as_column,
+    factor,
+    froude_factor,
+    input_factor,
+    is_known,
+    seconds,
+)
+from seatrial.models.recording.column_map import KINDS, ColumnMap, ColumnTable
+from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.sampling import is_later
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.units import SI, factor, froude_factor, input_factor, is_known
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian, unroll
 
@@ -34,13 +44,13 @@ else:
 
     pymap3d = lazy_loader.load("pymap3d")
 
-HELD = ("force", "commands")  # constant until the next sample
+HELD_SIGNALS = ("force", "commands")  # constant until the next sample
 QUATERNION = ("w", "x", "y", "z")
 LONGEST_GAP_S = 1.0  # [s] that joining fills if nothing else is asked
 EPOCH_S = 1e8  # [s] later times are dates
 LENGTH = 0.05  # largest error of the length of a quaternion
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
-SHORTEST = 30  # samples of a piece that is filtered
+MIN_PIECE = 30  # samples of a piece that is filtered
 Sources = Mapping[str, Source]
 
 
@@ -48,12 +58,12 @@ Sources = Mapping[str, Source]
 class Canonical:
     """Columns by option, such as `velocity.surge`, in SI units, and the map that names them."""
 
-    table: Table
+    table: ColumnTable
     columns: ColumnMap
 
 
 def canonical(
-    sources: Sources, columns: ColumnMap, dofs: Sequence[str], grid: Grid | None
+    sources: Sources, columns: ColumnMap, dofs: Sequence[str], grid: TimeGrid | None
 ) -> Canonical:
     """Read the columns of a map for some degrees of freedom.
 
@@ -81,7 +91,7 @@ def canonical(
     else:
         joined = join_channels(
             {name: _clean(channel) for name, channel in channels.items()},
-            grid or Grid(_rate(channels), LONGEST_GAP_S),
+            grid or TimeGrid(_rate(channels), LONGEST_GAP_S),
         )
         t, known = joined.t, joined.columns
     known = _in_our_frames(t, known, columns)
@@ -93,9 +103,9 @@ def canonical(
         "time", named("position"), named("velocity"), named("acceleration"), named("force"),
         named("actual_force"), orientation=None, inputs=named("inputs", columns.inputs),
         commands=named("commands", columns.commands), loads=named("loads", columns.loads),
-        wind=columns.wind and Wind("wind.speed", "wind.direction", columns.wind.kind),
+        wind=columns.wind and WindColumns("wind.speed", "wind.direction", columns.wind.kind),
     )  # fmt: skip
-    return Canonical(Table(first, {"time": t, **known}), plain)
+    return Canonical(ColumnTable(first, {"time": t, **known}), plain)
 
 
 def _check_complete(source: Source, channels: Mapping[str, Channel]) -> None:
@@ -149,7 +159,9 @@ def _channels(
         values = _in_si(source, name, option, spec)
         values = values * _froude(option, spec, source.units.get(name), columns.froude_scale)
         delay = columns.delay_s.get(source.name, columns.delay_s.get(kind, 0.0))
-        channels[option] = Channel(pace * (clocks[source.name] - delay), values, kind in HELD)
+        channels[option] = Channel(
+            pace * (clocks[source.name] - delay), values, kind in HELD_SIGNALS
+        )
         holders[option] = source
     if not channels:
         raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
@@ -390,7 +402,7 @@ def _differentiated(
     cutoff = noise_floor(pose, starts, period).cutoff_hz
     for a, b in pairwise(edges):
         piece = pose[a:b]
-        if cutoff is not None and cutoff < 0.45 / period and b - a > SHORTEST:
+        if cutoff is not None and cutoff < 0.45 / period and b - a > MIN_PIECE:
             piece = lowpass(piece, cutoff, period)
         rate[a:b] = np.gradient(piece, period, axis=0) if b - a > 1 else 0.0
     jacobian = pose_jacobian(attitude)

@@ -20,10 +20,10 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
 
 BANDS = (0.25, 0.1, 0.04)  # of the Nyquist frequency: cut-offs of the low-pass, widest first
-SHORTEST = 30  # samples of a piece that is filtered
-FEWEST = 30  # independent samples that a correlation needs
-EXCITED = 10.0  # variance of an excited signal, in that of its noise below the cut-off
-CONSTANT = 1e-12  # variance of a signal that does not move
+MIN_PIECE = 30  # samples of a piece that is filtered
+MIN_INDEPENDENT = 30  # independent samples that a correlation needs
+EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
+CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 AS_GOOD = 0.03  # mean squared correlation by which a simpler reading may be worse
 DEGREE = np.pi / 180.0
 
@@ -98,13 +98,13 @@ class Motion:
     def best_band(self) -> float:
         """Cut-off [Hz] of the widest band in which velocities and rates agree best, in any order.
 
-        Bands with fewer than `FEWEST` independent samples are left out.
+        Bands with fewer than `MIN_INDEPENDENT` independent samples are left out.
         """
         nyquist = 0.5 / self.recording.period_s
         best, result = -1.0, BANDS[0] * nyquist
         for band in BANDS:
             cutoff = band * nyquist
-            if band != BANDS[0] and self.samples(cutoff) < FEWEST:
+            if band != BANDS[0] and self.samples(cutoff) < MIN_INDEPENDENT:
                 break
             score = 0.0
             for dofs in (self.angular, self.linear):
@@ -151,14 +151,17 @@ class Motion:
         rate_noise = pose**2 * 2.0 * period * (2.0 * np.pi) ** 2 * cutoff_hz**3 / 3.0
         return bool(
             np.var(observed) > self._least(dof, cutoff_hz)
-            and np.var(expected) > max(EXCITED * rate_noise, CONSTANT)
+            and np.var(expected) > max(EXCITED_VARIANCE * rate_noise, CONSTANT_VARIANCE)
         )
 
     def accelerates(self, dof: str, observed: Array, expected: Array, cutoff_hz: float) -> bool:
         """Whether a recorded acceleration and the derivative of the velocity (n,) exceed noise."""
         noise = self.noise[self.dofs.index(dof)] ** 2 * 2.0 * self.recording.period_s
-        least = EXCITED * noise * (2.0 * np.pi) ** 2 * cutoff_hz**3 / 3.0
-        return bool(np.var(observed) > CONSTANT and np.var(expected) > max(least, CONSTANT))
+        least = EXCITED_VARIANCE * noise * (2.0 * np.pi) ** 2 * cutoff_hz**3 / 3.0
+        return bool(
+            np.var(observed) > CONSTANT_VARIANCE
+            and np.var(expected) > max(least, CONSTANT_VARIANCE)
+        )
 
     def moves(self, dof: str, cutoff_hz: float) -> bool:
         """Whether a recorded velocity varies more than its noise below the cut-off."""
@@ -167,7 +170,9 @@ class Motion:
     def _least(self, dof: str, cutoff_hz: float) -> float:
         """Variance of the velocity of an axis that is excited, from its white noise."""
         band = 2.0 * self.recording.period_s * cutoff_hz  # share of the noise below the cut-off
-        return float(max(EXCITED * self.noise[self.dofs.index(dof)] ** 2 * band, CONSTANT))
+        return float(
+            max(EXCITED_VARIANCE * self.noise[self.dofs.index(dof)] ** 2 * band, CONSTANT_VARIANCE)
+        )
 
     def compared(
         self, dofs: Sequence[str], cutoff_hz: float, reading: Reading = PLAIN,
@@ -219,6 +224,6 @@ class Motion:
         pieces, period = [], self.recording.period_s
         drop = round(0.5 / cutoff_hz / period)
         for piece in np.split(values, np.flatnonzero(self.recording.piece_starts)[1:]):
-            if len(piece) > 2 * drop + SHORTEST:
+            if len(piece) > 2 * drop + MIN_PIECE:
                 pieces.append(lowpass(piece, cutoff_hz, period)[drop : len(piece) - drop])
         return np.concatenate(pieces) if pieces else values

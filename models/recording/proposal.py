@@ -7,8 +7,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column
+from seatrial.models.recording.column import Column, seconds
 from seatrial.models.recording.proposal_by_motion import propose_by_motion
 from seatrial.models.recording.sampling import in_degrees
 from seatrial.models.recording.source import Source
@@ -65,7 +64,7 @@ INPUT = r".*(thr|pwm|rudder|rpm|rps|motor_speed|throttle|force).*"  # where noth
 TIMES = (r"(original_|elapsed_)?time(_?stamp)?|stamp", r"t|sec(ond)?s?|.*stamp.*secs")
 TIME_SUFFIX = re.compile(r"_(?P<unit>s|sec|ms|us|ns)$", re.IGNORECASE)
 QUATERNION = ("w", "x", "y", "z")
-STEPS = {"ns": 1e6, "us": 1e3, "ms": 1.5}  # median step above which numbers are of this unit
+UNIT_STEPS = {"ns": 1e6, "us": 1e3, "ms": 1.5}  # median step above which numbers are of this unit
 PREFERRED = ("nav", "odom", "estimate", "")  # sources of the state, before raw instruments
 Options = dict[str, dict[str, object]]
 
@@ -142,9 +141,9 @@ def _time(source: Source) -> Column | None:
                 if dated or name in source.units:
                     return column
                 ending = TIME_SUFFIX.search(name)
-                if ending and ending["unit"].lower() in STEPS:
+                if ending and ending["unit"].lower() in UNIT_STEPS:
                     return Column(name, unit=ending["unit"].lower())
-                unit = next((unit for unit, least in STEPS.items() if median > least), None)
+                unit = next((unit for unit, least in UNIT_STEPS.items() if median > least), None)
                 return Column(name, unit=unit)
     return None
 

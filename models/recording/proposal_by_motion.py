@@ -19,17 +19,17 @@ from seatrial.models.recording.source import Source
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll
 
-FEWEST = 50  # samples
+MIN_SAMPLES = 50  # samples
 EVEN = 0.5  # largest distance of times from equal steps, relative to the step
 ROUNDED = 0.01  # the same of times that are written with few digits, relative to the last
 ALIKE = 0.95  # correlation of a column with what it is taken for
 STEADY = 3.0  # standard deviations of a mean that exceeds the variation
-SAME = 0.1  # deviation of a factor from that of a unit
-DRIFT = 0.7  # largest deviation of the course from the heading, relative to the heading's
+FACTOR_TOLERANCE = 0.1  # deviation of a factor from that of a unit
+MAX_DRIFT = 0.7  # largest deviation of the course from the heading, relative to the heading's
 SPAN = 0.01  # share of the samples over which differences are taken, so that noise averages out
 LEAST = 1e-9  # of a deviation: a column that varies less is constant
 MOST_COLUMNS = 40
-RESTING = 0.02  # of its largest step: a column that changes less rests
+RESTING_SHARE = 0.02  # of its largest step: a column that changes less rests
 SAMPLES = 400  # of the path that are compared
 TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
 RATES = {None: 1.0, "deg/s": np.pi / 180.0}
@@ -71,7 +71,9 @@ class _Moving:
                 rho = float(mean @ rate / (np.linalg.norm(mean) * np.linalg.norm(rate) + LEAST))
             else:
                 rho = float(correlations(mean[:, None], rate[:, None])[0, 0])
-            near = [unit for unit, size in units.items() if abs(scale / size - 1.0) < SAME]
+            near = [
+                unit for unit, size in units.items() if abs(scale / size - 1.0) < FACTOR_TOLERANCE
+            ]
             if rho > ALIKE and near:
                 found.append((rho, name, near[0]))
         return max(found)[1:] if found else None
@@ -121,7 +123,7 @@ def _moving(source: Source) -> tuple[object, _Moving]:
         except RecordingError:
             continue
     for name, values in columns.items():
-        if len(values) < FEWEST or not np.all(np.diff(values) >= 0.0):
+        if len(values) < MIN_SAMPLES or not np.all(np.diff(values) >= 0.0):
             continue
         even = np.linspace(values[0], values[-1], len(values))
         apart = float(np.max(np.abs(values - even)))
@@ -145,7 +147,7 @@ def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
     """North, east, heading and its unit: those whose course keeps closest to the heading."""
     rates = {name: moving.change(values) for name, values in moving.columns.items()}
     every = max(1, len(next(iter(rates.values()), ())) // SAMPLES)
-    best, least = None, DRIFT
+    best, least = None, MAX_DRIFT
     for psi, values in moving.columns.items():
         for unit, size in TURNS.items():
             heading = moving.mean(values * size)[::every]
@@ -195,7 +197,7 @@ def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> object | No
         basis = np.column_stack([np.ones_like(own), own, moving.mean(moving.mean(values))])
         error = target - basis @ np.linalg.lstsq(basis, target, rcond=None)[0]
         steps = np.abs(np.diff(values))
-        left = float(error @ error) * float(np.mean(steps > RESTING * np.max(steps)))
+        left = float(error @ error) * float(np.mean(steps > RESTING_SHARE * np.max(steps)))
         if left < least:
             best, least = name, left
     if best is None:

@@ -1,5 +1,9 @@
-"""Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut."""
+"""Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut.
 
+Interface of the readers of measured recordings; `recorded_file` implements it for CSV files.
+"""
+
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,10 +18,10 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
-from seatrial.models.recording.column_map import ColumnMap, Table, read_table
+from seatrial.models.recording.column_map import ColumnMap, ColumnTable, read_table
 from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
-from seatrial.models.recording.joining import AtGap, Channel, Grid, join_channels
+from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
 from seatrial.models.recording.mapping import canonical
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
@@ -28,7 +32,6 @@ from seatrial.models.recording.preprocessing import (
     outliers,
     without_bias,
 )
-from seatrial.models.recording.readers import Reader
 from seatrial.models.recording.recording import (
     Mask,
     Recording,
@@ -43,6 +46,47 @@ from seatrial.models.recording.sources import ReadOptions, TextOptions, read_sou
 from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
+
+
+class MeasuredRecording(ABC):
+    """A measured recording as excitation, which is read instead of simulated."""
+
+    def check(self, dofs: Sequence[str]) -> None:  # noqa: B027 - every vessel is accepted
+        """Raise ConfigurationError if the recording does not suit a vessel; does not read it."""
+
+    def files(self) -> dict[str, Path]:
+        """Paths of the files that are read, by option."""
+        return {}
+
+    @abstractmethod
+    def read(self, dofs: Sequence[str]) -> Recording:
+        """Read the recording of a vessel with these degrees of freedom; raises RecordingError."""
+
+    def split(self, t: Array) -> Split:
+        """Training and test samples of the recording that `read` returns; times t [s], (N,)."""
+        return half(len(t))
+
+    def split_of(self, recording: Recording) -> Split:
+        """Training and test samples of the recording that `read` returns."""
+        return self.split(recording.t)
+
+    def describe(self) -> tuple[Description, ...]:
+        """Descriptive statistics of the recorded columns."""
+        return ()
+
+    def examine(self, dofs: Sequence[str]) -> Examination | None:
+        """Whether pose and velocity belong together; None if they cannot be compared."""
+        return None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the recording is taken also if pose and velocity do not belong together."""
+        return False
+
+    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
+        """Number of outliers in each column."""
+        return {}
+
 
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 
@@ -60,7 +104,7 @@ class Outliers:
 
 
 @dataclass(frozen=True)
-class RecordedFile(Reader):
+class RecordedFile(MeasuredRecording):
     """A measured CSV file as excitation, which is read, checked and cut instead of simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
@@ -185,7 +229,7 @@ class RecordedFile(Reader):
         form = self.tested
         return replace(alone, columns=form.columns, format=form.format, text=form.text)
 
-    def _recording(self, table: Table, dofs: Sequence[str]) -> Recording:
+    def _recording(self, table: ColumnTable, dofs: Sequence[str]) -> Recording:
         t = table.columns[self._time]
         nu = self.columns.values(table, "velocity", dofs)
         steered = bool(self.columns.inputs) and not self.columns.force
@@ -206,7 +250,7 @@ class RecordedFile(Reader):
         )  # fmt: skip
 
     def _air(
-        self, table: Table, rows: Mask, attitude: Array, nu: Array, dofs: Sequence[str]
+        self, table: ColumnTable, rows: Mask, attitude: Array, nu: Array, dofs: Sequence[str]
     ) -> Array | None:
         """Velocity of the air (N, 2); None where it is not recorded, or has no meaning."""
         if not set(PLANAR) <= set(dofs):
@@ -215,7 +259,7 @@ class RecordedFile(Reader):
         return self.columns.air(part, attitude[:, 2], nu[rows], dofs)
 
     @staticmethod
-    def _inputs(table: Table, rows: Mask, names: Mapping[str, str | Column]) -> Array | None:
+    def _inputs(table: ColumnTable, rows: Mask, names: Mapping[str, str | Column]) -> Array | None:
         """Inputs, commands or loads (N, n) by the names of a vessel; None if not recorded."""
         columns = [table.columns[as_column(name).name][rows] for name in names.values()]
         return np.column_stack(columns) if columns else None
@@ -286,13 +330,13 @@ class RecordedFile(Reader):
         """The column of time."""
         return as_column(self.columns.time).name
 
-    def _mapped(self, dofs: Sequence[str]) -> "tuple[RecordedFile, Table]":
+    def _mapped(self, dofs: Sequence[str]) -> "tuple[RecordedFile, ColumnTable]":
         """The used columns in SI units and our frames, and the reader whose map names them."""
         if self.columns.is_plain:
             return self, self._measured(dofs)
         self.check(dofs)
         sources = read_sources(self.file, self._options)
-        grid = self.resample_hz and Grid(self.resample_hz, self.max_gap_s, self.at_gap)
+        grid = self.resample_hz and TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
         try:
             known = canonical(sources, self.columns, dofs, grid or None)
         except RecordingError as error:
@@ -302,12 +346,12 @@ class RecordedFile(Reader):
             check_time(known.table, "time", self.sample_time_s)
         return replace(self, columns=known.columns, resample_hz=None), known.table
 
-    def _prepared(self, dofs: Sequence[str]) -> "tuple[RecordedFile, Table]":
+    def _prepared(self, dofs: Sequence[str]) -> "tuple[RecordedFile, ColumnTable]":
         """The used columns on one uniform grid, with outliers replaced if configured."""
         reader, table = self._mapped(dofs)
         return reader, reader._cleaned(table)
 
-    def _cleaned(self, table: Table) -> Table:
+    def _cleaned(self, table: ColumnTable) -> ColumnTable:
         if self.outliers.replace:
             columns, t = dict(table.columns), table.columns[self._time]
             for name, wrong in self._outliers(table).items():
@@ -317,7 +361,7 @@ class RecordedFile(Reader):
             table = replace(table, columns=columns)
         return table if self.resample_hz is None else self._resampled(table, self.resample_hz)
 
-    def _measured(self, dofs: Sequence[str]) -> Table:
+    def _measured(self, dofs: Sequence[str]) -> ColumnTable:
         """The used columns as recorded, checked, with continuous angles and quaternions."""
         self.check(dofs)
         required = self.columns.required(dofs)
@@ -334,7 +378,7 @@ class RecordedFile(Reader):
             check_time(table, self._time, self.sample_time_s)
         return self.columns.continuous(table, self.thrusters.angle)
 
-    def _outliers(self, table: Table) -> dict[str, Mask]:
+    def _outliers(self, table: ColumnTable) -> dict[str, Mask]:
         """Masks (N,) of the outliers in every column except time, among its own samples."""
         masks = {}
         for name, values in table.columns.items():
@@ -346,20 +390,20 @@ class RecordedFile(Reader):
                 )
         return masks
 
-    def _resampled(self, table: Table, rate_hz: float) -> Table:
+    def _resampled(self, table: ColumnTable, rate_hz: float) -> ColumnTable:
         t, channels = table.columns[self._time], {}
         for name, values in table.columns.items():
             valid = ~np.isnan(values)
             if name != self._time:
                 channels[name] = Channel(t[valid], values[valid])
         try:
-            grid = Grid(rate_hz, self.max_gap_s, self.at_gap)
+            grid = TimeGrid(rate_hz, self.max_gap_s, self.at_gap)
             joined = join_channels(channels, grid)
         except RecordingError as error:
             raise RecordingError(f"{table.path}: {error}") from error
         return replace(table, columns={self._time: joined.t, **joined.columns})
 
-    def _acceleration(self, table: Table, nu: Array, dofs: Sequence[str]) -> Array:
+    def _acceleration(self, table: ColumnTable, nu: Array, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
         t, nu_dot = table.columns[self._time], np.empty_like(nu)
         period_s = sample_time(t)
@@ -373,7 +417,7 @@ class RecordedFile(Reader):
                     nu_dot[a:b, i] = recorded
         return nu_dot
 
-    def _acting(self, table: Table, dofs: Sequence[str]) -> Array | None:
+    def _acting(self, table: ColumnTable, dofs: Sequence[str]) -> Array | None:
         """The acting force (N, n_dof); None if a degree of freedom has none."""
         if self._has_thruster_force(dofs):
             rpm, angle = (
@@ -393,7 +437,9 @@ class RecordedFile(Reader):
         """Whether motor speeds determine the acting force in all these degrees of freedom."""
         return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
 
-    def _pose(self, table: Table, window: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
+    def _pose(
+        self, table: ColumnTable, window: Mask, attitude: Array, dofs: Sequence[str]
+    ) -> Array:
         poses = []
         for dof in dofs:
             if dof in DOFS[3:]:
@@ -415,7 +461,7 @@ class RecordedFile(Reader):
         return window
 
 
-def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
+def check_time(table: ColumnTable, name: str, sample_time_s: float | None) -> None:
     """Raise RecordingError if time does not increase in uniform steps.
 
     A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
@@ -433,7 +479,7 @@ def check_time(table: Table, name: str, sample_time_s: float | None) -> None:
         )
 
 
-def check_increasing(table: Table, name: str) -> None:
+def check_increasing(table: ColumnTable, name: str) -> None:
     """Raise RecordingError if a time is missing or not later than the previous time."""
     t = table.columns[name]
     if len(t) < 2:
@@ -447,7 +493,7 @@ def check_increasing(table: Table, name: str) -> None:
         )
 
 
-def check_gaps(table: Table, time: str, longest_s: float) -> None:
+def check_gaps(table: ColumnTable, time: str, longest_s: float) -> None:
     """Raise RecordingError if a column has no sample for more than `longest_s` [s].
 
     Columns may start late and end early.

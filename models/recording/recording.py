@@ -20,7 +20,7 @@ GAP = 1.5  # in sample times; a longer time step is a gap
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
 # by all parts of a recording
-SHORTEST = 30  # samples of a piece that is low-passed, beside those that are dropped
+MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
 SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
 Mask = NDArray[np.bool_]
 
@@ -160,9 +160,9 @@ class Recording:
             check_cutoff(cutoff_hz, self.period_s)
             drop, pieces = round(drop_s / self.period_s), self.pieces()
             longest = max(map(len, pieces))
-            if longest < 2 * drop + SHORTEST:
+            if longest < 2 * drop + MIN_PIECE:
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            long = [piece for piece in pieces if len(piece) >= 2 * drop + SHORTEST]
+            long = [piece for piece in pieces if len(piece) >= 2 * drop + MIN_PIECE]
             pieces = [piece._lowpass(cutoff_hz, drop) for piece in long]
             filtered = pieces[0] if len(pieces) == 1 else _joined(pieces)
             self._filtered[cutoff_hz, drop_s] = filtered

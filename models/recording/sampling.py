@@ -14,15 +14,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from seatrial.models.recording.diagnosis import Problem
+from seatrial.models.recording.diagnosis import RecordingDefect
 from seatrial.models.vessel.basis import Array
 
 GAP = 1.5  # in sample times
-ROUNDING = 1e-6  # of the typical second difference: smaller ones are those of a straight line
+STRAIGHT_LINE = 1e-6  # of the typical second difference: smaller ones are those of a straight line
 MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
 FULL_TURN_DEG = 360.0
 NEAR_TURN = 0.2  # by which a jump of a heading in degrees may differ from a full turn
-FEWEST = 20  # samples for an original rate
+MIN_SAMPLES = 20  # samples for an original rate
 FEWEST_PAIRS = 100  # amplitudes and their images
 IMAGES = 0.5  # share of the power beside half the original rate that is that of images
 LIKELY = 50  # rates that are looked at, among them the multiples of the one that is sought
@@ -85,13 +85,13 @@ def original_rate(values: Array, rate_hz: float) -> float | None:
 
     All columns must lie on straight lines at the same samples, while they move.
     """
-    if len(values) < FEWEST or np.any(np.isnan(values)):
+    if len(values) < MIN_SAMPLES or np.any(np.isnan(values)):
         return None
     size = np.std(np.diff(values, axis=0), axis=0)
     moving = size > 0.0
     if not np.any(moving):
         return None
-    bends = np.abs(np.diff(values[:, moving], 2, axis=0)) > ROUNDING * size[moving]
+    bends = np.abs(np.diff(values[:, moving], 2, axis=0)) > STRAIGHT_LINE * size[moving]
     bent = np.any(bends, axis=1)
     steps = np.any(np.diff(values[:, moving], axis=0) != 0.0, axis=1)
     held = 1.0 - float(np.mean(steps))
@@ -141,7 +141,7 @@ def _share_of_images(white: Array, total: int) -> float:
     return float(np.median(together[power > 0.0] / power[power > 0.0])) if np.any(power) else 0.0
 
 
-def resampled(rates: Sequence[float | None], rate_hz: float) -> list[Problem]:
+def resampled(rates: Sequence[float | None], rate_hz: float) -> list[RecordingDefect]:
     """The problem of a file of `rate_hz` whose columns were all interpolated from `rates` [Hz]."""
     known = [rate for rate in rates if rate is not None]
     if not known or len(known) < len(rates):
@@ -150,7 +150,7 @@ def resampled(rates: Sequence[float | None], rate_hz: float) -> list[Problem]:
     whole = round(rate)
     nice = float(whole) if abs(rate - whole) < NEAR_WHOLE * rate else float(f"{rate:.2g}")
     return [
-        Problem(
+        RecordingDefect(
             "resampled", (), f"the columns are interpolated from {nice:g} Hz, the file has "
             f"{rate_hz:.3g} Hz", f"excitation.resample_hz={nice:g}", nice,
         )
@@ -170,10 +170,10 @@ def in_degrees(angles: Array) -> bool:
     return bool(np.any(turns)) or (inside and wide and not wrapped)
 
 
-def of_angles(columns: Sequence[tuple[str, str, Array]]) -> list[Problem]:
+def of_angles(columns: Sequence[tuple[str, str, Array]]) -> list[RecordingDefect]:
     """The problem of angles (axis, column, values) that are in degrees by their range."""
     return [
-        Problem(
+        RecordingDefect(
             "scale", (dof,), f"the angle ranges from {np.nanmin(values):.4g} to "
             f"{np.nanmax(values):.4g}: degrees, not radians",
             f"excitation.columns.position.{dof}: {{column: {name}, unit: deg}}", 180.0 / np.pi,

@@ -23,9 +23,9 @@ LOWPASS_ORDER = 4
 SEGMENT = 1024  # samples of one periodogram
 PERIODOGRAMS = 8  # least number of them for a coherence
 EXPLAINED = 0.8  # of an acceleration's noise, if it was computed from the velocity
-NEGLIGIBLE = 1e-8  # share of noise in a signal's variance that asks for no smoothing
+NEGLIGIBLE_NOISE = 1e-8  # share of noise in a signal's variance that asks for no smoothing
 SIGNALS, REGRESSORS = 2.0, 0.75  # cut-offs of the two stages, in f_c
-HIGHEST = 0.9  # of the Nyquist frequency, for a filter
+MAX_CUTOFF = 0.9  # of the Nyquist frequency, for a filter
 
 
 class NoiseFloor(NamedTuple):
@@ -53,7 +53,7 @@ def noise_floor(signals: Array, starts: NDArray[np.bool_], period_s: float) -> N
     share = np.divide(noise, variance, out=np.zeros_like(noise), where=variance > 0.0)
     cutoffs = [
         float(frequency[np.argmax(density[:, j] < ABOVE_FLOOR * floor[j])])
-        for j in np.flatnonzero(share > NEGLIGIBLE)
+        for j in np.flatnonzero(share > NEGLIGIBLE_NOISE)
     ]
     lowest = frequency[1] if len(frequency) > 1 else nyquist
     cutoff = max(*cutoffs, lowest) if cutoffs else None
@@ -97,7 +97,7 @@ def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
     """Both stages for the cut-off f_c of the noise; None: neither."""
     if cutoff_hz is None:
         return Smoothing(None)
-    highest = HIGHEST * 0.5 / period_s
+    highest = MAX_CUTOFF * 0.5 / period_s
     return Smoothing(*(min(stage * cutoff_hz, highest) for stage in (SIGNALS, REGRESSORS)))
 
 

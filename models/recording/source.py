@@ -14,21 +14,21 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.ranges import check_ranges
 from seatrial.models.vessel.basis import Array
 
-LARGEST = 1e30  # larger numbers are not measurements, and their squares could overflow
+MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares could overflow
 LARGEST_BYTES = 2**28  # of a text file, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 
 
-class Cell(NamedTuple):
+class FileCell(NamedTuple):
     """A cell as it is written in its file, for messages; `text` is None where there is no text."""
 
     place: str  # such as "line 7"
     text: str | None
 
 
-def _row(row: int, column: str) -> Cell:
-    return Cell(f"row {row + 1}", None)
+def _row(row: int, column: str) -> FileCell:
+    return FileCell(f"row {row + 1}", None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Source:
     units: dict[str, str] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)  # names in the header, where they differ
     repeated: Mapping[str, int] = field(default_factory=dict)  # names that several columns have
-    cell: Callable[[int, str], Cell] = _row  # reads the file again
+    cell: Callable[[int, str], FileCell] = _row  # reads the file again
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -67,7 +67,7 @@ class Source:
         values = self.columns[column]
         numeric = values.dtype != np.object_
         parsed = np.asarray(values, dtype=np.float64) if numeric else _parsed(values.tolist())
-        wrong = ~(np.abs(parsed) < LARGEST)
+        wrong = ~(np.abs(parsed) < MAX_NUMBER)
         if gaps:
             wrong &= ~np.isnan(parsed) if numeric else ~np.array([is_empty(v) for v in values])
         if np.any(wrong):

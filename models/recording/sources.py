@@ -18,7 +18,7 @@ from seatrial.models.recording.source import column as column
 MOST_FILES = 1000  # of a folder
 
 
-class Format(NamedTuple):
+class FileFormat(NamedTuple):
     """How a format is recognised, and the file of the folder `formats` that reads it."""
 
     suffixes: tuple[str, ...]
@@ -33,13 +33,13 @@ class Format(NamedTuple):
         return sources
 
 
-FORMATS: dict[str, Format] = {
-    "csv": Format((".csv", ".tsv"), "text_file"),
-    "dat": Format((".dat", ".txt", ".asc"), "text_file"),
-    "parquet": Format((".parquet", ".pq"), "parquet_file"),
-    "mat": Format((".mat",), "mat_file"),
-    "rosbag": Format((".bag", ".db3", ".mcap"), "ros_bag", "rosbags", "ros"),
-    "ulog": Format((".ulg", ".ulog"), "ulog_file", "pyulog", "ulog"),
+FORMATS: dict[str, FileFormat] = {
+    "csv": FileFormat((".csv", ".tsv"), "text_file"),
+    "dat": FileFormat((".dat", ".txt", ".asc"), "text_file"),
+    "parquet": FileFormat((".parquet", ".pq"), "parquet_file"),
+    "mat": FileFormat((".mat",), "mat_file"),
+    "rosbag": FileFormat((".bag", ".db3", ".mcap"), "ros_bag", "rosbags", "ros"),
+    "ulog": FileFormat((".ulg", ".ulog"), "ulog_file", "pyulog", "ulog"),
 }
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 

@@ -25,7 +25,7 @@ from numba.extending import overload, register_jitable
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, REST_M_S, Array, features_kernel
-from seatrial.models.vessel.devices.device import FORCES, MOST, WAKE, exert
+from seatrial.models.vessel.devices.device import FORCES, MAX_DEVICES, WAKE, exert
 from seatrial.models.vessel.kinematics import (
     angle_rate_kernel,
     fill_attitude_kernel,
@@ -52,7 +52,7 @@ SIN_PSI = INDEX["sin(psi)"]
 PHI, THETA = INDEX["phi"], INDEX["theta"]
 U, V, W, SPEED = INDEX["u"], INDEX["v"], INDEX["w"], INDEX["U"]
 OVER_SPEED, OVER_SQUARE, BETA = INDEX["1/U"], INDEX["1/U^2"], INDEX["beta"]
-MATRICES = (2, 3, 12)  # of a work space; at most 12 inputs
+WORK_SHAPE = (2, 3, 12)  # of a work space; at most 12 inputs
 RATES: dict[type, Callable[..., None]] = {}
 
 
@@ -80,7 +80,7 @@ class Scratch(NamedTuple):
 @register_jitable
 def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
     """Length of the array that holds the vectors of a work space."""
-    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose + FORCES + WAKE * MOST
+    return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose + FORCES + WAKE * MAX_DEVICES
 
 
 @register_jitable
@@ -101,14 +101,14 @@ def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose
         of_nu[:n], of_nu[n : 2 * n], of_nu[2 * n : 3 * n], of_nu[3 * n : 4 * n],
         of_nu[4 * n : 5 * n], of_eta[:n_pose], of_eta[n_pose : 2 * n_pose],
         of_eta[2 * n_pose : 3 * n_pose], of_devices[:FORCES],
-        of_devices[FORCES : FORCES + WAKE * MOST],
+        of_devices[FORCES : FORCES + WAKE * MAX_DEVICES],
     )  # fmt: skip
 
 
 def scratch(n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     """Work space of numbers."""
     vectors = np.zeros(scratch_size(n_terms, n_dof, n_pose))
-    return scratch_in(vectors, np.zeros(MATRICES), n_terms, n_dof, n_pose)
+    return scratch_in(vectors, np.zeros(WORK_SHAPE), n_terms, n_dof, n_pose)
 
 
 def rates(

@@ -40,7 +40,7 @@ from seatrial.models.vessel.thruster import LagTable, input_lag, lag_table
 from seatrial.models.weather.weather import Weather
 
 TIMED = 2000  # integration steps
-BLOCK = 2000  # control instants of the compiled loop that are timed as one block
+BLOCK_INSTANTS = 2000  # control instants of the compiled loop that are timed as one block
 # added force, thrust, pose, velocity and its limits, step [s], steps in a period, by Euler
 Craft = tuple[Array, Array, Array, Array, Array, float, int, bool]
 
@@ -265,7 +265,7 @@ def _loop(
     The first block is empty, so that compiling or loading the loop is not timed.
     """
     compiled: Callable[..., int] = _sail
-    block = BLOCK
+    block = BLOCK_INSTANTS
     if not all(is_compiled(step) for step in steps):
         compiled, block = in_python(compiled), 1
     edges = {*range(0, n, block), n}

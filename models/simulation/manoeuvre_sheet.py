@@ -12,45 +12,45 @@ import numpy as np
 
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
+    MIN_PLATEAUS,
     Execution,
+    Spiral,
     Stop,
     Track,
     Turn,
-    Williamson,
-    ZigZag,
+    WilliamsonMeasures,
+    ZigZagMeasures,
     levels,
+    plateaus,
+    reverse_spiral,
+    spiral,
     stop,
     turn,
     williamson,
     zigzag,
 )
-from seatrial.models.simulation.spiral_measures import (
-    FEWEST,
-    Spiral,
-    plateaus,
-    reverse_spiral,
-    spiral,
-)
 from seatrial.models.vessel.basis import Array
 
 Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
-Measures = Turn | ZigZag | Spiral | Stop | Williamson
-SHARE = 0.25  # of the deviations: at whole ones a model leaves the curved valley of the fit, and
+Measures = Turn | ZigZagMeasures | Spiral | Stop | WilliamsonMeasures
+DEVIATION_SHARE = (
+    0.25  # of the deviations: at whole ones a model leaves the curved valley of the fit, and
+)
 # the tactical diameters of KVLCC2 spread 1.6 times as far as estimates do
 INSTANTS: Mapping[Execution, str] = {
     "half": "the instant at which the helm has passed half of its first step",
     "order": "the instant at which the helm leaves its value",
     "full": "the instant at which the helm has reached its order",
 }
-# A finding of a measure that was recorded or predicted: the beginning of its name, and its j.
-FINDING = "recorded_manoeuvre_"
+# A diagnostic of a measure that was recorded or predicted: the beginning of its name, and its j.
+DIAGNOSTIC = "recorded_manoeuvre_"
 COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
 ADVANCE, TACTICAL, INITIAL, TRACK_REACH = 4.5, 5.0, 2.5, 15.0  # [L]
 NOMINAL_DEG = 0.5  # [deg] within which a helm or heading is the nominal one
 
 
-class Entry(NamedTuple):
+class SheetEntry(NamedTuple):
     """One line of a sheet; `limit` is the largest value allowed, in the same unit."""
 
     quantity: str
@@ -72,7 +72,7 @@ class Sheet(NamedTuple):
     manoeuvre: Manoeuvre
     execution: Execution
     measures: Measures
-    entries: tuple[Entry, ...]
+    entries: tuple[SheetEntry, ...]
     length_m: float
     speed_m_s: float  # of the approach
     length_over_speed_s: float  # at full scale
@@ -80,7 +80,7 @@ class Sheet(NamedTuple):
     @property
     def turn_deg(self) -> float | None:
         """Change of heading [deg] that a zig-zag orders; None for other manoeuvres."""
-        return self.measures.turn_deg if isinstance(self.measures, ZigZag) else None
+        return self.measures.turn_deg if isinstance(self.measures, ZigZagMeasures) else None
 
     @property
     def values(self) -> dict[str, float]:
@@ -104,7 +104,7 @@ def manoeuvre_of(track: Track) -> Manoeuvre:
     values = np.array([np.mean(track.helm[a : b + 1]) for a, b in held])
     reach = float(np.max(np.abs(track.helm - track.helm[0])))
     distinct = np.unique(np.round(values / max(reach, 1e-12) * 10.0))
-    if len(distinct) > FEWEST:
+    if len(distinct) > MIN_PLATEAUS:
         return "spiral"
     offsets = np.array([value for _, value in levels(track.helm)]) - track.helm[0]
     both = np.min(offsets) < -0.1 * reach and np.max(offsets) > 0.1 * reach
@@ -152,53 +152,55 @@ def overshoot_limits(ratio_s: float) -> tuple[float, float]:
     return 5.0 + 0.5 * ratio, 17.5 + 0.75 * ratio
 
 
-def _entries(measures: Measures, ratio_s: float) -> list[Entry]:
+def _entries(measures: Measures, ratio_s: float) -> list[SheetEntry]:
     if isinstance(measures, Turn):
         return _of_turn(measures)
-    if isinstance(measures, ZigZag):
+    if isinstance(measures, ZigZagMeasures):
         return _of_zigzag(measures, ratio_s)
     if isinstance(measures, Spiral):
         return [
-            Entry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"),
-            Entry("width of the loop", measures.loop_width_deg, "deg"),
+            SheetEntry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"),
+            SheetEntry("width of the loop", measures.loop_width_deg, "deg"),
         ]
     if isinstance(measures, Stop):
         return [
-            Entry("track reach", measures.track_reach, "L", TRACK_REACH),
-            Entry("head reach", measures.head_reach, "L"),
-            Entry("lateral deviation", measures.deviation, "L"),
-            Entry("time to stop", measures.time_s, "s"),
-            Entry("change of heading", measures.heading_change_deg, "deg"),
+            SheetEntry("track reach", measures.track_reach, "L", TRACK_REACH),
+            SheetEntry("head reach", measures.head_reach, "L"),
+            SheetEntry("lateral deviation", measures.deviation, "L"),
+            SheetEntry("time to stop", measures.time_s, "s"),
+            SheetEntry("change of heading", measures.heading_change_deg, "deg"),
         ]
     return [
-        Entry("offset from the track", measures.offset, "L"),
-        Entry("error of the heading", measures.heading_error_deg, "deg"),
-        Entry("largest distance from the track", measures.widest, "L"),
+        SheetEntry("offset from the track", measures.offset, "L"),
+        SheetEntry("error of the heading", measures.heading_error_deg, "deg"),
+        SheetEntry("largest distance from the track", measures.widest, "L"),
     ]
 
 
-def _of_turn(measures: Turn) -> list[Entry]:
+def _of_turn(measures: Turn) -> list[SheetEntry]:
     full = abs(measures.helm_deg) >= FULL_HELM_DEG
     ten = abs(abs(measures.helm_deg) - 10.0) < NOMINAL_DEG
     entries = [
-        Entry("helm", measures.helm_deg, "deg"),
-        Entry("advance", measures.advance, "L", ADVANCE if full else None),
-        Entry("transfer", measures.transfer, "L"),
-        Entry("tactical diameter", measures.tactical_diameter, "L", TACTICAL if full else None),
-        Entry("steady diameter", measures.steady_diameter, "L"),
-        Entry("track at 10 deg", measures.initial_turning, "L", INITIAL if ten else None),
-        Entry("time to 90 deg", measures.time_90_s, "s"),
-        Entry("time to 180 deg", measures.time_180_s, "s"),
-        Entry("speed loss", 100.0 * measures.speed_loss, "%"),
-        Entry("drift angle", measures.drift_deg, "deg"),
-        Entry("yaw rate", measures.yaw_rate_deg_s, "deg/s"),
+        SheetEntry("helm", measures.helm_deg, "deg"),
+        SheetEntry("advance", measures.advance, "L", ADVANCE if full else None),
+        SheetEntry("transfer", measures.transfer, "L"),
+        SheetEntry(
+            "tactical diameter", measures.tactical_diameter, "L", TACTICAL if full else None
+        ),
+        SheetEntry("steady diameter", measures.steady_diameter, "L"),
+        SheetEntry("track at 10 deg", measures.initial_turning, "L", INITIAL if ten else None),
+        SheetEntry("time to 90 deg", measures.time_90_s, "s"),
+        SheetEntry("time to 180 deg", measures.time_180_s, "s"),
+        SheetEntry("speed loss", 100.0 * measures.speed_loss, "%"),
+        SheetEntry("drift angle", measures.drift_deg, "deg"),
+        SheetEntry("yaw rate", measures.yaw_rate_deg_s, "deg/s"),
     ]
     if np.isfinite(measures.residual_rate_deg_s):
-        entries.append(Entry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"))
+        entries.append(SheetEntry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"))
     return entries
 
 
-def _of_zigzag(measures: ZigZag, ratio_s: float) -> list[Entry]:
+def _of_zigzag(measures: ZigZagMeasures, ratio_s: float) -> list[SheetEntry]:
     helm, turned = abs(measures.helm_deg), measures.turn_deg
     nominal = abs(helm - turned) < NOMINAL_DEG
     limits: dict[int, float] = {}
@@ -206,15 +208,18 @@ def _of_zigzag(measures: ZigZag, ratio_s: float) -> list[Entry]:
         limits = dict(enumerate(overshoot_limits(ratio_s)))
     elif nominal and turned == 20.0:
         limits = {0: 25.0}
-    entries = [Entry("helm", measures.helm_deg, "deg"), Entry("change of heading", turned, "deg")]
+    entries = [
+        SheetEntry("helm", measures.helm_deg, "deg"),
+        SheetEntry("change of heading", turned, "deg"),
+    ]
     names = ("first", "second", "third", "fourth")
     pairs = zip(names, measures.overshoot_deg, measures.overshoot_s, strict=False)
     for k, (name, angle, time) in enumerate(pairs):
-        entries.append(Entry(f"{name} overshoot", angle, "deg", limits.get(k)))
-        entries.append(Entry(f"{name} overshoot, time", time, "s"))
+        entries.append(SheetEntry(f"{name} overshoot", angle, "deg", limits.get(k)))
+        entries.append(SheetEntry(f"{name} overshoot, time", time, "s"))
     initial = INITIAL if nominal and turned == 10.0 else None
-    entries.append(Entry("initial turning", measures.initial_turning, "L", initial))
-    entries.append(Entry("period P", measures.period_s, "s"))
+    entries.append(SheetEntry("initial turning", measures.initial_turning, "L", initial))
+    entries.append(SheetEntry("period P", measures.period_s, "s"))
     return entries
 
 
@@ -225,9 +230,10 @@ def intervals(
 ) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Intervals of the quantities of a sheet about those of an identified model's own track.
 
-    `draws` are the tracks of models whose parameters deviate from the identified ones by `SHARE` of
-    what was drawn from their distribution, by their covariance or a bootstrap. A quantity that some
-    of these reach but not the own track, such as one overshoot more, has no interval.
+    `draws` are the tracks of models whose parameters deviate from the identified ones by
+    `DEVIATION_SHARE` of what was drawn from their distribution, by their covariance or a bootstrap.
+    A quantity that some of these reach but not the own track, such as one overshoot more, has no
+    interval.
     """
 
     def measured(track: Track) -> dict[str, float]:
@@ -243,7 +249,7 @@ def intervals(
 
 
 def interval(own: float, drawn: Array, level: float = 0.9) -> tuple[float, float]:
-    """The interval of a quantity from those of models drawn by `SHARE` of their deviations.
+    """The interval of a quantity from models drawn by `DEVIATION_SHARE` of their deviations.
 
     The bounds are quantiles of the deviations over that share. A draw that does not reach the
     quantity is left out of them; NaN if none does.
@@ -251,5 +257,5 @@ def interval(own: float, drawn: Array, level: float = 0.9) -> tuple[float, float
     finite = drawn[np.isfinite(drawn)]
     if not len(finite):
         return np.nan, np.nan
-    low, high = np.quantile(finite - own, [0.5 - 0.5 * level, 0.5 + 0.5 * level]) / SHARE
+    low, high = np.quantile(finite - own, [0.5 - 0.5 * level, 0.5 + 0.5 * level]) / DEVIATION_SHARE
     return own + float(low), own + float(high)

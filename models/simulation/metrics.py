@@ -12,7 +12,7 @@ import numpy as np
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 
-SETTLED = 0.05  # of the step: the band of the settling time
+SETTLING_BAND = 0.05  # of the step: the band of the settling time
 STEADY_S = 60.0  # length of the mean that is the steady-state error [s]
 EARLY_S = 10.0  # interval before the step in which a controller with preview may act [s]
 RISE = (0.1, 0.9)
@@ -139,7 +139,7 @@ def _rise(share: Array) -> float:
 
 def _settling(share: Array) -> float:
     """Rows until the share stays within 5 % of one; NaN if it is outside at the end."""
-    outside = np.flatnonzero(np.abs(share - 1.0) > SETTLED)
+    outside = np.flatnonzero(np.abs(share - 1.0) > SETTLING_BAND)
     if not len(outside):
         return 0.0
     return float(outside[-1] + 1) if outside[-1] + 1 < len(share) else float("nan")

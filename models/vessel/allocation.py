@@ -29,7 +29,7 @@ REACHED = 1e-9  # relative tolerance within which an applied force equals the co
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
 T200 = ((14.0, 44.1, 34.5), (16.0, 51.4, 39.2))
 SIDES = 16  # of the polygon around the circle of an azimuth thruster
-CUTS = 12  # largest number of cuts; each adds the tangent where the force is outside the circle
+MAX_CUTS = 12  # largest number of cuts; each adds the tangent where the force is outside the circle
 INSIDE = 1e-9  # of a circle's radius
 
 
@@ -82,7 +82,7 @@ def by_program(table: QuadraticProgram, tau: Array, applied: Array) -> None:
     size = np.max(np.abs(T), axis=1)
     circles, solution = table.circles, np.zeros(n_u + 1)
     pairs = solution[:n_u][table.pairs]
-    for _ in range(CUTS):
+    for _ in range(MAX_CUTS):
         improved = _solve_program(table, T / size[:, None], tau / size, circles)
         if improved is None:  # keep the last solution, which is close
             break
@@ -169,7 +169,7 @@ def voltage_factors(voltage_v: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Thruster:
+class PositionedThruster:
     """A thruster at a position in body axes [m].
 
     A `fixed` thruster pushes along `direction`, a `tunnel` thruster to starboard and an `azimuth`
@@ -221,7 +221,7 @@ class Allocation:
     """
 
     method: Literal["none", "pseudo_inverse", "qp"]
-    thrusters: tuple[Thruster, ...]
+    thrusters: tuple[PositionedThruster, ...]
     voltage_v: float | None = None
 
     def __post_init__(self) -> None:

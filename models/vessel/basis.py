@@ -260,7 +260,7 @@ ROLL = ("up", "u^2phi", "vphi", "v^2phi")
 RUDDER = ("{}", "u{}", "{}^2", "{}^3", "v{}", "r{}")
 SHAFT = ("{}^2", "u{}")
 SPEEDS = ("u", *SPEED)
-MOST = 2  # powers of the speed with which a product is kept
+MAX_SPEED_POWER = 2  # powers of the speed with which a product is kept
 
 
 def manoeuvring_basis(accelerations: Sequence[str], inputs: Sequence[str]) -> tuple[Term, ...]:
@@ -286,7 +286,7 @@ def each_product_once(terms: Sequence[Term]) -> tuple[Term, ...]:
     kept: list[Term] = []
     for own, members in groups.items():
         fewer = _fewer(own)
-        kept += members if len(members) <= max(len(fewer), MOST) else fewer
+        kept += members if len(members) <= max(len(fewer), MAX_SPEED_POWER) else fewer
     return tuple(dict.fromkeys(kept))
 
 

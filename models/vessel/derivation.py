@@ -23,13 +23,13 @@ from seatrial.models.vessel.scales import Scales
 from seatrial.models.vessel.tuning import AUTO, Tuning
 
 T = TypeVar("T")
-DIGITS = 4  # of a derived number
+DERIVED_DIGITS = 4  # of a derived number
 
 # Bandwidth: omega sqrt(L / g); omega times the delay of the thrusters; error with full thrust
 PID_BANDWIDTH, PID_LAG = 0.3, 0.35
 LINEAR_BANDWIDTH, LINEAR_LAG, INCREMENT_LAG = 0.27, 0.25, 0.18
 SATURATION = 0.01, 0.02  # [L, rad]
-DAMPING = 0.8
+DAMPING_RATIO = 0.8
 INTEGRAL = 10.0
 
 PERIOD, HORIZON = 0.15, 6.0  # of linear controllers, in units of 1 / omega
@@ -42,7 +42,7 @@ SETTLING = 10.0  # time to settle at a set-point, in units of 1 / omega
 LEG_M = 22.0  # longest leg of the way-points of conf/excitation/waypoints.yaml
 LAP_BANDWIDTH = 0.3  # [rad/s] of the vessel for which the signals of conf/excitation were chosen
 
-CONSTANT = 0.1, 0.05  # constant force north and east, of the limits
+CONSTANT_FORCE = 0.1, 0.05  # constant force north and east, of the limits
 # Measurement noise: of L, of sqrt(g L), of g; angles, of sqrt(g / L), of g / L; of the wind's speed
 POSITION, SPEED, ACCELERATION = 0.004, 0.005, 5e-4
 ANGLE_DEG, RATE, ANGULAR_ACCELERATION, WIND = 0.2, 0.002, 5e-4, 0.05
@@ -125,7 +125,7 @@ def _pid(scales: Scales, bands: Bandwidths, vessel: VesselParameters) -> tunings
         for dof, u in zip(model.dofs, model.velocities, strict=True)
     ]
     kp = omega**2 * scales.inertia
-    kd = np.maximum(2.0 * DAMPING * omega * scales.inertia - np.array(drag), 0.0)
+    kd = np.maximum(2.0 * DAMPING_RATIO * omega * scales.inertia - np.array(drag), 0.0)
     return tunings.PidTuning(_tuple(kp), _tuple(omega / INTEGRAL * kp), _tuple(kd))
 
 
@@ -180,7 +180,7 @@ def _weather(scales: Scales, given: Tuning, planar: bool) -> Tuning:
     )
     return Tuning(
         constant_force=tunings.ConstantForceTuning(
-            CONSTANT[0] * scales.of("surge", scales.limits), CONSTANT[1] * sway, 0.0
+            CONSTANT_FORCE[0] * scales.of("surge", scales.limits), CONSTANT_FORCE[1] * sway, 0.0
         ),
         noise=_merged(given.noise, noise),
         windage=_windage(length) if planar else None,
@@ -251,7 +251,7 @@ def _merged(given: T, derived: T) -> T:
 def _rounded(value: Any) -> Any:
     """A derived number of DIGITS digits, or a structure of such numbers."""
     if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
+        return float(f"{value:.{DERIVED_DIGITS}g}")
     if isinstance(value, tuple):
         return tuple(map(_rounded, value))
     if isinstance(value, dict):

@@ -127,11 +127,11 @@ class DeviceAllocation:
         limits = self.inputs[device.drive]
         return thrust_at(device, limits.high), thrust_at(device, limits.low)
 
-    def _thruster(self, device: Thruster) -> allocation.Thruster:
+    def _thruster(self, device: Thruster) -> allocation.PositionedThruster:
         ahead, astern = self._limits(device)
         c, s = float(np.cos(device.angle_rad)), float(np.sin(device.angle_rad))
         turns = device.alpha is not None
-        return allocation.Thruster(
+        return allocation.PositionedThruster(
             "azimuth" if turns else "fixed", (device.x_m, device.y_m, 0.0), ahead,
             None if turns else astern, (c, s, 0.0), weight=1.0 / ahead**2,
         )  # fmt: skip

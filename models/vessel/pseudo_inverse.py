@@ -15,7 +15,7 @@ from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.vessel.basis import Array, Codes
 
 HALVINGS = 40  # of the interval that contains the scale of an unreachable force
-SINGULAR = 1e-12  # of a pivot, relative to the largest entry
+ZERO_PIVOT = 1e-12  # of a pivot, relative to the largest entry
 NEWTON_STEPS = 40
 ROUNDING = 1e-13  # of a force, relative to that of all thrusters at their limit
 RIDGE = 1e-9  # added to the diagonal, relative to it, as saturated thrusters do not respond
@@ -51,7 +51,7 @@ def _solve(G: Array) -> bool:
         for i in range(k + 1, n):
             if abs(G[i, k]) > abs(G[pivot, k]):
                 pivot = i
-        if not abs(G[pivot, k]) > SINGULAR * largest:
+        if not abs(G[pivot, k]) > ZERO_PIVOT * largest:
             return False
         for j in range(k, n + 1):
             G[k, j], G[pivot, j] = G[pivot, j], G[k, j]

@@ -18,7 +18,9 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
-STEP = 1e-6  # of a derivative, relative to the speed, to the speed over a length of 1 m, or to 1
+DIFFERENCE_STEP = (
+    1e-6  # of a derivative, relative to the speed, to the speed over a length of 1 m, or to 1
+)
 
 
 class Nomoto(NamedTuple):
@@ -90,7 +92,7 @@ def steering_model(vessel: Vessel, speed_m_s: float, inputs: Array) -> SteeringM
     nu = np.zeros(n)
     if "surge" in vessel.dofs:  # of others the table is of one speed
         nu[vessel.dofs.index("surge")] = speed_m_s
-    size = STEP * np.concatenate([np.full(n, max(speed_m_s, 1e-3)), np.ones(m)])
+    size = DIFFERENCE_STEP * np.concatenate([np.full(n, max(speed_m_s, 1e-3)), np.ones(m)])
     steps = np.diag(size)
     points = np.concatenate([steps, -steps])
     moved, commanded = nu + points[:, :n], inputs + points[:, n:]

@@ -20,11 +20,10 @@ from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.force_units import largest_of
-from seatrial.runner.compare.plots.hull import drawn_length, outline
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle
-from seatrial.runner.compare.plots.sailed_missions import voyages
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle, voyages
+from seatrial.runner.compare.plots.style import largest_of
+from seatrial.runner.compare.plots.track import drawn_length, outline
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
@@ -63,7 +62,7 @@ class Part:
         return np.column_stack([easts, north + np.cos(psi) * ahead - np.sin(psi) * side])
 
 
-def animate(results: Results, run: int, file: Path | None) -> Path:
+def animate(results: Queries, run: int, file: Path | None) -> Path:
     """Write the film of a run.
 
     Args:
@@ -106,7 +105,7 @@ def animate(results: Results, run: int, file: Path | None) -> Path:
     return path
 
 
-def film_of(results: Results, number: int, most: int) -> FuncAnimation:
+def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
     ((run, whole),) = voyages(results, PlotRequest(run=number), "animate", "recording")

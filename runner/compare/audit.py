@@ -6,9 +6,15 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, number_text, one_line
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text, one_line
 from seatrial.runner.compare.likeness import Likeness, differing
-from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Observation, Results, Run
+from seatrial.runner.compare.results import (
+    BELOW_TRUE_MODEL,
+    FINISHED,
+    Observation,
+    Queries,
+    StoredRun,
+)
 from seatrial.runner.compare.runs import runs_of
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 from seatrial.runner.compare.where import Condition
@@ -27,12 +33,12 @@ REMEDIES = {
     "below true model": "it fits lag or feedback: judge by velocity_rmse_free_run",
     "diverged validation": "judge by a shorter horizon: velocity_rmse_restarts or _ten_step",
     "inertia": "richer excitation or fewer terms: such a model cannot be simulated",
-    "coverage": "identifier=iv and least_squares have intervals of the coefficient",
+    "coverage": "identifier=iv and output_error have intervals of the coefficient",
 }
 
 
 @dataclass(frozen=True)
-class Entry:
+class AuditEntry:
     """One line of the audit: a check, the runs that it is about, what they have, and the remedy."""
 
     check: str
@@ -41,7 +47,9 @@ class Entry:
     remedy: str
 
 
-def audit(results: Results, where: str | None, sweep: str | None, tag: str | None = None) -> Grid:
+def audit(
+    results: Queries, where: str | None, sweep: str | None, tag: str | None = None
+) -> TextTable:
     """Return one line for each group of runs that can mislead.
 
     `where`, `sweep` and `tag` select runs as those of a table; by default all. Raises
@@ -57,13 +65,13 @@ def audit(results: Results, where: str | None, sweep: str | None, tag: str | Non
         *_without_coverage(results, finished, condition),
         *_lost(results, condition),
     ]
-    found = f"{len(entries)} finding{'s'[: len(entries) != 1]}" if entries else "nothing found"
+    found = f"{len(entries)} diagnostic{'s'[: len(entries) != 1]}" if entries else "nothing found"
     checked = f"checked {len(runs)} run{'s'[: len(runs) != 1]}" + (f" of {scope}" if scope else "")
     rows: list[list[Scalar]] = [[e.check, ranges(e.runs), e.what, e.remedy] for e in entries]
     shown = [[e.check, ranges(e.runs, MOST_RANGES), e.what, e.remedy] for e in entries]
     records = grid_of("", HEADERS, rows).as_records()
     grid = grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS))
-    return Grid(grid.title, grid.headers, grid.rows, grid.labels, records=records)
+    return TextTable(grid.title, grid.headers, grid.rows, grid.labels, records=records)
 
 
 def ranges(runs: Iterable[int], most: int | None = None) -> str:
@@ -81,8 +89,8 @@ def ranges(runs: Iterable[int], most: int | None = None) -> str:
 
 
 def _unlike(
-    results: Results, finished: Sequence[Run], condition: Condition | None
-) -> Iterator[Entry]:
+    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+) -> Iterator[AuditEntry]:
     """Find runs that differ in a cell of a table, and runs that are one experiment."""
     likeness = Likeness(results, finished)
     deployed = {o.run.id for o in results.metrics(finished, DEPLOYED, condition)}
@@ -101,14 +109,14 @@ def _unlike(
     yield from _replicates(likeness, finished)
 
 
-def _number(run: Run, stage: str) -> Observation:
+def _number(run: StoredRun, stage: str) -> Observation:
     return Observation(run, stage, "identified", "all", "", None, "")
 
 
-def _replicates(likeness: Likeness, finished: Sequence[Run]) -> Iterator[Entry]:
+def _replicates(likeness: Likeness, finished: Sequence[StoredRun]) -> Iterator[AuditEntry]:
     """Find experiments that are stored more than once, by what their runs differ in."""
     experiments = _grouped((likeness.experiment(_number(r, "validation")), r) for r in finished)
-    stored: dict[tuple[str, tuple[str, ...]], list[list[Run]]] = defaultdict(list)
+    stored: dict[tuple[str, tuple[str, ...]], list[list[StoredRun]]] = defaultdict(list)
     for runs in experiments.values():
         if len(runs) > 1:
             varied = [n for n in ("seed", "evaluation") if len({r.levels[n] for r in runs}) > 1]
@@ -124,8 +132,8 @@ def _replicates(likeness: Likeness, finished: Sequence[Run]) -> Iterator[Entry]:
 
 
 def _below_true_model(
-    results: Results, finished: Sequence[Run], condition: Condition | None
-) -> Iterator[Entry]:
+    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+) -> Iterator[AuditEntry]:
     flags = [o for o in results.metrics(finished, [BELOW_TRUE_MODEL], condition) if o.value]
     for identifier, rows in _grouped((o.run.levels["identifier"], o) for o in flags).items():
         dofs = ", ".join(dof for dof in DOF_ORDER if any(o.dof == dof for o in rows))
@@ -134,8 +142,8 @@ def _below_true_model(
 
 
 def _diverged(
-    results: Results, finished: Sequence[Run], condition: Condition | None
-) -> Iterator[Entry]:
+    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+) -> Iterator[AuditEntry]:
     """Find predictions that diverged, and models that cannot be simulated."""
     predictions = diverged_predictions(results.metrics(finished, DIVERGENCE, condition))
     reasons = results.diagnostics(finished, ["no_prediction"], condition)
@@ -165,8 +173,8 @@ def _held_text(times_s: Sequence[float]) -> str:
 
 
 def _without_coverage(
-    results: Results, finished: Sequence[Run], condition: Condition | None
-) -> Iterator[Entry]:
+    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+) -> Iterator[AuditEntry]:
     covering = results.covering(finished, condition)
     uncertain = results.with_standard_errors(condition) - covering
     rows = _grouped((r.levels["identifier"], r.id) for r in finished if r.id in uncertain)
@@ -175,22 +183,22 @@ def _without_coverage(
         yield _entry("coverage", ids, what)
 
 
-def _lost(results: Results, condition: Condition | None) -> Iterator[Entry]:
+def _lost(results: Queries, condition: Condition | None) -> Iterator[AuditEntry]:
     lost = [run for run in runs_of(results, condition, LOST) if not run.superseded]
     groups = _grouped(((run.status, run.error_type), run) for run in reversed(lost))
     for (status, error_type), runs in groups.items():
         reason = ": ".join(text for text in (error_type, runs[0].error) if text)
         remedy = f"show {runs[0].run_id} --traceback; retry --status {status}"
         ids = [run.run_id for run in runs]
-        yield Entry(f"{status} run", ids, one_line(reason or "no reason known", 120), remedy)
+        yield AuditEntry(f"{status} run", ids, one_line(reason or "no reason known", 120), remedy)
 
 
-def _cell(run: Run) -> str:
+def _cell(run: StoredRun) -> str:
     return ", ".join(f"{name}={run.levels[name]}" for name in CELL)
 
 
-def _entry(check: str, runs: Sequence[int], what: str) -> Entry:
-    return Entry(check, runs, what, REMEDIES[check])
+def _entry(check: str, runs: Sequence[int], what: str) -> AuditEntry:
+    return AuditEntry(check, runs, what, REMEDIES[check])
 
 
 def _grouped(pairs: Iterable[tuple[K, V]]) -> Mapping[K, list[V]]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from markupsafe import Markup
 
 from seatrial.runner.compare.benchmark.boards import Board, overall
-from seatrial.runner.compare.benchmark.entries import REFERENCES, Entry
+from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun
 from seatrial.runner.compare.benchmark.manoeuvre_scores import pieces
 from seatrial.runner.compare.benchmark.task import Case, Located, located
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import leaderboard, manoeuvre_grids, summary
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.critical_difference import chart
@@ -24,7 +24,7 @@ from seatrial.runner.compare.plots.free_runs import (
     velocities,
 )
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import FINISHED, Results
+from seatrial.runner.compare.results import FINISHED, Queries
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.invocation import results_program, trial_program
 
@@ -32,7 +32,7 @@ FIRST = 3  # entrants on the figures of free runs, beside `none`
 
 
 @dataclass(frozen=True)
-class Chapter:
+class TaskChapter:
     """One task on the page; `lacking` are files that are not there."""
 
     name: str
@@ -43,7 +43,7 @@ class Chapter:
     lacking: Sequence[Located]
 
 
-def write_benchmark(results: Results, boards: Sequence[Board], file: Path) -> None:
+def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written."""
     with drawn():
         chapters = [_chapter(results, board) for board in boards]
@@ -70,11 +70,11 @@ def write_benchmark(results: Results, boards: Sequence[Board], file: Path) -> No
     write_page(page, file)
 
 
-def _own(board: Board) -> list[Entry]:
+def _own(board: Board) -> list[BenchmarkRun]:
     return [entry for entry in board.entries if entry.cell.entrant not in REFERENCES]
 
 
-def _chapter(results: Results, board: Board) -> Chapter:
+def _chapter(results: Queries, board: Board) -> TaskChapter:
     ranks = []
     if board.ranked.ranks is not None:
         caption = f"{board.task.title}: mean ranks"
@@ -83,10 +83,10 @@ def _chapter(results: Results, board: Board) -> Chapter:
     lacking = [file for file in located(board.task) if file.state != "found"]
     tables = [html_table(grid) for grid in grids]
     pictures = list(_free_runs(results, board))
-    return Chapter(board.name, board.task.title, tables, ranks, pictures, lacking)
+    return TaskChapter(board.name, board.task.title, tables, ranks, pictures, lacking)
 
 
-def _free_runs(results: Results, board: Board) -> Iterator[Picture]:
+def _free_runs(results: Queries, board: Board) -> Iterator[Picture]:
     """Yield the figures of every test file, of the first entrants and `none`."""
     names = [*board.leaders(FIRST), "none"]
     colours = colours_of(names)
@@ -121,9 +121,9 @@ def _by_file(label: str, case: Case, runs: Runs) -> Iterator[tuple[str, Runs]]:
         yield f"{label}, {Path(path).name}", {k: part_of(v, part) for k, v in runs.items()}
 
 
-def failures(boards: Sequence[Board]) -> Grid:
+def failures(boards: Sequence[Board]) -> TextTable:
     """Return what failed, and what cannot predict or diverges, counted over the seeds."""
-    lost: dict[tuple[str, ...], list[Entry]] = defaultdict(list)
+    lost: dict[tuple[str, ...], list[BenchmarkRun]] = defaultdict(list)
     for board in boards:
         for entry in _own(board):
             if entry.loss == float("inf"):

@@ -18,8 +18,8 @@ import typer
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.figures import figures
-from seatrial.runner.compare.formats import Format, render
-from seatrial.runner.compare.grid import Grid
+from seatrial.runner.compare.formats import OutputFormat, render
+from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage
@@ -66,7 +66,7 @@ Database = Annotated[
         help="URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
     ),
 ]
-Form = Annotated[Format, typer.Option("--format", "-f", help="Output format of the table.")]
+Form = Annotated[OutputFormat, typer.Option("--format", "-f", help="Output format of the table.")]
 Where = Annotated[
     str | None,
     typer.Option(
@@ -94,7 +94,7 @@ ResultsDir = Annotated[
 ]
 Several = list[str] | None
 T = TypeVar("T")
-MOST = 1_000_000_000  # rows that --limit may ask for
+MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
 
 
 def split(texts: Several) -> tuple[str, ...]:
@@ -122,19 +122,19 @@ def shown_path(path: Path) -> Path:
     return path.relative_to(here) if path.is_relative_to(here) else path
 
 
-def show_grid(grid: Grid, form: Format) -> None:
+def show_grid(grid: TextTable, form: OutputFormat) -> None:
     """Print one grid."""
     show_grids([grid], form)
 
 
-def show_grids(grids: Sequence[Grid], form: Format) -> None:
+def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
     """Print grids one after the other; on a terminal they are fitted to its width."""
     terminal = sys.stdout.isatty()
     width = None
     if terminal:
         width = shutil.get_terminal_size().columns
     texts = [render(grid, form, width, colour=terminal) for grid in grids]
-    if form is Format.JSON and len(texts) > 1:
+    if form is OutputFormat.JSON and len(texts) > 1:
         typer.echo("[" + ",\n".join(texts) + "]")
     else:
         print("\n\n".join(texts))
@@ -253,7 +253,7 @@ class TableOptions:
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
     cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
     database: Database = DEFAULT_DATABASE
-    form: Form = Format.RICH
+    form: Form = OutputFormat.RICH
 
 
 def _completed(incomplete: str) -> list[str]:

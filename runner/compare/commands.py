@@ -9,7 +9,7 @@ from typer.core import TyperCommand
 from seatrial.runner import compare, export
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
-    MOST,
+    MAX_ROWS,
     Database,
     EverySweep,
     Form,
@@ -26,7 +26,7 @@ from seatrial.runner.compare.cli import (
     taking,
 )
 from seatrial.runner.compare.figures import figures
-from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.record.catalogue import all_declared
 
@@ -38,8 +38,10 @@ def runs(
     sweep: EverySweep = None,
     tag: Tag = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
-    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of runs, newest first.")] = 50,
-    form: Form = Format.RICH,
+    limit: Annotated[
+        int, typer.Option(min=1, max=MAX_ROWS, help="Number of runs, newest first.")
+    ] = 50,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""
     with compare.results.open_results(database) as results:
@@ -56,7 +58,7 @@ def show(
     command: Annotated[
         bool, typer.Option("--command", help="Print only the command that repeats it.")
     ] = False,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """Show everything stored about one run."""
     with compare.results.open_results(database) as results:
@@ -82,7 +84,7 @@ def benchmark_ranks(
     ] = None,
     database: Database = "sqlite:///results/benchmark/results.db",
     results_dir: ResultsDir = None,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
     board = compare.leaderboard
@@ -147,7 +149,7 @@ def plot(options: PlotOptions) -> None:
 
 
 @app.command()
-def metrics(form: Form = Format.RICH) -> None:
+def metrics(form: Form = OutputFormat.RICH) -> None:
     """List the metrics that trials store: unit, better direction, stage and formula."""
     headers = ("metric", "unit", "better", "stage", "what it is")
     rows = [
@@ -162,7 +164,7 @@ def stats(
     run: Annotated[int, typer.Argument(help="Number of a run of a measured recording.")],
     database: Database = DEFAULT_DATABASE,
     digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """Show the stored statistics of the columns of a measured recording."""
     with compare.results.open_results(database) as results:
@@ -196,7 +198,7 @@ def manoeuvres(
     series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
     database: Database = DEFAULT_DATABASE,
     results_dir: ResultsDir = None,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """Print the sheet of a manoeuvre beside the limits of IMO resolution MSC.137(76).
 
@@ -215,8 +217,8 @@ def sql(
     timeout: Annotated[
         float, typer.Option(min=0.001, max=86400.0, help="Longest time of the query [s].")
     ] = 30.0,
-    limit: Annotated[int, typer.Option(min=1, max=MOST, help="Number of rows.")] = 10_000,
-    form: Form = Format.RICH,
+    limit: Annotated[int, typer.Option(min=1, max=MAX_ROWS, help="Number of rows.")] = 10_000,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """Run a query in SQL; a query that writes is rejected.
 

@@ -7,20 +7,20 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.grid import Cell as GridCell
-from seatrial.runner.compare.grid import Grid, Scalar, number_text, unit_text, with_unit
+from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text, with_unit
+from seatrial.runner.compare.grid import TableCell as GridCell
 from seatrial.runner.compare.pivot import (
-    Cell,
     Key,
     Pivot,
+    PivotCell,
     Place,
     against_baseline,
     best_cells,
     pivot,
 )
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.selection import Selection, TableRequest, gather
-from seatrial.runner.compare.statistics import SAME, PairedTest, loss, summary
+from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, PairedTest, loss, summary
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import UNFINISHED
 
@@ -55,7 +55,7 @@ DIVERGED_NOTE = (
 )
 
 
-def comparison(results: Results, request: TableRequest) -> Grid:
+def comparison(results: Queries, request: TableRequest) -> TextTable:
     """Return the table; raises ConfigurationError for unknown names or if no run matches.
 
     `request` holds the names of metrics or coefficients, the factors of rows and columns, and the
@@ -106,7 +106,7 @@ class _Writer:
         self.location = {place: self._location(cell) for place, cell in table.cells.items()}
         self.best = best_cells(table, self._losses(), selection.likeness)
 
-    def grid(self) -> Grid:
+    def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
         by_row = self._unit() == MIXED and all(self._unit(row=r) != MIXED for r in self.row_keys)
         rows = [
@@ -120,13 +120,13 @@ class _Writer:
         labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
         headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
         notes = self._qualifications()
-        return Grid(self._title(), headers, rows, len(labels), notes, self._records())
+        return TextTable(self._title(), headers, rows, len(labels), notes, self._records())
 
     def _name(self, factor: str) -> str:
         """Return the displayed name of a factor: the name of a coefficient is its term."""
         return "term" if factor == "metric" and self.request.of_coefficients else factor
 
-    def _location(self, cell: Cell) -> float:
+    def _location(self, cell: PivotCell) -> float:
         """Return the value that represents a cell: the median if shown without the mean."""
         if not cell.observed:
             return math.nan
@@ -170,14 +170,14 @@ class _Writer:
         value = self.location[place]
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
 
-    def _of_estimate(self, cell: Cell) -> bool:
+    def _of_estimate(self, cell: PivotCell) -> bool:
         """Return whether a standard error of a cell is of the estimate, not of the coefficient."""
         return any(
             observation.std_error is not None and observation.run.id not in self.selection.covering
             for observation in cell.observed
         )
 
-    def _flaws(self, cells: Iterable[Cell]) -> list[tuple[str, str]]:
+    def _flaws(self, cells: Iterable[PivotCell]) -> list[tuple[str, str]]:
         """Return marks and notes on flaws of the controllers behind the deployment metrics."""
         deployed = {
             (observation.run.id, observation.model)
@@ -338,10 +338,10 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
 def _spread_text(figures: Mapping[str, float | int]) -> str:
     """Return the standard deviation; the rounding error of equal values is printed as 0."""
     size = abs(figures.get("mean", figures.get("median", 0.0)))
-    return "0" if figures["std"] < SAME * size else number_text(figures["std"], 2)
+    return "0" if figures["std"] < RELATIVE_ROUNDING * size else number_text(figures["std"], 2)
 
 
-def _counts_text(cell: Cell, request: TableRequest) -> str:
+def _counts_text(cell: PivotCell, request: TableRequest) -> str:
     """Return ` (n=18, 2 failed)`; missing runs are shown with any choice of statistics."""
     counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     if cell.diverged:
@@ -353,12 +353,12 @@ def _counts_text(cell: Cell, request: TableRequest) -> str:
         once = cell.deterministic and len(cell.observed) == 1
         counts.insert(0, "deterministic" if once else f"n={len(cell.observed)}")
         sample = cell.sample
-        if sample.size > 1 and np.ptp(sample) <= SAME * np.max(np.abs(sample)):
+        if sample.size > 1 and np.ptp(sample) <= RELATIVE_ROUNDING * np.max(np.abs(sample)):
             counts[0] += ", all equal"
     return f" ({', '.join(counts)})" if counts else ""
 
 
-def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
+def _uncertainty_text(cell: PivotCell, digits: int, of_estimate: bool) -> str:
     """Return the standard error and the true value, if known."""
     error, truth = _std_error(cell), _truth(cell)
     what = " of the estimate" if of_estimate else ""
@@ -368,7 +368,7 @@ def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
     return "\n" + ", ".join(texts) if texts else ""
 
 
-def _std_error(cell: Cell) -> float:
+def _std_error(cell: PivotCell) -> float:
     """Return the root mean square of the standard errors in a cell."""
     errors = [
         observation.std_error for observation in cell.observed if observation.std_error is not None
@@ -376,7 +376,7 @@ def _std_error(cell: Cell) -> float:
     return math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else math.nan
 
 
-def _truth(cell: Cell) -> float:
+def _truth(cell: PivotCell) -> float:
     """Return the true value that all runs of a cell share, else NaN."""
     truths = {observation.true_value for observation in cell.observed}
     truth = truths.pop() if len(truths) == 1 else None

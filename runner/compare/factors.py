@@ -25,14 +25,14 @@ from seatrial.runner.compare.where import (
     OfSweeps,
     Value,
 )
-from seatrial.runner.database.tables import Reuse, Run, Utc
+from seatrial.runner.database.tables import Reuse, RunRow, Utc
 
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
 Expression = sa.ColumnElement[object]
 
 
-class Names:
+class ColumnNames:
     """Columns and configuration keys of one database.
 
     `columns` are the SQL expressions of the plain names; `config` is the JSON column;
@@ -90,9 +90,9 @@ class Names:
                 parts = [self.clause(part) for part in condition.conditions]
                 return sa.and_(*parts) if condition.by == "and" else sa.or_(*parts)
             case OfSweeps(numbers=numbers):
-                own = sa.select(Run.id).where(Run.sweep_id.in_(numbers))
+                own = sa.select(RunRow.id).where(RunRow.sweep_id.in_(numbers))
                 reused = sa.select(Reuse.run_id).where(Reuse.sweep_id.in_(numbers))
-                return Run.id.in_(own.union(reused))
+                return RunRow.id.in_(own.union(reused))
 
     def _among(self, name: str, values: Sequence[Value]) -> sa.ColumnElement[bool]:
         """Return one IN expression; thousands of nested comparisons are too deep for SQL."""

@@ -23,9 +23,9 @@ from seatrial.runner.plugins import failure, is_own, plugins
 if TYPE_CHECKING:
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.plots.style import Drawing
-    from seatrial.runner.compare.results import Results
+    from seatrial.runner.compare.results import Queries
 
-    Drawings = Callable[[Results, PlotRequest], list[Drawing]]
+    Drawings = Callable[[Queries, PlotRequest], list[Drawing]]
 
 PLOTS = Path(__file__).with_name("plots")
 log = logging.getLogger(__name__)
@@ -80,7 +80,7 @@ def drawings_of(name: str) -> "Drawings":
 
 
 def _guarded(drawings: "Drawings", module: str) -> "Drawings":
-    def draw(results: "Results", request: "PlotRequest") -> "list[Drawing]":
+    def draw(results: "Queries", request: "PlotRequest") -> "list[Drawing]":
         try:
             return drawings(results, request)
         except SeatrialError:

@@ -14,11 +14,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from seatrial.runner.compare.grid import Cell, Grid, Scalar
+from seatrial.runner.compare.grid import Scalar, TableCell, TextTable
 from seatrial.runner.database.terminal import visible
 
 
-class Format(StrEnum):
+class OutputFormat(StrEnum):
     """Names of the formats; csv and json are for programs, the others for readers."""
 
     RICH = "rich"
@@ -29,17 +29,19 @@ class Format(StrEnum):
     HTML = "html"
 
 
-def render(grid: Grid, form: Format, width: int | None = None, colour: bool = False) -> str:
+def render(
+    grid: TextTable, form: OutputFormat, width: int | None = None, colour: bool = False
+) -> str:
     """Return the grid as text, without a newline at the end.
 
     `width` [characters] and `colour` apply to `rich` only; without a width nothing is wrapped.
     """
-    if form is Format.RICH:
+    if form is OutputFormat.RICH:
         return _rich(grid, width, colour)
     return _WRITERS[form](grid)
 
 
-def _rich(grid: Grid, width: int | None, colour: bool) -> str:
+def _rich(grid: TextTable, width: int | None, colour: bool) -> str:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for index, header in enumerate(grid.headers):
         table.add_column(Text(visible(header)), justify="left" if index < grid.labels else "right")
@@ -58,7 +60,7 @@ def _rich(grid: Grid, width: int | None, colour: bool) -> str:
     return "\n".join(line.rstrip() for line in capture.get().splitlines()).strip("\n")
 
 
-def _markdown(grid: Grid) -> str:
+def _markdown(grid: TextTable) -> str:
     def line(cells: list[str]) -> str:
         return "| " + " | ".join(cells) + " |"
 
@@ -77,12 +79,12 @@ def _markdown_text(text: str) -> str:
     return text.replace("<", "&lt;").replace("\n", "<br>")
 
 
-def _markdown_bold(cell: Cell) -> str:
+def _markdown_bold(cell: TableCell) -> str:
     text = _markdown_text(cell.text)
     return f"**{text}**" if cell.bold and text else text
 
 
-def _csv(grid: Grid) -> str:
+def _csv(grid: TextTable) -> str:
     records = grid.as_records()
     names = list(dict.fromkeys(name for record in records for name in record))
     out = io.StringIO()
@@ -103,7 +105,7 @@ def _csv_value(value: Scalar) -> Scalar:
     return value
 
 
-def _json(grid: Grid) -> str:
+def _json(grid: TextTable) -> str:
     records = [{name: _json_value(value) for name, value in r.items()} for r in grid.as_records()]
     text = json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
     if visible(text) == text:
@@ -152,12 +154,12 @@ def _latex_header(header: str) -> str:
     return lines[0] if len(lines) == 1 else r"\shortstack{" + r" \\ ".join(lines) + "}"
 
 
-def _latex_cell(cell: Cell) -> str:
+def _latex_cell(cell: TableCell) -> str:
     text = _latex_text(cell.text.replace("\n", " "))
     return rf"\textbf{{{text}}}" if cell.bold and text else text
 
 
-def _latex(grid: Grid) -> str:
+def _latex(grid: TextTable) -> str:
     alignment = "l" * grid.labels + "r" * (len(grid.headers) - grid.labels)
     rows = [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in grid.rows]
     notes = [rf"\par\smallskip{{\footnotesize {_latex_text(note)}}}" for note in grid.notes]
@@ -179,7 +181,7 @@ def _latex(grid: Grid) -> str:
     )
 
 
-def _html(grid: Grid) -> str:
+def _html(grid: TextTable) -> str:
     """An HTML fragment in ASCII, which is valid in a page of any encoding."""
     head = "".join(f'<th scope="col">{_html_text(header)}</th>' for header in grid.headers)
     lines = [
@@ -195,7 +197,7 @@ def _html(grid: Grid) -> str:
     return "\n".join(lines).encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
-def html_table(grid: Grid) -> Markup:
+def html_table(grid: TextTable) -> Markup:
     """Return the table for a page; it has its own scroll bar, and its headings sort it.
 
     On a phone the first column stays in view with the other labels in small print, so that the
@@ -219,20 +221,20 @@ def html_table(grid: Grid) -> Markup:
     )
 
 
-def _page_row(grid: Grid, row: Sequence[Cell]) -> str:
+def _page_row(grid: TextTable, row: Sequence[TableCell]) -> str:
     """Return a row whose first cell repeats the other labels for phones, which hide those."""
     others = ", ".join(cell.text for cell in row[1 : grid.labels] if cell.text)
     text = f' data-others="{_html_text(others)}"' if others and grid.labels < len(row) else ""
     return _html_row(grid, row).replace('<th scope="row"', f'<th scope="row"{text}', 1)
 
 
-def _html_row(grid: Grid, row: Sequence[Cell]) -> str:
+def _html_row(grid: TextTable, row: Sequence[TableCell]) -> str:
     return "".join(
         html_cell(cell, "th" if index < grid.labels else "td") for index, cell in enumerate(row)
     )
 
 
-def html_cell(cell: Cell, tag: str) -> str:
+def html_cell(cell: TableCell, tag: str) -> str:
     """Return one cell; `data-value` is the number by which a sortable table sorts it."""
     text = _html_text(cell.text)
     scope = ' scope="row"' if tag == "th" else ""
@@ -247,10 +249,10 @@ def _html_text(text: str) -> str:
     return html.escape(visible(text)).replace("\n", "<br>")
 
 
-_WRITERS: Mapping[Format, Callable[[Grid], str]] = {
-    Format.MD: _markdown,
-    Format.CSV: _csv,
-    Format.LATEX: _latex,
-    Format.JSON: _json,
-    Format.HTML: _html,
+_WRITERS: Mapping[OutputFormat, Callable[[TextTable], str]] = {
+    OutputFormat.MD: _markdown,
+    OutputFormat.CSV: _csv,
+    OutputFormat.LATEX: _latex,
+    OutputFormat.JSON: _json,
+    OutputFormat.HTML: _html,
 }

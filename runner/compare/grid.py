@@ -11,7 +11,7 @@ _SUPERSCRIPTS = {"^2": "²", "^3": "³", "^-1": "⁻¹", "^-2": "⁻²"}
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """Text of a cell; a sortable table sorts by `sort`; `prose` may be wrapped."""
 
     text: str
@@ -21,7 +21,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Grid:
+class TextTable:
     """A titled table: headers (levels separated by newlines), cells, and notes under it.
 
     The first `labels` columns name the row, the others hold numbers. `records` hold the same data
@@ -30,7 +30,7 @@ class Grid:
 
     title: str
     headers: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[TableCell]]
     labels: int = 1
     notes: Sequence[str] = ()
     records: Sequence[Mapping[str, Scalar]] | None = field(default=None, repr=False)
@@ -50,7 +50,7 @@ def grid_of(
     labels: int = 1,
     notes: Sequence[str] = (),
     digits: int = 4,
-) -> Grid:
+) -> TextTable:
     """Return a grid of plain values; its records keep their full precision.
 
     `headers` name the columns, of which the first `labels` name the row; `rows` hold one value for
@@ -58,14 +58,14 @@ def grid_of(
     """
     cells = [[value_cell(value, digits) for value in row] for row in rows]
     records = [dict(zip(headers, row, strict=True)) for row in rows]
-    return Grid(title, headers, cells, labels, notes, records)
+    return TextTable(title, headers, cells, labels, notes, records)
 
 
-def value_cell(value: Scalar, digits: int = 4) -> Cell:
+def value_cell(value: Scalar, digits: int = 4) -> TableCell:
     """Return a cell for one plain value."""
     if isinstance(value, bool) or value is None or isinstance(value, str):
-        return Cell("" if value is None else str(value))
-    return Cell(number_text(value, digits), sort=float(value))
+        return TableCell("" if value is None else str(value))
+    return TableCell(number_text(value, digits), sort=float(value))
 
 
 def number_text(value: float, digits: int = 4) -> str:

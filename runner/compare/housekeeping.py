@@ -9,11 +9,11 @@ from datetime import timedelta
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.runs import repeat_command, runs_of
 from seatrial.runner.database.engine import Address
-from seatrial.runner.database.logbook import Logbook
+from seatrial.runner.database.logbook import LogbookWriter
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.invocation import trial_program
 from seatrial.runner.vocabulary import GROUPS, LOST
@@ -22,7 +22,7 @@ MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
 PRUNED = (*LOST, "finished")
 
 
-def retry_commands(results: Results, where: str | None, statuses: Sequence[str]) -> list[str]:
+def retry_commands(results: Queries, where: str | None, statuses: Sequence[str]) -> list[str]:
     """Return the commands that repeat trials whose last attempt has a status, oldest first.
 
     `where` is the text of --where; `statuses` are some of failed, diverged and interrupted. Raises
@@ -63,8 +63,8 @@ def age(text: str) -> timedelta:
 
 
 def prunable(
-    results: Results, older_than: str | None, statuses: Sequence[str], where: str | None
-) -> tuple[list[int], Grid]:
+    results: Queries, older_than: str | None, statuses: Sequence[str], where: str | None
+) -> tuple[list[int], TextTable]:
     """Return the numbers of the runs that would be deleted, and a table of them.
 
     `older_than` is an age such as 30d, `where` the text of --where; empty `statuses` mean any
@@ -84,7 +84,7 @@ def prunable(
     return [run.run_id for run in summaries], _runs_grid(summaries)
 
 
-def _runs_grid(summaries: Sequence[RunSummary]) -> Grid:
+def _runs_grid(summaries: Sequence[RunSummary]) -> TextTable:
     headers = ("id", "status", *GROUPS, "seed", "started_at", "series", "error")
     rows = [
         [
@@ -102,7 +102,7 @@ def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:
 
     `results_dir` is the folder of the series. Raises LogbookError if a file cannot be deleted.
     """
-    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+    with LogbookWriter.open(address.url, results_dir=results_dir, create=False) as logbook:
         pruned = logbook.prune(run_ids)
     running = len(run_ids) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
@@ -120,7 +120,7 @@ def require_no_choice(*choices: object) -> None:
         )
 
 
-def leftovers(results: Results) -> tuple[int, Grid]:
+def leftovers(results: Queries) -> tuple[int, TextTable]:
     """Return the number of series files that belong to no run, and a table of them."""
     paths = results.reader.orphans()
     rows: list[list[Scalar]] = [[str(path), path.stat().st_size] for path in paths if path.exists()]
@@ -130,11 +130,11 @@ def leftovers(results: Results) -> tuple[int, Grid]:
 
 def delete_leftovers(address: Address, results_dir: Path) -> str:
     """Delete the series files that belong to no run; return a summary on one line."""
-    with Logbook.open(address.url, results_dir=results_dir, create=False) as logbook:
+    with LogbookWriter.open(address.url, results_dir=results_dir, create=False) as logbook:
         return f"deleted {len(logbook.remove_orphans())} files"
 
 
-def verification(results: Results) -> tuple[bool, Grid]:
+def verification(results: Queries) -> tuple[bool, TextTable]:
     """Return whether the logbook has no problem, and a table of problems and unused files.
 
     Killed programs can leave unused files; they are not a problem. The title of the table says

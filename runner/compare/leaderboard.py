@@ -7,9 +7,9 @@ import numpy as np
 
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.boards import boards as boards
-from seatrial.runner.compare.benchmark.entries import Entry
+from seatrial.runner.compare.benchmark.entries import BenchmarkRun
 from seatrial.runner.compare.benchmark.scores import interval, pooled
-from seatrial.runner.compare.grid import Cell, Grid, number_text, with_unit
+from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
 from seatrial.runner.invocation import trial_program
 
 COMPARED = ("auto", "none")  # entrants that the summary shows beside the first one
@@ -20,12 +20,12 @@ BOLD = (
 )
 
 
-def grids(boards: Sequence[Board]) -> list[Grid]:
+def grids(boards: Sequence[Board]) -> list[TextTable]:
     """Return the tables of the tasks."""
     return [grid for board in boards for grid in (leaderboard(board), *manoeuvre_grids(board))]
 
 
-def leaderboard(board: Board) -> Grid:
+def leaderboard(board: Board) -> TextTable:
     """Return the table of a task: the best mean rank first.
 
     FIT is that of the pooled free runs, with its 90 % interval; after each horizon stands the mean
@@ -47,7 +47,7 @@ def leaderboard(board: Board) -> Grid:
     ]
     if not board.entries:
         notes = [f"no runs: {trial_program()} benchmark --task {board.name}"]
-    return Grid(task.title, headers, rows, notes=notes)
+    return TextTable(task.title, headers, rows, notes=notes)
 
 
 def _cells(number: int) -> str:
@@ -58,7 +58,7 @@ def _has_manoeuvres(board: Board) -> bool:
     return any(entry.measures for entry in board.entries)
 
 
-def _row(board: Board, name: str, best: bool) -> list[Cell]:
+def _row(board: Board, name: str, best: bool) -> list[TableCell]:
     task, own = board.task, board.of(name)
     good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
     fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
@@ -69,26 +69,26 @@ def _row(board: Board, name: str, best: bool) -> list[Cell]:
     manoeuvre = [_mean(errors)] if _has_manoeuvres(board) else []
     means = [_mean([e.parameters for e in own]), _mean([e.training_s for e in own])]
     return [
-        Cell(name, bold=best),
+        TableCell(name, bold=best),
         _number(board.ranked.mean_rank(name), 3, best),
         _number(float(np.mean(fits)), 3, best),
-        Cell(interval_text(board, name)),
+        TableCell(interval_text(board, name)),
         *(_number(value, 3) for value in fits),
         *(_number(value, 2) for value in after),
         *([_number(score(board, name), 3)] if task.position_after_s is not None else []),
         *(_number(value, 2) for value in manoeuvre),
-        Cell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
+        TableCell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
         _number(means[0], 3),
         _number(means[1], 2),
     ]
 
 
-def _number(value: float, digits: int, bold: bool = False) -> Cell:
+def _number(value: float, digits: int, bold: bool = False) -> TableCell:
     """A cell of a number; a dash for one that is not known."""
     if math.isnan(value):
-        return Cell("–", bold=bold)
+        return TableCell("–", bold=bold)
     rounded = 0.0 if abs(value) < 1e-6 else value  # a FIT of the mean motion is 0 but for rounding
-    return Cell(number_text(rounded, digits), bold, rounded)
+    return TableCell(number_text(rounded, digits), bold, rounded)
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -96,7 +96,7 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(known)) if known else math.nan
 
 
-def fit(own: Sequence[Entry]) -> float:
+def fit(own: Sequence[BenchmarkRun]) -> float:
     """Mean FIT [%] over the outputs of the pooled free runs; NaN if all diverge."""
     good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
     return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
@@ -122,7 +122,7 @@ def interval_text(board: Board, name: str) -> str:
     return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
 
 
-def manoeuvre_grids(board: Board) -> list[Grid]:
+def manoeuvre_grids(board: Board) -> list[TextTable]:
     """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
     names = [name for name in board.ranked.order() if any(e.measures for e in board.of(name))]
     own = {(e.cell.case, e.cell.entrant): e for e in board.entries if e.cell.seed == 0}
@@ -136,24 +136,28 @@ def manoeuvre_grids(board: Board) -> list[Grid]:
             values = [found.get(name, {}).get(key) for name in names]
             predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
             quantity = with_unit(first.quantity, first.unit)
-            rows.append([Cell(label), Cell(quantity), _number(first.measured, 3), *predicted])
+            rows.append(
+                [TableCell(label), TableCell(quantity), _number(first.measured, 3), *predicted]
+            )
     if not rows:
         return []
     title = f"{board.task.title}: measures of the manoeuvres, in the free run"
-    return [Grid(title, ["case", "quantity", "measured", *names], rows, 2, ["L: ship lengths"])]
+    return [
+        TextTable(title, ["case", "quantity", "measured", *names], rows, 2, ["L: ship lengths"])
+    ]
 
 
-def summary(boards: Sequence[Board]) -> Grid:
+def summary(boards: Sequence[Board]) -> TextTable:
     """Return one line for each task that has been run: the first entrant, and what others reach."""
     rows = []
     for board in (board for board in boards if board.entries):
         first, *others = board.rivals()
         by_fit = board.task.position_after_s is None
         title = board.task.title if by_fit else f"{board.task.title}: {_position(board)} [m]"
-        cells = [Cell(title), Cell(str(len(board.contest.losses))), Cell(first)]
+        cells = [TableCell(title), TableCell(str(len(board.contest.losses))), TableCell(first)]
         cells.append(_number(score(board, first), 3))
-        cells.append(Cell(interval_text(board, first) if by_fit else "–"))
-        cells.append(Cell(", ".join(others) or "–", prose=True))
+        cells.append(TableCell(interval_text(board, first) if by_fit else "–"))
+        cells.append(TableCell(", ".join(others) or "–", prose=True))
         for name in COMPARED:
             cells.append(_number(score(board, name), 3, name in (first, *others)))
         rows.append(cells)
@@ -163,4 +167,4 @@ def summary(boards: Sequence[Board]) -> Grid:
         order = ", ".join(f"{name} {ranks.mean_rank(name):.1f}" for name in ranks.order())
         notes.append(f"mean ranks over {len(ranks.losses)} cases of all tasks: {order}")
     headers = [*SUMMARY, *COMPARED]
-    return Grid("Benchmark", headers, rows, notes=notes)
+    return TextTable("Benchmark", headers, rows, notes=notes)

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import OWN_FACTORS, Observation, Results, Run
+from seatrial.runner.compare.results import OWN_FACTORS, Observation, Queries, StoredRun
 from seatrial.runner.vocabulary import GROUPS, NOT_COMPARED
 
 STORAGE = (*NOT_COMPARED, "metrics", "seed")
@@ -41,9 +41,9 @@ def _ignored(observation: Observation) -> tuple[str, ...]:
 class Likeness:
     """The circumstances of the numbers of some runs."""
 
-    def __init__(self, results: Results, runs: Sequence[Run]) -> None:
+    def __init__(self, results: Queries, runs: Sequence[StoredRun]) -> None:
         self._results = results
-        self._first: dict[str, Run] = {}  # one run of each experiment
+        self._first: dict[str, StoredRun] = {}  # one run of each experiment
         for run in runs:
             self._first.setdefault(self.experiment_of(run), run)
         # The circumstances by experiment and ignored names, numbered by their content.
@@ -51,7 +51,7 @@ class Likeness:
         self._numbers: dict[frozenset[tuple[str, str]], int] = {}
 
     @staticmethod
-    def experiment_of(run: Run) -> str:
+    def experiment_of(run: StoredRun) -> str:
         """Return a name that is equal for runs that differ in nothing but the seed."""
         return run.experiment or f"run {run.id}"  # of runs of earlier versions it is not known
 

@@ -12,7 +12,7 @@ import typer
 from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
     DEFAULT_DATABASE,
-    MOST,
+    MAX_ROWS,
     Database,
     EverySweep,
     Form,
@@ -28,7 +28,7 @@ from seatrial.runner.compare.cli import (
     shown_path,
     split,
 )
-from seatrial.runner.compare.formats import Format
+from seatrial.runner.compare.formats import OutputFormat
 
 
 @app.command()
@@ -73,7 +73,9 @@ def site(
     ] = None,
     runs: Annotated[
         int,
-        typer.Option("--runs", min=0, max=MOST, help="Newest runs with details and time series."),
+        typer.Option(
+            "--runs", min=0, max=MAX_ROWS, help="Newest runs with details and time series."
+        ),
     ] = 200,
     database: Database = DEFAULT_DATABASE,
     results_dir: ResultsDir = None,
@@ -138,7 +140,7 @@ def prune(
     yes: Annotated[
         bool, typer.Option("--yes", help="Delete; without it the runs are only listed.")
     ] = False,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
     results_dir: ResultsDir = None,
 ) -> None:
     """Show which runs would be deleted with their files, and with --yes delete them."""
@@ -163,7 +165,7 @@ def prune(
 @app.command()
 def verify(
     database: Database = DEFAULT_DATABASE,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
     results_dir: ResultsDir = None,
 ) -> None:
     """Check the database, every foreign key and the checksum of every series file."""
@@ -180,7 +182,7 @@ def audit(
     where: Where = None,
     sweep: EverySweep = None,
     tag: Tag = None,
-    form: Form = Format.RICH,
+    form: Form = OutputFormat.RICH,
 ) -> None:
     """List runs that mislead in a comparison, with the remedy: nothing is changed."""
     with compare.results.open_results(database) as results:

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, number_text
-from seatrial.runner.compare.results import FINISHED, Results, Run, open_results
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
+from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, open_results
 from seatrial.runner.export.manoeuvre_tracks import (
     COMPARED,
-    FINDING,
+    DIAGNOSTIC,
     INSTANTS,
     MANOEUVRES,
-    Entry,
     Execution,
     Manoeuvre,
-    Predicted,
+    PredictedMeasure,
     Recorded,
     Sheet,
+    SheetEntry,
     file_track,
     sheet,
     stored,
@@ -28,7 +28,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
 
 RECORDING = "recording"
 STORED: Execution = "half"  # instant of execution of what is stored of the models
-MOST = 6  # manoeuvres in a report
+MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class SheetRequest:
     series: str
 
 
-def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -> Grid:
+def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -> TextTable:
     """The sheet of a run or a file as a table."""
     path = Path(request.subject)
     if request.subject.isdigit() and not path.exists():
         with open_results(database, results_dir) as results:
             run = int(request.subject)
             predicted = [
-                row for row in results.reader.diagnostics(run) if row.name.startswith(FINDING)
+                row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)
             ]
             if predicted and request.series == RECORDING:
                 return comparison(predicted, f"Run {run}")
@@ -71,15 +71,15 @@ def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -
 
 
 def newest_manoeuvres(
-    results: Results, runs: Sequence[Run], kinds: Sequence[str] = MANOEUVRES
-) -> list[tuple[Run, Recorded]]:
+    results: Queries, runs: Sequence[StoredRun], kinds: Sequence[str] = MANOEUVRES
+) -> list[tuple[StoredRun, Recorded]]:
     """The newest finished run of each vessel and excitation that is one of the manoeuvres."""
     finished = [run for run in runs if run.status == FINISHED]
     newest = {(run.levels["vessel"], run.levels["excitation"]): run for run in finished}
     chosen = sorted(newest.values(), key=lambda run: -run.id)
     configs = results.configs_of([run.id for run in chosen])
     key = "excitation.manoeuvre"
-    found = [run for run in chosen if configs.get(run.id, {}).get(key) in kinds][:MOST]
+    found = [run for run in chosen if configs.get(run.id, {}).get(key) in kinds][:MAX_MANOEUVRES]
     known = []
     for run in found:
         try:
@@ -90,8 +90,8 @@ def newest_manoeuvres(
 
 
 def grid_of_sheet(
-    result: Sheet, title: str, predicted: Mapping[str, Predicted] | None = None
-) -> Grid:
+    result: Sheet, title: str, predicted: Mapping[str, PredictedMeasure] | None = None
+) -> TextTable:
     """The sheet as a table with its definitions below.
 
     `predicted` are the quantities that the identified model predicts.
@@ -108,12 +108,13 @@ def grid_of_sheet(
     return grid_of(f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes)
 
 
-def comparison(rows: Sequence[Finding], title: str) -> Grid:
+def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     """The measures of recorded manoeuvres, and those of the predictions that the run has stored."""
-    lines: dict[tuple[str, str], list[Finding]] = {}
+    lines: dict[tuple[str, str], list[Diagnostic]] = {}
     for row in rows:
         file = (row.label or "").rpartition(", ")[0]
-        lines.setdefault((file, row.name.removeprefix(FINDING).replace("_", " ")), []).append(row)
+        quantity = row.name.removeprefix(DIAGNOSTIC).replace("_", " ")
+        lines.setdefault((file, quantity), []).append(row)
     table: list[list[Scalar]] = []
     for (file, quantity), own in lines.items():
         values: dict[int | None, float | None] = {row.j: row.value for row in own}
@@ -130,7 +131,7 @@ def comparison(rows: Sequence[Finding], title: str) -> Grid:
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
 
 
-def _adds(entry: Entry, predicted: Mapping[str, Predicted]) -> bool:
+def _adds(entry: SheetEntry, predicted: Mapping[str, PredictedMeasure]) -> bool:
     """Whether a prediction says more than the measure: it differs, or has an interval."""
     value, low, _ = predicted.get(entry.quantity, (None, np.nan, np.nan))
     return value is not None and (
@@ -138,7 +139,9 @@ def _adds(entry: Entry, predicted: Mapping[str, Predicted]) -> bool:
     )
 
 
-def _row(entry: Entry, length_m: float, predicted: Mapping[str, Predicted]) -> list[Scalar]:
+def _row(
+    entry: SheetEntry, length_m: float, predicted: Mapping[str, PredictedMeasure]
+) -> list[Scalar]:
     verdict = {True: "pass", False: "fail", None: None}[entry.passed]
     metres = entry.value * length_m if entry.unit == "L" else None
     row: list[Scalar] = [entry.quantity, entry.value, entry.unit, metres, entry.limit, verdict]

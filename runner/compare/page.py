@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 TEMPLATES = Path(__file__).with_name("templates")
 SQLITE = b"SQLite format 3\0"  # the first bytes of a database
-WIDE = 7.0  # a wider figure fills a row of the page [inch]
+WIDE_FIGURE = 7.0  # a wider figure fills a row of the page [inch]
 CSS_PX_PER_POINT = 4.0 / 3.0
 PLACES = re.compile(r' (?:d|x|y)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")
-COLUMNS = 700  # of a line that is thinned: more than a panel has pixels
+THINNED_COLUMNS = 700  # of a line that is thinned: more than a panel has pixels
 LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
 
 
@@ -85,7 +85,7 @@ def thin(figure: "Figure") -> None:
     for axes in figure.axes:
         for line in axes.lines:
             x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
-            if len(x) > 4 * COLUMNS and np.all(np.diff(x) > 0.0) and np.all(np.isfinite(y)):
+            if len(x) > 4 * THINNED_COLUMNS and np.all(np.diff(x) > 0.0) and np.all(np.isfinite(y)):
                 log = axes.get_xscale() == "log" and x[0] > 0.0
                 kept = _extremes(np.log(x) if log else x, y)
                 line.set_data(x[kept], y[kept])
@@ -93,7 +93,7 @@ def thin(figure: "Figure") -> None:
 
 def _extremes(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[int]:
     """Return the samples (n,) that are the first, last, lowest or highest of a column of pixels."""
-    edges = np.linspace(x[0], x[-1], COLUMNS + 1)[1:-1]
+    edges = np.linspace(x[0], x[-1], THINNED_COLUMNS + 1)[1:-1]
     parts = np.split(np.arange(len(x)), np.searchsorted(x, edges))
     kept = {0, len(x) - 1}
     for part in parts:
@@ -120,5 +120,5 @@ def picture(figure: "Figure", caption: str, prefix: str) -> Picture:
     label = str(Markup.escape(caption))
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
     width = figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT
-    wide = figure.get_figwidth() > WIDE
+    wide = figure.get_figwidth() > WIDE_FIGURE
     return Picture(caption, Markup(svg), round(LEGIBLE * width), wide)

@@ -13,10 +13,10 @@ from seatrial.runner.compare.results import (
     OWN_FACTORS,
     POOLED,
     Observation,
-    Run,
+    StoredRun,
     ordered,
 )
-from seatrial.runner.compare.statistics import SAME, PairedTest, Sample, paired_test
+from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, PairedTest, Sample, paired_test
 from seatrial.runner.record.catalogue import HORIZONS, definition_of
 from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
 
@@ -28,7 +28,7 @@ COMPARED = ("identifier", "controller", "update")
 
 
 @dataclass(frozen=True)
-class Cell:
+class PivotCell:
     """The content of one cell.
 
     `observed` are the finite values, one for each experiment; `unfinished` counts the unfinished
@@ -64,11 +64,11 @@ class Pivot:
     column_factors: Key
     row_keys: Sequence[Key]
     column_keys: Sequence[Key]
-    cells: Mapping[tuple[Key, Key], Cell]
+    cells: Mapping[tuple[Key, Key], PivotCell]
 
-    def cell(self, row: Key, column: Key) -> Cell:
+    def cell(self, row: Key, column: Key) -> PivotCell:
         """Return the cell, which is empty if no run belongs to it."""
-        return self.cells.get((row, column), Cell())
+        return self.cells.get((row, column), PivotCell())
 
     def level(self, row: Key, column: Key, factor: str) -> str | None:
         """Return the level of a factor in a cell; None if it is no factor of the table."""
@@ -78,7 +78,7 @@ class Pivot:
 
 def pivot(
     observations: Sequence[Observation],
-    runs: Sequence[Run],
+    runs: Sequence[StoredRun],
     row_factors: Key,
     column_factors: Key,
     flagged: frozenset[tuple[int, str]],
@@ -113,11 +113,11 @@ def pivot(
 
 def _cell(
     observations: Sequence[Observation],
-    runs: Sequence[Run],
+    runs: Sequence[StoredRun],
     flagged: frozenset[tuple[int, str]],
     likeness: Likeness,
     diverged: Mapping[Prediction, float],
-) -> Cell:
+) -> PivotCell:
     finite = [o for o in observations if o.value is not None and np.isfinite(o.value)]
     run_ids = {o.run.id for o in finite}
     lost = [o for o in observations if o.run.id not in run_ids and prediction_of(o) in diverged]
@@ -128,7 +128,7 @@ def _cell(
     finite, lost = likeness.distinct(finite), likeness.distinct(lost)
     flagged_ids = {o.run.id for o in finite if is_flagged(o, flagged)}
     held = [diverged[prediction_of(o)] for o in lost]
-    return Cell(
+    return PivotCell(
         finite, dict(unfinished), without, len(flagged_ids), len({o.run.id for o in lost}),
         float(np.median(held)) if held else math.nan, deterministic,
     )  # fmt: skip
@@ -163,15 +163,15 @@ def _run_part(key: Key, factors: Key) -> Key:
     )
 
 
-def _runs_by_part(runs: Sequence[Run], factors: Key) -> Mapping[Key, list[Run]]:
-    by_part: dict[Key, list[Run]] = defaultdict(list)
+def _runs_by_part(runs: Sequence[StoredRun], factors: Key) -> Mapping[Key, list[StoredRun]]:
+    by_part: dict[Key, list[StoredRun]] = defaultdict(list)
     for run in runs:
         by_part[tuple(run.levels[f] for f in factors if f not in OWN_FACTORS)].append(run)
     return by_part
 
 
 def _with_unobserved(
-    observed: set[tuple[Key, Key]], runs: Sequence[Run], row_factors: Key, column_factors: Key
+    observed: set[tuple[Key, Key]], runs: Sequence[StoredRun], row_factors: Key, column_factors: Key
 ) -> set[tuple[Key, Key]]:
     """Add the cells of runs without a number, so that a failed run keeps its row and column."""
     factors = (*row_factors, *column_factors)
@@ -226,11 +226,15 @@ def best_cells(table: Pivot, loss: Mapping[Place, float], likeness: Likeness) ->
         ]
         if len(members) > 1 and candidates:
             lowest = min(loss[key] for key in candidates)
-            best |= {key for key in candidates if abs(loss[key] - lowest) <= SAME * abs(lowest)}
+            best |= {
+                key
+                for key in candidates
+                if abs(loss[key] - lowest) <= RELATIVE_ROUNDING * abs(lowest)
+            }
     return best
 
 
-def _circumstances(table: Pivot, place: Place, cell: Cell, likeness: Likeness) -> Hashable:
+def _circumstances(table: Pivot, place: Place, cell: PivotCell, likeness: Likeness) -> Hashable:
     """Return what must be equal for two cells to be compared with each other."""
     named = zip((*table.row_factors, *table.column_factors), place[0] + place[1], strict=True)
     own = tuple(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from seatrial.runner.compare.statistics import LEAST_PAIRS, Sample
 
-LEVEL = 0.05
+SIGNIFICANCE = 0.05
 Pair = tuple[int, int]
 
 
@@ -29,7 +29,7 @@ class Ranking:
     mean_ranks: Sample
     p_values: dict[Pair, float]
 
-    def differ(self, i: int, j: int, level: float = LEVEL) -> bool:
+    def differ(self, i: int, j: int, level: float = SIGNIFICANCE) -> bool:
         """Whether two entrants differ significantly."""
         return self.p_values[min(i, j), max(i, j)] < level
 
@@ -37,13 +37,13 @@ class Ranking:
         """Entrants from the best mean rank to the worst."""
         return [int(i) for i in np.argsort(self.mean_ranks, kind="stable")]
 
-    def best(self, level: float = LEVEL) -> set[int]:
+    def best(self, level: float = SIGNIFICANCE) -> set[int]:
         """The entrant of the best mean rank, and those not significantly different from it."""
         first = self.order()[0]
         others = range(len(self.mean_ranks))
         return {first, *(i for i in others if i != first and not self.differ(first, i, level))}
 
-    def groups(self, level: float = LEVEL) -> list[list[int]]:
+    def groups(self, level: float = SIGNIFICANCE) -> list[list[int]]:
         """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
         order, groups = self.order(), list[list[int]]()
         for first in range(len(order)):
@@ -89,7 +89,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted.tolist()
 
 
-def critical_difference(entrants: int, cases: int, level: float = LEVEL) -> float:
+def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:
     """Difference of two mean ranks that is significant by the test of Nemenyi.
 
     CD = q sqrt(k (k + 1) / (6 N)) of k entrants in N cases, with q the quantile of the Studentized

@@ -12,18 +12,18 @@ from seatrial.models.errors import ConfigurationError, LogbookError, PartError, 
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.likeness import TooDifferentError
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Results, Run, ordered
+from seatrial.runner.compare.results import Queries, StoredRun, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunDetail, SweepSummary
-from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
@@ -71,7 +71,7 @@ class Section:
     shown: bool
 
 
-def write_report(results: Results, request: ReportRequest, file: Path) -> None:
+def write_report(results: Queries, request: ReportRequest, file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written.
 
     `request` selects the runs, rows and columns. Raises ConfigurationError if no run matches.
@@ -79,7 +79,7 @@ def write_report(results: Results, request: ReportRequest, file: Path) -> None:
     write_page(render_report(results, request), file)
 
 
-def render_report(results: Results, request: ReportRequest) -> str:
+def render_report(results: Queries, request: ReportRequest) -> str:
     """Return the page as text; raises ConfigurationError if no run matches."""
     condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition)
@@ -108,12 +108,12 @@ def render_report(results: Results, request: ReportRequest) -> str:
     )
 
 
-def _sweeps(results: Results, runs: Sequence[Run]) -> list[SweepSummary]:
+def _sweeps(results: Queries, runs: Sequence[StoredRun]) -> list[SweepSummary]:
     ids = {run.sweep for run in runs}
     return [sweep for sweep in results.reader.sweeps() if sweep.id in ids]
 
 
-def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
+def _varied(runs: Sequence[StoredRun]) -> list[tuple[str, str]]:
     """Return every choice with its levels; many seeds become a range."""
     choices = []
     for name in (*GROUPS, "seed"):
@@ -125,7 +125,7 @@ def _varied(runs: Sequence[Run]) -> list[tuple[str, str]]:
     return choices
 
 
-def _settings(results: Results, runs: Sequence[Run]) -> Markup:
+def _settings(results: Queries, runs: Sequence[StoredRun]) -> Markup:
     """Return a table of all configuration values of the runs."""
     newest = {tuple(run.levels[name] for name in GROUPS): run.id for run in runs}
     configs = results.configs_of(sorted(newest.values())[-MOST_LISTED:]).values()
@@ -138,7 +138,7 @@ def _settings(results: Results, runs: Sequence[Run]) -> Markup:
 
 
 def _tables(
-    results: Results, request: ReportRequest, runs: Sequence[Run]
+    results: Queries, request: ReportRequest, runs: Sequence[StoredRun]
 ) -> tuple[list[Section], list[str]]:
     """Return the tables, and messages on those whose runs differ in too much."""
     levels = {run.levels.get(request.rows) for run in runs}
@@ -167,7 +167,7 @@ def _tables(
     return sections, messages
 
 
-def in_words(grid: Grid) -> Grid:
+def in_words(grid: TextTable) -> TextTable:
     """Return a table with the labels of metrics, and words for columns, instead of their keys."""
     return replace(
         grid,
@@ -183,7 +183,7 @@ def _labelled(text: str) -> str:
     return re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
 
 
-def _sheets(results: Results, runs: Sequence[Run]) -> list[Section]:
+def _sheets(results: Queries, runs: Sequence[StoredRun]) -> list[Section]:
     """Return the sheets of the newest manoeuvres."""
     sections = []
     for run, recorded in newest_manoeuvres(results, runs):
@@ -196,7 +196,7 @@ def _sheets(results: Results, runs: Sequence[Run]) -> list[Section]:
     return sections
 
 
-def _pictures(results: Results, request: ReportRequest) -> tuple[list[Picture], list[str]]:
+def _pictures(results: Queries, request: ReportRequest) -> tuple[list[Picture], list[str]]:
     """Return every figure that the runs have data for, and messages on failed figures."""
     pictures: list[Picture] = []
     messages: list[str] = []
@@ -243,7 +243,7 @@ def _is_dof(dofs: Sequence[str]) -> bool:
     return len(dofs) == 1 and dofs[0] not in COMBINED
 
 
-def _warnings(results: Results, condition: Condition | None) -> list[str]:
+def _warnings(results: Queries, condition: Condition | None) -> list[str]:
     """Return the warnings with the numbers of their runs."""
     messages = []
     for text, ids in results.warnings(condition)[:MOST_LISTED]:
@@ -252,12 +252,12 @@ def _warnings(results: Results, condition: Condition | None) -> list[str]:
     return messages
 
 
-def _failures(results: Results, runs: Sequence[Run]) -> list[RunDetail]:
+def _failures(results: Queries, runs: Sequence[StoredRun]) -> list[RunDetail]:
     lost = [run.id for run in runs if run.status not in ("finished", "running")]
     return [results.reader.run(run_id) for run_id in lost[:MOST_LISTED]]
 
 
-def _provenance(results: Results, condition: Condition | None) -> list[tuple[str, list[str]]]:
+def _provenance(results: Queries, condition: Condition | None) -> list[tuple[str, list[str]]]:
     """Return each property of provenance with its distinct values."""
     counts_of: dict[str, Counter[str]] = {}
     for row in results.provenance(condition):
@@ -272,7 +272,7 @@ def _provenance(results: Results, condition: Condition | None) -> list[tuple[str
     ]
 
 
-def _listed(results: Results, runs: Sequence[Run]) -> Grid:
+def _listed(results: Queries, runs: Sequence[StoredRun]) -> TextTable:
     chosen = [run.id for run in runs][-MOST_LISTED:]
     summaries = results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
     names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]

@@ -15,13 +15,13 @@ from typing import TypeVar
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.factors import Expression, Names, flat
+from seatrial.runner.compare.factors import ColumnNames, Expression, flat
 from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, OfSweeps, parse
 from seatrial.runner.database.engine import url_of
-from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.database.records import SweepSummary
-from seatrial.runner.database.tables import Coefficient, Diagnostic, Metric, Series
-from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.database.tables import CoefficientRow, DiagnosticRow, MetricRow, SeriesRow
+from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.vocabulary import FILE_FINDING, GROUPS
 
@@ -30,13 +30,13 @@ from seatrial.runner.vocabulary import FILE_FINDING, GROUPS
 OWN_FACTORS = ("metric", "stage", "model", "dof", "file")  # of the number, not of its run
 POOLED = "pooled"  # the file of a number that is of all files
 BELOW_TRUE_MODEL = "below_true_model"
-INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a finding; 0: intervals are of the coefficient
+INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a diagnostic; 0: intervals are of the coefficient
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
 FINISHED = "finished"
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class StoredRun:
     """A stored run; `levels` are its choices, its seed and the requested factors, as text."""
 
     id: int
@@ -52,7 +52,7 @@ class Run:
 class Observation:
     """One number of a run: a metric, or a coefficient named by its term (stage `coefficient`)."""
 
-    run: Run
+    run: StoredRun
     stage: str
     model: str
     dof: str
@@ -93,7 +93,7 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-DiagnosticRow = sa.Row[*tuple[object, ...]]
+StoredDiagnostic = sa.Row[*tuple[object, ...]]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 COEFFICIENT_STAGE = "coefficient"
@@ -101,24 +101,24 @@ MOST_VARIABLES = 5_000  # in one statement
 
 
 @contextmanager
-def open_results(database: str, results_dir: Path | None = None) -> Iterator["Results"]:
+def open_results(database: str, results_dir: Path | None = None) -> Iterator["Queries"]:
     """Open the logbook at a URL or file path for reading; raises LogbookError if there is none.
 
     `results_dir` is the folder of its series; the default is the folder of a SQLite file, else
     `results`.
     """
-    with Reader.read(url_of(database), results_dir=results_dir) as reader:
-        yield Results(reader)
+    with LogbookReader.read(url_of(database), results_dir=results_dir) as reader:
+        yield Queries(reader)
 
 
-class Results:
+class Queries:
     """The queries of tables and figures on one logbook."""
 
-    def __init__(self, reader: Reader) -> None:
+    def __init__(self, reader: LogbookReader) -> None:
         self.reader = reader
 
     @cached_property
-    def names(self) -> Names:
+    def names(self) -> ColumnNames:
         """The names that are valid in conditions, rows and columns."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         text = sa.cast(RUN.c.config, sa.Text).label("text")  # also of one that is damaged
@@ -127,7 +127,7 @@ class Results:
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         columns["sweep"] = run_overview.c.sweep
-        return Names(columns, RUN.c.config, keys, self.reader.address.sqlite)
+        return ColumnNames(columns, RUN.c.config, keys, self.reader.address.sqlite)
 
     def where(self, text: str | None) -> Condition | None:
         """Parse the condition of --where and check its names.
@@ -177,7 +177,7 @@ class Results:
         condition: Condition | None = None,
         factors: Sequence[str] = (),
         superseded: bool = False,
-    ) -> list[Run]:
+    ) -> list[StoredRun]:
         """Return the runs that meet the condition, oldest first, with their levels of the factors.
 
         Without `superseded` there is one attempt for each trial. Raises ConfigurationError if no
@@ -200,7 +200,7 @@ class Results:
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = [
-            Run(
+            StoredRun(
                 id_,
                 status,
                 dict(zip(names, map(level_text, levels), strict=True)),
@@ -219,7 +219,7 @@ class Results:
 
     def metrics(
         self,
-        runs: Sequence[Run],
+        runs: Sequence[StoredRun],
         names: Sequence[str],
         condition: Condition | None = None,
         only: Mapping[str, Sequence[str]] | None = None,
@@ -228,7 +228,7 @@ class Results:
 
         `only` restricts stage, model and dof to the given levels; an empty list means all levels.
         """
-        m = Metric.__table__.c
+        m = MetricRow.__table__.c
         query = sa.select(m.run_id, m.stage, m.model, m.dof, m.name, m.value, m.unit)
         query = query.where(m.name.in_(names), m.run_id.in_(self._ids(condition)))
         for column, levels in (only or {}).items():
@@ -242,11 +242,11 @@ class Results:
         ]
 
     def of_files(
-        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
+        self, runs: Sequence[StoredRun], names: Sequence[str], condition: Condition | None = None
     ) -> list[Observation]:
         """Return the named errors of the runs on each file that was tested on.
 
-        `condition` is the one that selected the runs. They are findings, since a file is no part
+        `condition` is the one that selected the runs. They are diagnostics, since a file is no part
         of the name of a metric.
         """
         wanted = [f"{FILE_FINDING}{name}" for name in names]
@@ -263,7 +263,7 @@ class Results:
 
     def coefficients(
         self,
-        runs: Sequence[Run],
+        runs: Sequence[StoredRun],
         condition: Condition | None = None,
         terms: Sequence[str] = (),
     ) -> list[Observation]:
@@ -271,7 +271,7 @@ class Results:
 
         `condition` is the one that selected the runs.
         """
-        c = Coefficient.__table__.c
+        c = CoefficientRow.__table__.c
         columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
         query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
         if terms:
@@ -284,22 +284,24 @@ class Results:
         ]
 
     def diagnostics(
-        self, runs: Sequence[Run], names: Sequence[str], condition: Condition | None = None
-    ) -> dict[int, list[DiagnosticRow]]:
+        self, runs: Sequence[StoredRun], names: Sequence[str], condition: Condition | None = None
+    ) -> dict[int, list[StoredDiagnostic]]:
         """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run.
 
         `names` are those of the diagnostics, `condition` is the one that selected the runs.
         """
-        d = Diagnostic.__table__.c
+        d = DiagnosticRow.__table__.c
         query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
         query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
-        by_run: dict[int, list[DiagnosticRow]] = {run.id: [] for run in runs}
+        by_run: dict[int, list[StoredDiagnostic]] = {run.id: [] for run in runs}
         for row in self.reader.select(query.order_by(d.id)):
             if row.run_id in by_run:
                 by_run[row.run_id].append(row)
         return by_run
 
-    def covering(self, runs: Sequence[Run], condition: Condition | None = None) -> frozenset[int]:
+    def covering(
+        self, runs: Sequence[StoredRun], condition: Condition | None = None
+    ) -> frozenset[int]:
         """Return the runs whose standard errors are of the coefficient, not only of the estimate.
 
         Of runs of earlier versions, and of identifiers that do not say so, it is not known.
@@ -309,14 +311,14 @@ class Results:
 
     def with_standard_errors(self, condition: Condition | None = None) -> frozenset[int]:
         """Return the runs that have a standard error of a coefficient."""
-        c = Coefficient.__table__.c
+        c = CoefficientRow.__table__.c
         query = sa.select(c.run_id).where(c.std_error.is_not(None)).distinct()
         rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition))))
         return frozenset(row.run_id for row in rows)
 
     def warnings(self, condition: Condition | None = None) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""
-        d = Diagnostic.__table__.c
+        d = DiagnosticRow.__table__.c
         query = sa.select(d.label, d.run_id).where(d.name == "warning")
         query = query.where(d.run_id.in_(self._ids(condition))).order_by(d.run_id, d.id)
         runs_of: dict[str, list[int]] = {}
@@ -327,7 +329,7 @@ class Results:
 
     def series_columns(self, condition: Condition | None = None) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
-        s = Series.__table__.c
+        s = SeriesRow.__table__.c
         by_run: dict[int, dict[str, list[str]]] = {}
         query = sa.select(s.run_id, s.kind, s.columns).where(s.run_id.in_(self._ids(condition)))
         for run_id, kind, columns in map(tuple, self.reader.select(query)):
@@ -336,12 +338,12 @@ class Results:
 
     def metric_names(self) -> list[str]:
         """Return the names of all stored metrics."""
-        name = Metric.__table__.c.name
+        name = MetricRow.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
     def terms(self) -> list[str]:
         """Return the terms of all stored coefficients."""
-        term = Coefficient.__table__.c.term
+        term = CoefficientRow.__table__.c.term
         return [row.term for row in self.reader.select(sa.select(term).distinct().order_by(term))]
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:

@@ -13,8 +13,8 @@ import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
-from seatrial.runner.compare.grid import Grid, Scalar, grid_of, one_line, unit_text
-from seatrial.runner.compare.results import RUN, Results
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
+from seatrial.runner.compare.results import RUN, Queries
 from seatrial.runner.compare.where import Comparison, Condition
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunDetail, RunSummary
@@ -52,13 +52,13 @@ NEWEST = 50  # runs that a shell is offered
 
 
 def run_list(
-    results: Results,
+    results: Queries,
     where: str | None,
     status: str | None,
     limit: int,
     sweep: str | None = None,
     tag: str | None = None,
-) -> Grid:
+) -> TextTable:
     """List the newest runs that meet the condition, newest first, with every attempt.
 
     `where` is the text of --where; with `status` only runs of this status, with `sweep` (a number,
@@ -72,7 +72,7 @@ def run_list(
     return _runs_grid(run_rows(results, summaries, RUN_COLUMNS), limit)
 
 
-def numbers(results: Results, beginning: str) -> list[tuple[str, str]]:
+def numbers(results: Queries, beginning: str) -> list[tuple[str, str]]:
     """Return the newest runs whose numbers have this beginning, with their choices, for a shell."""
     matching = sa.cast(RUN.c.id, sa.Text).startswith(beginning, autoescape=True)
     newest = results.reader.runs(matching, newest_first=True, limit=NEWEST)
@@ -84,7 +84,7 @@ def _described(run: RunSummary) -> str:
 
 
 def run_rows(
-    results: Results, summaries: Sequence[RunSummary], names: Sequence[str]
+    results: Queries, summaries: Sequence[RunSummary], names: Sequence[str]
 ) -> list[list[Scalar]]:
     """Return one row for each run with the named columns, some of RUN_COLUMNS."""
     tags: dict[int | None, str | None] = {
@@ -97,7 +97,7 @@ def run_rows(
 
 
 def runs_of(
-    results: Results,
+    results: Queries,
     condition: Condition | None,
     statuses: Sequence[str],
     limit: int | None = None,
@@ -122,7 +122,7 @@ def runs_of(
     return [run for run in summaries if not statuses or run.status in statuses]
 
 
-def _runs_grid(rows: Sequence[Sequence[Scalar]], limit: int) -> Grid:
+def _runs_grid(rows: Sequence[Sequence[Scalar]], limit: int) -> TextTable:
     """Return the list; the table shows only informative columns, the records hold all."""
     all_columns = grid_of("runs", RUN_COLUMNS, rows)
     informative = [
@@ -132,7 +132,7 @@ def _runs_grid(rows: Sequence[Sequence[Scalar]], limit: int) -> Grid:
     cells = [[_brief(RUN_COLUMNS[i], row[i]) for i in informative] for row in rows]
     brief = grid_of("", headers, cells, labels=len(headers))
     notes = [f"the newest {limit}; --limit shows more"] if len(rows) == limit else []
-    return Grid("", brief.headers, brief.rows, len(headers), notes, all_columns.as_records())
+    return TextTable("", brief.headers, brief.rows, len(headers), notes, all_columns.as_records())
 
 
 def _is_informative(name: str, values: Sequence[Scalar]) -> bool:
@@ -162,7 +162,7 @@ def _brief(name: str, value: Scalar) -> Scalar:
             return value
 
 
-def run_details(results: Results, run_id: int) -> list[Grid]:
+def run_details(results: Queries, run_id: int) -> list[TextTable]:
     """Return status, provenance, configuration, metrics, coefficients and series of a run.
 
     Raises LogbookError for an unknown run.
@@ -187,7 +187,7 @@ def run_details(results: Results, run_id: int) -> list[Grid]:
     return [grid for grid in grids if grid.rows]
 
 
-def _excitation(results: Results, run_id: int) -> Grid:
+def _excitation(results: Queries, run_id: int) -> TextTable:
     """Return which terms the recording can separate, one row for each degree of freedom."""
     names = (*EXCITATION, INSEPARABLE)
     diagnostics = [row for row in results.reader.diagnostics(run_id) if row.name in names]
@@ -203,7 +203,9 @@ def _excitation(results: Results, run_id: int) -> Grid:
     return grid_of("excitation", headers, rows, labels=1)
 
 
-def _row_grid(title: str, names: Sequence[str], records: Sequence[object], labels: int) -> Grid:
+def _row_grid(
+    title: str, names: Sequence[str], records: Sequence[object], labels: int
+) -> TextTable:
     rows = [[plain(getattr(record, name)) for name in names] for record in records]
     shown = [
         [
@@ -241,7 +243,7 @@ def _property(value: object) -> Scalar:
     return None if value is False else "yes" if value is True else plain(value)
 
 
-def _labels(results: Results, sweep_id: int | None) -> list[list[Scalar]]:
+def _labels(results: Queries, sweep_id: int | None) -> list[list[Scalar]]:
     """Return tags and note of the sweep of a run, if it has them."""
     labels: list[list[Scalar]] = []
     for sweep in results.reader.sweeps():
@@ -255,19 +257,19 @@ def _config_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def traceback_of(results: Results, run_id: int) -> str:
+def traceback_of(results: Queries, run_id: int) -> str:
     """The traceback of a failed run, or a line that says why there is none."""
     run = results.reader.run(run_id)
     return (run.traceback or f"run {run_id} is {run.summary.status}: no traceback").rstrip()
 
 
-def command_of(results: Results, run_id: int) -> str:
+def command_of(results: Queries, run_id: int) -> str:
     """Return the shell command, on one line, that repeats a run into the same logbook."""
     overrides = results.reader.run(run_id).overrides
     return repeat_command(overrides, results.reader.address, rerun=True)
 
 
-def answer(results: Results, query: str, timeout_s: float, limit: int) -> tuple[Grid, bool]:
+def answer(results: Queries, query: str, timeout_s: float, limit: int) -> tuple[TextTable, bool]:
     """Return the first rows of one SQL query, and whether there are more."""
     result = results.reader.sql(query, timeout_s, limit)
     rows = [[plain(value) for value in row] for row in result.rows]
@@ -336,7 +338,7 @@ HEADERS = ("column", "N", "mean", "std", "median", "min", "max")
 NAMES = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-def recording_statistics(results: Results, run_id: int, digits: int) -> Grid:
+def recording_statistics(results: Queries, run_id: int, digits: int) -> TextTable:
     """Return N, mean, standard deviation, median, minimum and maximum of every recorded column.
 
     Raises LogbookError for a run without statistics; only measured files have them.

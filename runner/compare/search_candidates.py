@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import FINISHED, Results, Run
+from seatrial.runner.compare.results import FINISHED, Queries, StoredRun
 from seatrial.runner.compare.where import OfSweeps
 from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.record.catalogue import all_declared, declared
@@ -113,7 +113,7 @@ class Candidate:
     state: Literal["complete", "pruned", "infeasible"]
 
 
-def search_of(results: Results, name: str | None) -> tuple[SweepSummary, list[Objective]]:
+def search_of(results: Queries, name: str | None) -> tuple[SweepSummary, list[Objective]]:
     """Return a search and its objectives: the sweep of this number or name, or the newest search.
 
     Raises ConfigurationError if there is none.
@@ -127,7 +127,7 @@ def search_of(results: Results, name: str | None) -> tuple[SweepSummary, list[Ob
 
 
 def candidates(
-    results: Results, sweep: SweepSummary, objectives: Sequence[Objective]
+    results: Queries, sweep: SweepSummary, objectives: Sequence[Objective]
 ) -> list[Candidate]:
     """Return the candidates of a search, in its order."""
     condition = OfSweeps((sweep.id,))
@@ -135,7 +135,7 @@ def candidates(
     stored: dict[int, list[Any]] = defaultdict(list)
     for metric in results.metrics(runs, [one.metric for one in objectives], condition):
         stored[metric.run.id].append(metric)
-    groups: dict[str, list[Run]] = defaultdict(list)
+    groups: dict[str, list[StoredRun]] = defaultdict(list)
     for run in runs:
         if run.status in STATUSES and run.status != "running":
             groups[run.experiment or ""].append(run)

@@ -15,8 +15,8 @@ from seatrial.runner.compare.results import (
     FINISHED,
     OWN_FACTORS,
     Observation,
-    Results,
-    Run,
+    Queries,
+    StoredRun,
     ordered,
 )
 from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
@@ -24,8 +24,8 @@ from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.catalogue import HORIZONS, PER_FILE
 
 LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)
-HELD = "held_free_run"
-DIVERGENCE = (*LIMITED, HELD)
+HELD_FREE_RUN = "held_free_run"
+DIVERGENCE = (*LIMITED, HELD_FREE_RUN)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Selection:
     of its estimate.
     """
 
-    runs: Sequence[Run]
+    runs: Sequence[StoredRun]
     shown: Sequence[Observation]
     all: Sequence[Observation]
     flagged: frozenset[tuple[int, str]]
@@ -167,7 +167,7 @@ def _baseline(texts: Sequence[str] | None) -> dict[str, str]:
     return levels
 
 
-def gather(results: Results, request: TableRequest) -> Selection:
+def gather(results: Queries, request: TableRequest) -> Selection:
     """Read runs and numbers of a request; raise ConfigurationError for an unknown name.
 
     A cell whose runs differ in more than the seed is split by what they differ in, or refused.
@@ -190,7 +190,7 @@ def gather(results: Results, request: TableRequest) -> Selection:
     return replace(_gathered(results, replace(request, rows=rows)), split=tuple(split))
 
 
-def _gathered(results: Results, request: TableRequest) -> Selection:
+def _gathered(results: Queries, request: TableRequest) -> Selection:
     condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition, request.factors)
     likeness = Likeness(results, runs)
@@ -233,7 +233,7 @@ def _gathered(results: Results, request: TableRequest) -> Selection:
 
 
 def _of_files(
-    results: Results, runs: Sequence[Run], request: TableRequest, condition: Condition | None
+    results: Queries, runs: Sequence[StoredRun], request: TableRequest, condition: Condition | None
 ) -> list[Observation]:
     """The errors on each file that was tested on; raises ConfigurationError if none is stored."""
     numbers = results.of_files(runs, request.names, condition)
@@ -250,7 +250,7 @@ def diverged_predictions(numbers: Sequence[Observation]) -> dict[Prediction, flo
 
     `numbers` are the metrics DIVERGENCE of some runs.
     """
-    held = {prediction_of(o): o.value for o in numbers if o.name == HELD}
+    held = {prediction_of(o): o.value for o in numbers if o.name == HELD_FREE_RUN}
     return {
         place: math.nan if held.get(place) is None else float(held[place] or 0.0)
         for place in (prediction_of(o) for o in numbers if o.name in LIMITED and o.value)
@@ -258,7 +258,7 @@ def diverged_predictions(numbers: Sequence[Observation]) -> dict[Prediction, flo
 
 
 def _selected(
-    results: Results, numbers: Sequence[Observation], request: TableRequest
+    results: Queries, numbers: Sequence[Observation], request: TableRequest
 ) -> list[Observation]:
     """Select numbers by name, DOF, stage and model; raises ConfigurationError if none is left."""
     _check_names(results, request, {o.name for o in numbers})
@@ -287,7 +287,7 @@ def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
     }
 
 
-def _check_names(results: Results, request: TableRequest, names: set[str]) -> None:
+def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:
     """Reject a name that no run has; a name that only these runs lack gives an empty cell."""
     if names.issuperset(request.names):
         return
@@ -301,7 +301,7 @@ def _check_names(results: Results, request: TableRequest, names: set[str]) -> No
 
 
 def _check_baseline(
-    request: TableRequest, runs: Sequence[Run], numbers: Sequence[Observation]
+    request: TableRequest, runs: Sequence[StoredRun], numbers: Sequence[Observation]
 ) -> None:
     for factor, level in request.baseline.items():
         if factor in OWN_FACTORS:

@@ -19,10 +19,10 @@ from seatrial.runner.record.catalogue import Better
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
-SAME = 1e-9  # relative: smaller differences are rounding errors
+RELATIVE_ROUNDING = 1e-9  # relative: smaller differences are rounding errors
 BOOTSTRAP_RESAMPLES = 10_000
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
-LEVEL = 0.95  # probability that an interval covers the mean
+CONFIDENCE = 0.95  # probability that an interval covers the mean
 BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
@@ -92,7 +92,7 @@ def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float
 
 def quantile_of_t(freedom: int) -> float:
     """Return the t within +- which Student's distribution of this freedom has 95 %."""
-    return float(scipy.special.stdtrit(freedom, 0.5 + LEVEL / 2.0))
+    return float(scipy.special.stdtrit(freedom, 0.5 + CONFIDENCE / 2.0))
 
 
 def _bootstrap_interval(sample: Sample) -> tuple[float, float]:
@@ -102,7 +102,7 @@ def _bootstrap_interval(sample: Sample) -> tuple[float, float]:
         sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
         for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
     ]
-    tail = (1.0 - LEVEL) / 2.0
+    tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail])
     return float(low), float(high)
 

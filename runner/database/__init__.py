@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from seatrial.runner.database import records as records
     from seatrial.runner.database import schema as schema
     from seatrial.runner.database import tables as tables
-    from seatrial.runner.database.logbook import Logbook as Logbook
-    from seatrial.runner.database.reader import Reader as Reader
+    from seatrial.runner.database.logbook import LogbookWriter as LogbookWriter
+    from seatrial.runner.database.reader import LogbookReader as LogbookReader
     from seatrial.runner.database.records import Answer as Answer
-    from seatrial.runner.database.records import Problem as Problem
+    from seatrial.runner.database.records import LogbookDefect as LogbookDefect
     from seatrial.runner.database.records import PruneResult as PruneResult
     from seatrial.runner.database.records import RunClaim as RunClaim
     from seatrial.runner.database.records import RunDetail as RunDetail
@@ -32,10 +32,10 @@ else:
         __name__,
         ["engine", "outage", "records", "schema", "tables"],
         {
-            "logbook": ["Logbook"],
-            "reader": ["Reader"],
+            "logbook": ["LogbookWriter"],
+            "reader": ["LogbookReader"],
             "records": [
-                *("Answer", "Problem", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
+                *("Answer", "LogbookDefect", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
                 *("RunSummary", "SeriesFile", "SweepStatus", "SweepSummary", "Verification"),
             ],
         },

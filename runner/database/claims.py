@@ -25,7 +25,7 @@ from seatrial.runner.database.liveness import (
     is_stale,
 )
 from seatrial.runner.database.records import RunClaim, RunStart, plain
-from seatrial.runner.database.tables import Base, Reuse, Run
+from seatrial.runner.database.tables import Base, Reuse, RunRow
 from seatrial.runner.vocabulary import GROUPS
 
 _TRIES = 10  # a try fails only if another process changed the rows at the same time
@@ -53,7 +53,7 @@ def claim(
     but the connection was lost before the reply. Raises LogbookError if no try succeeds.
     """
     for _ in range(_TRIES):
-        attempts = _attempts(connection, Run.fingerprint == start.fingerprint)
+        attempts = _attempts(connection, RunRow.fingerprint == start.fingerprint)
         begun = _own(attempts, moment) or _existing(attempts, rerun)
         if begun is None and _lost_are_given_up(connection, attempts):
             attempt = 1 + max((run.number for run in attempts), default=0)
@@ -70,25 +70,33 @@ def claim(
 def give_up(connection: Connection, run_id: int, reason: str, *where: ColumnElement[bool]) -> bool:
     """Mark a run as interrupted if it is running and `where` holds; returns whether it was."""
     result = connection.execute(
-        update(Run)
-        .where(Run.id == run_id, Run.status == "running", *where)
+        update(RunRow)
+        .where(RunRow.id == run_id, RunRow.status == "running", *where)
         .values(status="interrupted", error=reason)
-        .returning(Run.id)
+        .returning(RunRow.id)
     )
     return result.scalar() is not None
 
 
 def give_up_gone(connection: Connection, sweep_id: int) -> None:
     """Mark the runs of a sweep as interrupted whose processes on this machine have ended."""
-    for run in _attempts(connection, Run.sweep_id == sweep_id, Run.status == "running"):
+    for run in _attempts(connection, RunRow.sweep_id == sweep_id, RunRow.status == "running"):
         if is_gone(run.process):
             _is_given_up(connection, run)
 
 
 def _attempts(connection: Connection, *where: ColumnElement[bool]) -> list[_Attempt]:
-    stale = is_stale(Run.heartbeat_at)
-    columns = (Run.id, Run.attempt, Run.status, Run.process, Run.host, Run.pid, Run.started_at)
-    rows = connection.execute(select(*columns, stale).where(*where).order_by(Run.attempt)).all()
+    stale = is_stale(RunRow.heartbeat_at)
+    columns = (
+        RunRow.id,
+        RunRow.attempt,
+        RunRow.status,
+        RunRow.process,
+        RunRow.host,
+        RunRow.pid,
+        RunRow.started_at,
+    )
+    rows = connection.execute(select(*columns, stale).where(*where).order_by(RunRow.attempt)).all()
     return [_Attempt(*row) for row in rows]
 
 
@@ -121,13 +129,13 @@ def _is_given_up(connection: Connection, run: _Attempt) -> bool:
     if is_gone(run.process):
         return give_up(connection, run.id, f"{process} has ended")
     reason = f"{process} had no heartbeat for {STALE_AFTER_S:.0f} s"
-    return give_up(connection, run.id, reason, is_stale(Run.heartbeat_at))
+    return give_up(connection, run.id, reason, is_stale(RunRow.heartbeat_at))
 
 
 def _insert(connection: Connection, row: Mapping[str, object]) -> RunClaim | None:
     """Insert the new run; None if another process was first."""
-    statement = _insert_unless_there(connection, Run).values(heartbeat_at=database_now())
-    run_id = connection.execute(statement.returning(Run.id), row).scalar()
+    statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=database_now())
+    run_id = connection.execute(statement.returning(RunRow.id), row).scalar()
     return RunClaim(run_id, "new") if run_id is not None else None
 
 
@@ -170,9 +178,9 @@ def reuse(connection: Connection, sweep_id: int, run_ids: Sequence[int]) -> set[
     """Store that a sweep takes over runs; returns those that are there and finished."""
     present: set[int] = set()
     for start in range(0, len(run_ids), 500):  # databases limit the variables of a query
-        part = Run.id.in_(run_ids[start : start + 500])
+        part = RunRow.id.in_(run_ids[start : start + 500])
         present |= set(
-            connection.execute(select(Run.id).where(part, Run.status == "finished")).scalars()
+            connection.execute(select(RunRow.id).where(part, RunRow.status == "finished")).scalars()
         )
     _note_reuse(connection, sweep_id, sorted(present))
     return present

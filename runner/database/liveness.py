@@ -21,7 +21,7 @@ from sqlalchemy.types import Boolean, DateTime
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.engine import Address, one_line
 from seatrial.runner.database.outage import repeated
-from seatrial.runner.database.tables import Run
+from seatrial.runner.database.tables import RunRow
 
 HEARTBEAT_S = 5.0
 STALE_AFTER_S = 60.0
@@ -152,7 +152,7 @@ class Heartbeat:
                 self._touch(runs)
 
     def _touch(self, runs: list[int]) -> None:
-        alive = update(Run).where(Run.id.in_(runs), Run.status == "running")
+        alive = update(RunRow).where(RunRow.id.in_(runs), RunRow.status == "running")
 
         def beat() -> None:
             with self._engine.begin() as connection:

@@ -27,7 +27,7 @@ from seatrial.runner.database.claims import claim, give_up, give_up_gone, reuse
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import Heartbeat
 from seatrial.runner.database.outage import hurry, repeated
-from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.database.records import (
     PruneResult,
     RunClaim,
@@ -43,7 +43,7 @@ from seatrial.runner.vocabulary import Ending
 T = TypeVar("T")
 
 
-class Logbook(Reader):
+class LogbookWriter(LogbookReader):
     """A logbook, opened for writing."""
 
     def __init__(self, address: Address, results_dir: Path) -> None:
@@ -53,7 +53,7 @@ class Logbook(Reader):
         self._began: dict[int, float] = {}  # run: time.monotonic() at its start
 
     @classmethod
-    def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "Logbook":
+    def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "LogbookWriter":
         """Open the logbook at `url`; create it (if `create`) if there is none.
 
         Raises LogbookError, and changes nothing, if the database belongs to another program, has
@@ -130,7 +130,7 @@ class Logbook(Reader):
         values: dict[str, object] = {"finished_at": datetime.now(UTC)}
         if planned is not None:
             values["planned"] = planned
-        ended = update(tables.Sweep).where(tables.Sweep.id == sweep_id).values(values)
+        ended = update(tables.SweepRow).where(tables.SweepRow.id == sweep_id).values(values)
         self._write(lambda connection: connection.execute(ended))
         if self.address.path is not None:
             with engines.explained(self.address):
@@ -255,7 +255,7 @@ class Logbook(Reader):
     def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
         if not series:
             return []
-        run = tables.Run
+        run = tables.RunRow
         columns = select(run.fingerprint, run.attempt, run.started_at)
         rows = self.select(columns.where(run.id == run_id))
         if not rows:
@@ -276,7 +276,7 @@ class Logbook(Reader):
         results: Results,
         written: Sequence[SeriesFile],
     ) -> None:
-        run = tables.Run
+        run = tables.RunRow
         running = (run.id == run_id, run.status == "running")
         if connection.execute(update(run).where(*running), ending).rowcount == 1:
             _insert_results(connection, run_id, results, written)
@@ -296,11 +296,11 @@ class Logbook(Reader):
 
 def _insert_sweep(connection: Connection, row: Mapping[str, object]) -> int:
     """Insert a sweep and return its id, also if the reply to an earlier insert was lost."""
-    same = [getattr(tables.Sweep, name) == row[name] for name in ("host", "pid", "started_at")]
-    sweep_id = connection.scalar(select(tables.Sweep.id).where(*same))
+    same = [getattr(tables.SweepRow, name) == row[name] for name in ("host", "pid", "started_at")]
+    sweep_id = connection.scalar(select(tables.SweepRow.id).where(*same))
     if sweep_id is not None:
         return sweep_id
-    key = connection.execute(insert(tables.Sweep).values(row)).inserted_primary_key
+    key = connection.execute(insert(tables.SweepRow).values(row)).inserted_primary_key
     assert key is not None
     return int(key[0])
 
@@ -309,18 +309,18 @@ def _insert_results(
     connection: Connection, run_id: int, results: Results, written: Sequence[SeriesFile]
 ) -> None:
     rows: dict[type[tables.Base], list[dict[str, object]]] = {
-        tables.Metric: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
-        tables.Coefficient: [
+        tables.MetricRow: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
+        tables.CoefficientRow: [
             vars(coefficient) | _numbers(coefficient, "value", "std_error", "true_value")
             for coefficient in results.coefficients
         ],
-        tables.Diagnostic: [
-            vars(finding)
-            | _numbers(finding, "value")
-            | {"i": integer(finding.i), "j": integer(finding.j)}
-            for finding in results.diagnostics
+        tables.DiagnosticRow: [
+            vars(diagnostic)
+            | _numbers(diagnostic, "value")
+            | {"i": integer(diagnostic.i), "j": integer(diagnostic.j)}
+            for diagnostic in results.diagnostics
         ],
-        tables.Series: [vars(file) for file in written],
+        tables.SeriesRow: [vars(file) for file in written],
     }
     for table, facts in rows.items():
         if facts:

@@ -30,8 +30,8 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.checked_rows import DamagedCellError, read
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
-from seatrial.runner.database.records import Problem, SeriesFile, Verification
-from seatrial.runner.database.tables import Base, Run, Series
+from seatrial.runner.database.records import LogbookDefect, SeriesFile, Verification
+from seatrial.runner.database.tables import Base, RunRow, SeriesRow
 
 _CHUNK = 500  # ids in one statement
 _ROWS = 10_000  # in memory
@@ -40,23 +40,23 @@ UNCHECKED = "series files were not checked: some cells cannot be read"
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
     """Check every page, foreign key and series file; `connection` may be read-only."""
-    problems: list[Problem] = []
+    problems: list[LogbookDefect] = []
     leftover_files: list[Path] = []
     counts = [0, 0]
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
-        counts = [_count(connection, table) for table in (Run, Series)]
+        counts = [_count(connection, table) for table in (RunRow, SeriesRow)]
         damaged = list(_damaged_tables(connection))
         problems += damaged
         if damaged:
-            problems.append(Problem("database", UNCHECKED))
+            problems.append(LogbookDefect("database", UNCHECKED))
         else:
-            rows = connection.execute(select(Series.__table__).order_by(Series.id))
+            rows = connection.execute(select(SeriesRow.__table__).order_by(SeriesRow.id))
             problems += [problem for row in rows if (problem := _wrong_file(row, results_dir))]
             leftover_files = orphans(connection, results_dir)
     except DatabaseError as error:
-        problems.append(Problem("database", one_line(error)))
+        problems.append(LogbookDefect("database", one_line(error)))
     return Verification(counts[0], counts[1], problems, leftover_files)
 
 
@@ -64,32 +64,32 @@ def _count(connection: Connection, table: type[Base]) -> int:
     return connection.scalar(select(func.count()).select_from(table)) or 0
 
 
-def _damage(connection: Connection) -> Iterator[Problem]:
+def _damage(connection: Connection) -> Iterator[LogbookDefect]:
     """Run SQLite's integrity check; PostgreSQL has its own tool (pg_amcheck)."""
     if connection.dialect.name == "sqlite":
         for line in connection.exec_driver_sql("PRAGMA integrity_check").scalars():
             if line != "ok":
-                yield Problem("database", str(line))
+                yield LogbookDefect("database", str(line))
 
 
-def _damaged_tables(connection: Connection) -> Iterator[Problem]:
+def _damaged_tables(connection: Connection) -> Iterator[LogbookDefect]:
     """Read every cell, and name the first one of each table that cannot be read."""
     for table in Base.metadata.sorted_tables:
         try:
             for _ in read(connection, select(table), _ROWS):
                 pass
         except (DamagedCellError, OperationalError) as error:  # such as text that is not UTF-8
-            yield Problem(f"table {table.name}", one_line(error))
+            yield LogbookDefect(f"table {table.name}", one_line(error))
 
 
-def _lost_parents(connection: Connection) -> Iterator[Problem]:
+def _lost_parents(connection: Connection) -> Iterator[LogbookDefect]:
     """Find rows that refer to a missing run or sweep."""
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_key_constraints:
             count = connection.scalar(_without_parent(table, key))
             if count:
                 parent = key.referred_table.name
-                yield Problem(f"table {table.name}", f"{count} rows refer to no {parent}")
+                yield LogbookDefect(f"table {table.name}", f"{count} rows refer to no {parent}")
 
 
 def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[int]:
@@ -98,16 +98,16 @@ def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[int]:
     return select(func.count()).select_from(table).where(column.is_not(None), ~parent_row)
 
 
-def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> Problem | None:
+def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> LogbookDefect | None:
     where = f"run {row.run_id}, series {row.kind}"
     file = SeriesFile(row.kind, row.path, row.format, row.n_rows, row.sha256, row.columns)
     try:
         content = files.checked(results_dir, file)
         n_rows, columns = files.shape(content)
     except LogbookError as error:
-        return Problem(where, str(error))
+        return LogbookDefect(where, str(error))
     if (n_rows, set(columns)) != (file.n_rows, set(file.columns)):
-        return Problem(
+        return LogbookDefect(
             where,
             f"{row.path}: got {n_rows} rows of {', '.join(columns)};"
             f" expected {file.n_rows} of {', '.join(file.columns)}",
@@ -120,9 +120,9 @@ def orphans(connection: Connection, results_dir: Path) -> list[Path]:
     paths = files.listed(results_dir)  # before the rows are read
     if not paths:
         return []
-    known = {Path(path).name for path in connection.scalars(select(Series.path))}
-    alive = and_(Run.status == "running", ~is_stale(Run.heartbeat_at))
-    claimed = connection.execute(select(Run.id, Run.process).where(alive))
+    known = {Path(path).name for path in connection.scalars(select(SeriesRow.path))}
+    alive = and_(RunRow.status == "running", ~is_stale(RunRow.heartbeat_at))
+    claimed = connection.execute(select(RunRow.id, RunRow.process).where(alive))
     busy = {run_id for run_id, process in claimed if not is_gone(process)}
     return [
         path
@@ -139,8 +139,15 @@ def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
     paths = files.listed(results_dir)
     if not paths:
         return []
-    lost = Run.status.in_(("interrupted", "running"))
-    columns = (Run.id, Run.status, Run.process, Run.fingerprint, Run.attempt, Run.started_at)
+    lost = RunRow.status.in_(("interrupted", "running"))
+    columns = (
+        RunRow.id,
+        RunRow.status,
+        RunRow.process,
+        RunRow.fingerprint,
+        RunRow.attempt,
+        RunRow.started_at,
+    )
     owners = {
         (row.id, files.mark(row.fingerprint, row.attempt, row.started_at))
         for row in connection.execute(select(*columns).where(lost))
@@ -151,14 +158,14 @@ def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
 
 def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[ColumnElement[bool]]:
     """Return conditions on `run`: not running, older than `older_than`, of one of the statuses."""
-    stale = and_(Run.status == "running", is_stale(Run.heartbeat_at))
-    conditions: list[ColumnElement[bool]] = [or_(Run.status != "running", stale)]
+    stale = and_(RunRow.status == "running", is_stale(RunRow.heartbeat_at))
+    conditions: list[ColumnElement[bool]] = [or_(RunRow.status != "running", stale)]
     if older_than is not None:
         now = datetime.now(UTC)
         calendar = now - datetime.min.replace(tzinfo=UTC)
-        conditions.append(Run.started_at < now - min(older_than, calendar))
+        conditions.append(RunRow.started_at < now - min(older_than, calendar))
     if statuses:
-        chosen = Run.status.in_(statuses)
+        chosen = RunRow.status.in_(statuses)
         conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)
     return conditions
 
@@ -169,10 +176,10 @@ def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, li
     deleted = 0
     for first in range(0, len(run_ids), _CHUNK):
         ids = run_ids[first : first + _CHUNK]
-        ended = select(Run.id).where(Run.id.in_(ids), *prunable(None, ())).with_for_update()
+        ended = select(RunRow.id).where(RunRow.id.in_(ids), *prunable(None, ())).with_for_update()
         deleted_ids = connection.scalars(ended).all()
-        paths += connection.scalars(select(Series.path).where(Series.run_id.in_(deleted_ids)))
-        connection.execute(delete(Run).where(Run.id.in_(deleted_ids)))
+        paths += connection.scalars(select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)))
+        connection.execute(delete(RunRow).where(RunRow.id.in_(deleted_ids)))
         deleted += len(deleted_ids)
     return deleted, paths
 

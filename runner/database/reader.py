@@ -24,8 +24,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DataError
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.models.findings import Finding
 from seatrial.runner.database import checked_rows, maintenance, schema, sql_query, tables
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import series_files as files
@@ -52,12 +52,12 @@ else:
 
     tables_export = lazy_loader.load("seatrial.runner.database.export", suppress_warning=True)
 
-Fact = TypeVar("Fact", Metric, Coefficient, Finding, SeriesFile)
+Fact = TypeVar("Fact", Metric, Coefficient, Diagnostic, SeriesFile)
 Columns = TypeVarTuple("Columns")
 AT_ONCE = 500  # values in one condition; databases limit the variables of a query
 
 
-class Reader:
+class LogbookReader:
     """A logbook, opened for reading; `results_dir` holds its series files."""
 
     def __init__(self, address: Address, engine: Engine, results_dir: Path) -> None:
@@ -66,7 +66,7 @@ class Reader:
         self._engine = engine
 
     @classmethod
-    def read(cls, url: str | URL, *, results_dir: Path | None = None) -> "Reader":
+    def read(cls, url: str | URL, *, results_dir: Path | None = None) -> "LogbookReader":
         """Open the logbook at `url`; `results_dir` is the folder of a SQLite file by default.
 
         Raises LogbookError if there is none, or if this version cannot read it.
@@ -74,7 +74,7 @@ class Reader:
         address = parse(url)
         schema.require_current(address)
         folder = results_dir or (address.path.parent if address.path else Path("results"))
-        return Reader(address, engines.reader(address), folder.absolute())
+        return LogbookReader(address, engines.reader(address), folder.absolute())
 
     def __enter__(self) -> Self:
         return self
@@ -133,12 +133,12 @@ class Reader:
 
     def sweeps(self) -> list[SweepSummary]:
         """Return the sweeps, oldest first."""
-        rows = self.select(select(tables.Sweep.__table__).order_by(tables.Sweep.id))
+        rows = self.select(select(tables.SweepRow.__table__).order_by(tables.SweepRow.id))
         return [SweepSummary(**row._asdict()) for row in rows]
 
     def running_sweeps(self) -> list[int]:
         """Return the sweeps that have not ended and had a heartbeat of a run in the last minute."""
-        sweep, run = tables.Sweep, tables.Run
+        sweep, run = tables.SweepRow, tables.RunRow
         alive = exists().where(run.sweep_id == sweep.id, ~is_stale(run.heartbeat_at))
         query = select(sweep.id).where(sweep.finished_at.is_(None), alive).order_by(sweep.id)
         return [row.id for row in self.select(query)]
@@ -146,10 +146,10 @@ class Reader:
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
         known = abs(run_id) < 2**63
-        summaries = self.runs(tables.Run.id == literal(run_id, BigInteger())) if known else []
+        summaries = self.runs(tables.RunRow.id == literal(run_id, BigInteger())) if known else []
         if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
-        (row,) = self.select(select(tables.Run.__table__).where(tables.Run.id == run_id))
+        (row,) = self.select(select(tables.RunRow.__table__).where(tables.RunRow.id == run_id))
         names = RunDetail.__dataclass_fields__
         cells = {name: cell for name, cell in row._asdict().items() if name in names}
         return RunDetail(summary=summaries[0], **cells)
@@ -164,22 +164,22 @@ class Reader:
         wanted = list(fingerprints)
         for start in range(0, len(wanted), AT_ONCE):
             part = wanted[start : start + AT_ONCE]
-            for run in self.runs(tables.Run.fingerprint.in_(part)):
+            for run in self.runs(tables.RunRow.fingerprint.in_(part)):
                 if not run.superseded:
                     runs.setdefault(run.fingerprint, run)
         return runs
 
     def metrics(self, run_id: int) -> list[Metric]:
         """Return the metrics of a run, in the order of storage."""
-        return self._facts(Metric, tables.Metric, run_id)
+        return self._facts(Metric, tables.MetricRow, run_id)
 
     def coefficients(self, run_id: int) -> list[Coefficient]:
         """Return the coefficients of a run's models, in the order of storage."""
-        return self._facts(Coefficient, tables.Coefficient, run_id)
+        return self._facts(Coefficient, tables.CoefficientRow, run_id)
 
-    def diagnostics(self, run_id: int) -> list[Finding]:
+    def diagnostics(self, run_id: int) -> list[Diagnostic]:
         """Return the diagnostics of a run, in the order of storage."""
-        return self._facts(Finding, tables.Diagnostic, run_id)
+        return self._facts(Diagnostic, tables.DiagnosticRow, run_id)
 
     def _facts(self, record: type[Fact], table: type[tables.Base], run_id: int) -> list[Fact]:
         columns = table.__table__.c
@@ -189,7 +189,7 @@ class Reader:
 
     def series_files(self, run_id: int) -> list[SeriesFile]:
         """Return the series files of a run."""
-        return self._facts(SeriesFile, tables.Series, run_id)
+        return self._facts(SeriesFile, tables.SeriesRow, run_id)
 
     def series(self, run_id: int, kind: str) -> Series:
         """Read a series of a run; raises LogbookError if it is missing or its checksum differs."""
@@ -200,7 +200,9 @@ class Reader:
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
         """Return the progress of a sweep; raises LogbookError if there is no such sweep."""
-        sweeps = self.select(select(tables.Sweep.__table__).where(tables.Sweep.id == sweep_id))
+        sweeps = self.select(
+            select(tables.SweepRow.__table__).where(tables.SweepRow.id == sweep_id)
+        )
         trials = self.select(_trials(sweep_id))
         if not sweeps:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
@@ -214,7 +216,7 @@ class Reader:
             planned=sweep.planned,
             counts=dict(Counter(statuses.values())),
             reused=sum(1 for trial in last.values() if trial.reused),
-            failed=self.runs(tables.Run.id.in_(lost)) if lost else [],
+            failed=self.runs(tables.RunRow.id.in_(lost)) if lost else [],
             finished_at=sweep.finished_at,
         )
 
@@ -250,10 +252,10 @@ def _runs(
     where: Sequence[ColumnElement[bool]], newest_first: bool, limit: int | None
 ) -> Select[*tuple[object, ...]]:
     names = RunSummary.__dataclass_fields__
-    order = tables.Run.id.desc() if newest_first else tables.Run.id
+    order = tables.RunRow.id.desc() if newest_first else tables.RunRow.id
     return (
-        select(*(run_overview.c[name] for name in names), tables.Run.process)
-        .join_from(run_overview, tables.Run, tables.Run.id == run_overview.c.run_id)
+        select(*(run_overview.c[name] for name in names), tables.RunRow.process)
+        .join_from(run_overview, tables.RunRow, tables.RunRow.id == run_overview.c.run_id)
         .where(*where)
         .order_by(order)
         .limit(limit)
@@ -262,7 +264,7 @@ def _runs(
 
 def _trials(sweep_id: int) -> Select[*tuple[object, ...]]:
     """Select the runs of a sweep and those that it reuses, ordered by attempt."""
-    run, reuse = tables.Run, tables.Reuse
+    run, reuse = tables.RunRow, tables.Reuse
     started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
     reused = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
     members = union_all(started, reused).subquery("member")

@@ -148,7 +148,7 @@ class SweepSummary:
 
 
 @dataclass(frozen=True)
-class Problem:
+class LogbookDefect:
     """A defect of a logbook: its place and its description."""
 
     where: str
@@ -161,7 +161,7 @@ class Verification:
 
     runs: int
     series: int
-    problems: list[Problem]
+    problems: list[LogbookDefect]
     leftovers: list[Path]  # files of killed programs, without a row; they do no harm
 
 

@@ -66,7 +66,7 @@ class Base(DeclarativeBase):
     }
 
 
-class Sweep(Base):
+class SweepRow(Base):
     """One start of the program with several trials."""
 
     __tablename__ = "sweep"
@@ -85,7 +85,7 @@ class Sweep(Base):
     note: Mapped[str | None]
 
 
-class Run(Base):
+class RunRow(Base):
     """One attempt at one trial."""
 
     __tablename__ = "run"
@@ -142,7 +142,7 @@ class Run(Base):
     drawn: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
 
 
-class Metric(Base):
+class MetricRow(Base):
     """One figure of merit."""
 
     __tablename__ = "metric"
@@ -158,7 +158,7 @@ class Metric(Base):
     unit: Mapped[str]
 
 
-class Coefficient(Base):
+class CoefficientRow(Base):
     """One entry of a model."""
 
     __tablename__ = "coefficient"
@@ -175,8 +175,8 @@ class Coefficient(Base):
     unit: Mapped[str]
 
 
-class Diagnostic(Base):
-    """One `Finding` of a part of a trial."""
+class DiagnosticRow(Base):
+    """One `Diagnostic` of a part of a trial."""
 
     __tablename__ = "diagnostic"
     __table_args__ = (Index("ix_diagnostic_run_id", "run_id", "name"),)
@@ -192,7 +192,7 @@ class Diagnostic(Base):
     unit: Mapped[str]
 
 
-class Series(Base):
+class SeriesRow(Base):
     """One file of sampled columns; `path` is relative to the results folder."""
 
     __tablename__ = "series"

@@ -12,17 +12,17 @@ from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.manoeuvre_measures import Execution as Execution
 from seatrial.models.simulation.manoeuvre_measures import Track as Track
 from seatrial.models.simulation.manoeuvre_measures import Turn as Turn
-from seatrial.models.simulation.manoeuvre_measures import ZigZag as ZigZag
+from seatrial.models.simulation.manoeuvre_measures import ZigZagMeasures as ZigZagMeasures
 from seatrial.models.simulation.manoeuvre_measures import way_from as way_from
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
-from seatrial.models.simulation.manoeuvre_sheet import FINDING as FINDING
+from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC as DIAGNOSTIC
 from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
-from seatrial.models.simulation.manoeuvre_sheet import Entry as Entry
 from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre as Manoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
+from seatrial.models.simulation.manoeuvre_sheet import SheetEntry as SheetEntry
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
-from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.record.catalogue import (
     MEASURE_HIGH,
     MEASURE_LOW,
@@ -39,7 +39,7 @@ MANOEUVRES = get_args(Manoeuvre)
 BOUNDS = (MEASURE_LOW, MEASURE_HIGH)
 
 
-class Predicted(NamedTuple):
+class PredictedMeasure(NamedTuple):
     """A quantity of the identified model, and its 90 % interval; NaN where there is none."""
 
     value: float
@@ -53,7 +53,7 @@ class Recorded:
 
     track: Track
     manoeuvre: Manoeuvre | None
-    predicted: Mapping[str, Predicted] = field(default_factory=dict)  # by quantity
+    predicted: Mapping[str, PredictedMeasure] = field(default_factory=dict)  # by quantity
 
 
 def file_track(
@@ -77,7 +77,11 @@ def file_track(
 
 
 def stored(
-    reader: Reader, run: int, kind: str, helm: str | None = None, length_m: float | None = None
+    reader: LogbookReader,
+    run: int,
+    kind: str,
+    helm: str | None = None,
+    length_m: float | None = None,
 ) -> Recorded:
     """The motion of a run's series; `helm` and the length are those of the run by default.
 
@@ -98,7 +102,7 @@ def stored(
     return Recorded(track, manoeuvre_in(mission), predicted)
 
 
-def predicted_by(reader: Reader, run: int) -> dict[str, Predicted]:
+def predicted_by(reader: LogbookReader, run: int) -> dict[str, PredictedMeasure]:
     """What the identified model of a run predicts of its manoeuvre, by quantity."""
     values = {row.name: row.value for row in reader.metrics(run) if row.model == "identified"}
     bounds = {(row.name, row.label): row.value for row in reader.diagnostics(run)}
@@ -107,7 +111,7 @@ def predicted_by(reader: Reader, run: int) -> dict[str, Predicted]:
         return np.nan if value is None else value
 
     return {
-        quantity: Predicted(
+        quantity: PredictedMeasure(
             *map(number, (values[name], *(bounds.get((b, quantity)) for b in BOUNDS)))
         )
         for quantity in MEASURES

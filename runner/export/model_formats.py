@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.export import fmu, linear_models, vessel_file
+from seatrial.runner.export import fmu, linear_models, stored_model
 from seatrial.runner.export.equations import equations_of
 from seatrial.runner.export.stored_model import StoredModel
 
@@ -42,7 +42,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Format:
+class ModelFormat:
     """A format: the endings of its files, the usual one first, and the function that writes it."""
 
     endings: tuple[str, ...]
@@ -52,11 +52,11 @@ class Format:
 
 
 def _yaml(request: Request) -> Files:
-    return {request.path: vessel_file.as_yaml(request.model)}
+    return {request.path: stored_model.as_yaml(request.model)}
 
 
 def _json(request: Request) -> Files:
-    return {request.path: vessel_file.as_json(request.model)}
+    return {request.path: stored_model.as_json(request.model)}
 
 
 def _statespace(request: Request) -> Files:
@@ -95,18 +95,18 @@ def _fmu(request: Request) -> Files:
     return {request.path: fmu.fmu(equations, request.symbol, request.model.step_s)}
 
 
-FORMATS: Mapping[str, Format] = {
-    "yaml": Format((".yaml", ".yml"), _yaml, inputs=True),
-    "json": Format((".json",), _json, inputs=True),
-    "statespace": Format((".mat", ".json"), _statespace, linear=True),
-    "python-control": Format((".py",), _python_control, linear=True),
-    "mss": Format((".m",), _mss),
-    "c": Format((".c",), _c),
-    "fmu": Format((".fmu",), _fmu),
+FORMATS: Mapping[str, ModelFormat] = {
+    "yaml": ModelFormat((".yaml", ".yml"), _yaml, inputs=True),
+    "json": ModelFormat((".json",), _json, inputs=True),
+    "statespace": ModelFormat((".mat", ".json"), _statespace, linear=True),
+    "python-control": ModelFormat((".py",), _python_control, linear=True),
+    "mss": ModelFormat((".m",), _mss),
+    "c": ModelFormat((".c",), _c),
+    "fmu": ModelFormat((".fmu",), _fmu),
 }
 
 
-def format_of(name: str) -> Format:
+def format_of(name: str) -> ModelFormat:
     """Return a format by its name; raises ConfigurationError if there is no such format."""
     if name not in FORMATS:
         raise ConfigurationError(f"--to: got {name!r}, expected one of {', '.join(FORMATS)}")

@@ -3,14 +3,18 @@
 The node of a vessel has the content of a file in `conf/vessel`: the thrusters, limits and tuning
 of the run's vessel, with the coefficients of the model instead of its own. Every coefficient is a
 derivative of its own there, so that reading it again gives the same numbers.
+
+A stored model as a vessel of the configuration: YAML with comments, and JSON.
 """
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import yaml
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, poses_of
@@ -19,7 +23,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import options
-from seatrial.runner.database import Reader
+from seatrial.runner.database import LogbookReader
 from seatrial.runner.database.records import RunDetail
 from seatrial.runner.record.coefficient_rows import device_values, vessel_of
 from seatrial.runner.record.rows import Coefficient
@@ -110,7 +114,7 @@ class StoredModel:
 
 
 def read_model(
-    logbook: Reader, run_id: int, model: str = "identified", linear: bool = False
+    logbook: LogbookReader, run_id: int, model: str = "identified", linear: bool = False
 ) -> StoredModel:
     """Read a model (nominal, identified, plant, adaptive) of a run.
 
@@ -162,7 +166,7 @@ def derivatives_of(table: Vessel) -> dict[str, float]:
 
 
 def _state_space(
-    logbook: Reader, run: RunDetail, rows: list[Coefficient], dofs: tuple[str, ...]
+    logbook: LogbookReader, run: RunDetail, rows: list[Coefficient], dofs: tuple[str, ...]
 ) -> StateSpace:
     """The state-space model of its stored entries, which are complete."""
     entries: dict[str, dict[tuple[int, ...], float | None]] = {}
@@ -172,9 +176,9 @@ def _state_space(
     matrices = {name: _matrix(values) for name, values in entries.items()}
     inputs = [f"tau_{dof}" for dof in dofs]
     inputs += [f"input_{i + 1}" for i in range(len(dofs), matrices["B"].shape[1])]
-    for finding in logbook.diagnostics(run.summary.run_id):
-        if finding.name == "markov" and finding.j is not None and finding.label:
-            inputs[finding.j - 1] = finding.label
+    for diagnostic in logbook.diagnostics(run.summary.run_id):
+        if diagnostic.name == "markov" and diagnostic.j is not None and diagnostic.label:
+            inputs[diagnostic.j - 1] = diagnostic.label
     identifier = run.config["identifier"]
     body = identifier.get("output", "body_pose") == "body_pose" and dofs in (PLANAR, DOFS)
     return StateSpace(
@@ -185,7 +189,7 @@ def _state_space(
     )
 
 
-def _period(logbook: Reader, run: RunDetail, identifier: Config) -> float:
+def _period(logbook: LogbookReader, run: RunDetail, identifier: Config) -> float:
     """The sample time of the identified state-space model [s]: whole samples of the recording."""
     t = logbook.series(run.summary.run_id, "recording").columns["t"]
     span = t[-1] - t[0]
@@ -199,3 +203,50 @@ def _matrix(values: Mapping[tuple[int, ...], float | None]) -> Array:
     for place, value in values.items():
         matrix[place] = np.nan if value is None else value
     return matrix
+
+
+HEAD = """\
+# {source}.
+# Sail it with vessel=PATH-OF-THIS-FILE, or with vessel=run:{run} and the database of the run.
+# Thrusters, limits and tuning are those of the vessel {vessel}. The terms of the equation of motion
+# are listed one by one: coriolis is false because its terms are among the derivatives.
+"""
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
+    """Writes lists of numbers in a line, and floats so that YAML reads the same numbers."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        """Write everything in full."""
+        return True
+
+
+def _list(dumper: yaml.SafeDumper, values: list[object]) -> yaml.SequenceNode:
+    flat = not any(isinstance(value, dict | list) for value in values)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=flat)
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    text = repr(value)  # the shortest that gives the same number; YAML takes `1e+20` for a text
+    if "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
+
+
+_Dumper.add_representer(float, _float)
+_Dumper.add_representer(list, _list)
+
+
+def as_yaml(model: StoredModel) -> str:
+    """The vessel as a file of the group `vessel`."""
+    head = HEAD.format(
+        source=model.source, run=model.run.summary.run_id, vessel=model.run.summary.vessel
+    )
+    return head + str(
+        yaml.dump(model.node, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=1000)
+    )
+
+
+def as_json(model: StoredModel) -> str:
+    """The same node as data."""
+    return json.dumps(model.node, indent=2, ensure_ascii=False) + "\n"

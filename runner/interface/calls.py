@@ -211,7 +211,7 @@ def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = N
 
 def _dry_run(call: "in_process.Call") -> Table:
     """Return the trials of a dry run, with their totals as notes."""
-    headers = ("state", "trial", "remark")
+    headers = ("state", "trial", "note")
     return Table(grid_of("dry run", headers, call.trials or (), len(headers), call.lines))
 
 

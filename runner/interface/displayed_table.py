@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.formats import Format, render
-from seatrial.runner.compare.grid import Grid
+from seatrial.runner.compare.formats import OutputFormat, render
+from seatrial.runner.compare.grid import TextTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,7 +20,7 @@ class Table:
     `str(table)` is what the shell prints, a notebook shows the same as HTML.
     """
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, grid: TextTable) -> None:
         self._grid = grid
 
     @property
@@ -51,10 +51,10 @@ class Table:
         ConfigurationError
             There is no such format.
         """
-        known = [each.value for each in Format]
+        known = [each.value for each in OutputFormat]
         if form not in known:
             raise ConfigurationError(f"text: got {form!r}, expected one of {', '.join(known)}")
-        return render(self._grid, Format(form))
+        return render(self._grid, OutputFormat(form))
 
     def __str__(self) -> str:
         return self.text()

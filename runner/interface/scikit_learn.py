@@ -54,7 +54,7 @@ class Estimator:
     identifier
         Name of an option of the group `identifier`, such as `"ls"`, or an `Identifier` of yours.
     vessel
-        The believed vessel: a name, a path, or a `Vessel`.
+        The nominal vessel: a name, a path, or a `Vessel`.
     seed
         Seed of the random numbers that an identifier may draw.
     **options_
@@ -66,7 +66,7 @@ class Estimator:
     model_ : Model
         The identified model, after `fit`.
     identified_ : Identified
-        All that the identifier returned: standard errors, findings, warnings.
+        All that the identifier returned: standard errors, diagnostics, warnings.
 
     Examples
     --------

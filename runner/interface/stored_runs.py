@@ -11,13 +11,12 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
 from seatrial.runner import compare, database, export
-from seatrial.runner.compare.cli import DEFAULT_DATABASE, MOST, PlotOptions, TableOptions
-from seatrial.runner.compare.grid import Grid, grid_of
-from seatrial.runner.interface.displayed_table import Table
-from seatrial.runner.interface.query_options import (
+from seatrial.runner.compare.cli import DEFAULT_DATABASE, MAX_ROWS, PlotOptions, TableOptions
+from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.interface.arguments import (
     PLOT_LISTS,
     TABLE_LISTS,
     Kind,
@@ -27,6 +26,7 @@ from seatrial.runner.interface.query_options import (
     TableArguments,
     listed,
 )
+from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.catalogue import METRICS
 from seatrial.runner.vocabulary import GROUPS, Config
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from seatrial.runner.compare.results import Observation, Results
+    from seatrial.runner.compare.results import Observation, Queries
     from seatrial.runner.database import RunDetail
     from seatrial.runner.record import rows
 else:
@@ -66,13 +66,13 @@ class Logbook:
         self._default_sweep: str | None = None
 
     @contextmanager
-    def opened(self) -> Iterator["Results"]:
+    def opened(self) -> Iterator["Queries"]:
         """Open the logbook for the queries of tables and figures."""
         with compare.results.open_results(self.address, self._results_dir) as results:
             yield results
 
     def runs(
-        self, status: str | None = None, limit: int = MOST, **selected: Unpack[Selected]
+        self, status: str | None = None, limit: int = MAX_ROWS, **selected: Unpack[Selected]
     ) -> "pd.DataFrame":
         """Return the runs, newest first, with their choices, status and duration.
 
@@ -263,7 +263,7 @@ class Sweep(Logbook):
         self._default_sweep = str(number)
 
     def __repr__(self) -> str:
-        return str(self._run_list(None, MOST, {}))
+        return str(self._run_list(None, MAX_ROWS, {}))
 
 
 class Run:
@@ -299,10 +299,10 @@ class Run:
             return _rows(rows.Coefficient, results.reader.coefficients(self.number))
 
     @property
-    def findings(self) -> "pd.DataFrame":
+    def diagnostics(self) -> "pd.DataFrame":
         """What the parts of the trial said of themselves, warnings included."""
         with self.logbook.opened() as results:
-            return _rows(Finding, results.reader.diagnostics(self.number))
+            return _rows(Diagnostic, results.reader.diagnostics(self.number))
 
     @property
     def model(self) -> Model:
@@ -384,12 +384,12 @@ class Run:
         with self.logbook.opened() as results:
             return results.reader.run(self.number)
 
-    def _summary(self) -> Grid:
+    def _summary(self) -> TextTable:
         """The main metrics of the run, nominal beside identified, with its warnings as notes."""
         with self.logbook.opened() as results:
             summary = results.reader.run(self.number).summary
             stored = results.reader.metrics(self.number)
-            findings = results.reader.diagnostics(self.number)
+            diagnostics = results.reader.diagnostics(self.number)
         numbers = {(row.name, row.dof, row.model): row for row in stored}
         rows = []
         for metric in METRICS:
@@ -401,7 +401,7 @@ class Run:
         choices = ", ".join(getattr(summary, group) for group in GROUPS)
         title = f"run {self.number}, {summary.status}: {choices}, seed {summary.seed}"
         notes = [summary.error] if summary.error else []
-        notes += [row.label for row in findings if row.name == "warning" and row.label]
+        notes += [row.label for row in diagnostics if row.name == "warning" and row.label]
         return grid_of(title, ("metric", "dof", "unit", *MODELS), rows, 3, notes)
 
     def __repr__(self) -> str:

@@ -1,1 +1,1 @@
-"""What a trial stores: metrics, coefficients, findings and time series, with units."""
+"""What a trial stores: metrics, coefficients, diagnostics and time series, with units."""

@@ -339,7 +339,7 @@ MEASURES = {
     **{f"{n} overshoot": "deg" for n in ("first", "second", "third", "fourth")},
     **{f"{n} overshoot, time": "s" for n in ("first", "second", "third", "fourth")},
 }  # fmt: skip
-MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # findings: a 90 % interval
+MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 
 def metric_of_measure(quantity: str) -> str:

@@ -4,26 +4,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
-from seatrial.runner.closed_loop import Design, SimulatedMission
+from seatrial.runner.closed_loop import ControlDesign, SimulatedMission
 from seatrial.runner.record.rows import Metric, metric, per_dof
 from seatrial.runner.vocabulary import Stage
 
 STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts this long [s]
 
 
-def design_metrics(design: Design, model: str) -> list[Metric]:
+def design_metrics(design: ControlDesign, model: str) -> list[Metric]:
     """Return the spectral radius of the closed loop, and the limits that the weather exceeds."""
     rows = [
-        metric("spectral_radius", "deployment", model, remark.dof, float(remark.value))
-        for remark in design.remarks
-        if remark.name == "spectral_radius" and remark.value is not None
+        metric("spectral_radius", "deployment", model, diagnostic.dof, float(diagnostic.value))
+        for diagnostic in design.diagnostics
+        if diagnostic.name == "spectral_radius" and diagnostic.value is not None
     ]
     if design.limits is not None:
         flags = 1.0 * design.infeasible
@@ -104,29 +104,31 @@ def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
     return [metric(name, "deployment", model, dof, value) for name, dof, value in values]
 
 
-def design_findings(design: Design, model: str) -> list[Finding]:
-    """Return the remarks of the controller, the force that the weather needs, and warnings."""
-    findings = [
-        Finding(remark.name, remark.dof, remark.value, remark.unit, label=model)
-        for remark in design.remarks
+def design_diagnostics(design: ControlDesign, model: str) -> list[Diagnostic]:
+    """Return the diagnostics of the controller, the force that the weather needs, and warnings."""
+    diagnostics = [
+        Diagnostic(diagnostic.name, diagnostic.dof, diagnostic.value, diagnostic.unit, label=model)
+        for diagnostic in design.diagnostics
     ]
     for dof, force in zip(design.dofs, design.needed, strict=True):
-        findings.append(Finding("needed_force", dof, float(force), FORCE_UNIT[dof], label=model))
-    return [*findings, *warning_rows(design_warnings(design, model))]
+        diagnostics.append(
+            Diagnostic("needed_force", dof, float(force), FORCE_UNIT[dof], label=model)
+        )
+    return [*diagnostics, *warning_rows(design_warnings(design, model))]
 
 
-def warning_rows(texts: Sequence[str]) -> list[Finding]:
-    """Return warnings as findings, to be stored with the run."""
-    return [Finding("warning", "all", None, label=text) for text in texts]
+def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
+    """Return warnings as diagnostics, to be stored with the run."""
+    return [Diagnostic("warning", "all", None, label=text) for text in texts]
 
 
-def design_warnings(design: Design, model: str) -> list[str]:
+def design_warnings(design: ControlDesign, model: str) -> list[str]:
     """Return the problems of the design before the simulation, one line each."""
     warnings = [
-        f"{model} model: the closed loop's spectral radius is {remark.value:.4f}, "
+        f"{model} model: the closed loop's spectral radius is {diagnostic.value:.4f}, "
         f"expected less than 1: the design does not settle on its own model"
-        for remark in design.remarks
-        if remark.name == "spectral_radius" and (remark.value or 0.0) >= 1.0
+        for diagnostic in design.diagnostics
+        if diagnostic.name == "spectral_radius" and (diagnostic.value or 0.0) >= 1.0
     ]
     for i in np.flatnonzero(design.infeasible):
         assert design.limits is not None
@@ -138,11 +140,11 @@ def design_warnings(design: Design, model: str) -> list[str]:
     return warnings
 
 
-def loop_findings(sailed: SimulatedMission | None, model: str) -> list[Finding]:
+def loop_diagnostics(sailed: SimulatedMission | None, model: str) -> list[Diagnostic]:
     """Return how much longer a loop in Python took than a compiled one, if it was one."""
     if sailed is None or sailed.slowdown is None:
         return []
-    return [Finding("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
+    return [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
 
 
 def losses(sailed: SimulatedMission, model: str) -> list[str]:

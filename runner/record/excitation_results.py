@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
-from seatrial.models.findings import Finding
-from seatrial.models.planning.planner import Plan
+from seatrial.models.planning.planner import PlannedPath
 from seatrial.models.recording.preprocessing import quality_checks, quality_series
-from seatrial.models.recording.readers import Reader
+from seatrial.models.recording.recorded_file import MeasuredRecording
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.record.rows import Metric, Results, Series, metric
 
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-def column_statistics(excitation: Reader) -> list[Finding]:
+def column_statistics(excitation: MeasuredRecording) -> list[Diagnostic]:
     """Compute descriptive statistics of each recorded column in the window; i is the column."""
     return [
-        Finding(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
+        Diagnostic(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
         for i, column in enumerate(excitation.describe())
         for name in STATISTICS
     ]
 
 
-def outlier_counts(excitation: Reader, dofs: tuple[str, ...]) -> list[Finding]:
+def outlier_counts(excitation: MeasuredRecording, dofs: tuple[str, ...]) -> list[Diagnostic]:
     """Count the outliers of each column in use, by the outlier rule of the file."""
     counts = excitation.outlier_counts(dofs)
     return [
-        Finding("outliers", "all", count, i=i, label=column)
+        Diagnostic("outliers", "all", count, i=i, label=column)
         for i, (column, count) in enumerate(counts.items())
     ]
 
@@ -66,55 +66,55 @@ def mix_results(mix: object, excited: "ExcitationData") -> Results:
     """Return the results of a mix of manoeuvres; empty for any other excitation."""
     if not isinstance(mix, Mix):
         return Results()
-    findings, plan = _count_findings(mix), mix.plan
+    diagnostics, plan = _count_diagnostics(mix), mix.plan
     if plan is None:
-        return Results(diagnostics=findings)
+        return Results(diagnostics=diagnostics)
     return Results(
-        diagnostics=[*findings, *_plan_findings(mix, plan, excited.recording)],
+        diagnostics=[*diagnostics, *_plan_diagnostics(mix, plan, excited.recording)],
         series=[_plan_series(mix, plan), _waters_series(mix)],
     )
 
 
-def _finding(
+def _diagnostic(
     name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
-) -> Finding:
-    return Finding(name, "all", value, unit, i=i, label=label)
+) -> Diagnostic:
+    return Diagnostic(name, "all", value, unit, i=i, label=label)
 
 
-def _count_findings(mix: Mix) -> list[Finding]:
+def _count_diagnostics(mix: Mix) -> list[Diagnostic]:
     """Return the count of every candidate, and how close the counts are to the optimum."""
     counts, design = mix.counts, mix.information
     totals = np.array(list(counts.values()), dtype=np.float64)
-    findings = [
-        _finding("mix_count", float(n), label=name, i=i)
+    diagnostics = [
+        _diagnostic("mix_count", float(n), label=name, i=i)
         for i, (name, n) in enumerate(counts.items())
     ]
     if np.isfinite(design.log_det(totals)):
-        findings.append(_finding("mix_log_det", design.log_det(totals)))
+        diagnostics.append(_diagnostic("mix_log_det", design.log_det(totals)))
     if mix.design == "optimal":
         weights = design.weights
-        findings += [
-            _finding("mix_share", float(share), label=name, i=i)
+        diagnostics += [
+            _diagnostic("mix_share", float(share), label=name, i=i)
             for i, name, share in zip(count(), counts, weights.share, strict=False)
         ]
-        findings.append(_finding("mix_gap", weights.gap))
-        findings.append(_finding("mix_log_det_optimal", design.log_det(weights.share)))
-    return findings
+        diagnostics.append(_diagnostic("mix_gap", weights.gap))
+        diagnostics.append(_diagnostic("mix_log_det_optimal", design.log_det(weights.share)))
+    return diagnostics
 
 
-def _plan_findings(mix: Mix, plan: Plan, recording: Recording) -> list[Finding]:
+def _plan_diagnostics(mix: Mix, plan: PlannedPath, recording: Recording) -> list[Diagnostic]:
     """Return the duration of the plan, and how closely the vessel followed it."""
     waters = mix.route.waters
     positions, planned = recording.eta[:, :2], plan.poses[: len(recording), :2]
     return [
-        _finding("plan_duration", (len(plan.poses) - 1) * mix.period_s, "s"),
-        _finding("plan_clearance", float(np.min(waters.distance(plan.poses[:, :2]))), "m"),
-        _finding("plan_deviation", float(np.max(np.hypot(*(positions - planned).T))), "m"),
-        _finding("sailed_clearance", float(np.min(waters.distance(positions))), "m"),
+        _diagnostic("plan_duration", (len(plan.poses) - 1) * mix.period_s, "s"),
+        _diagnostic("plan_clearance", float(np.min(waters.distance(plan.poses[:, :2]))), "m"),
+        _diagnostic("plan_deviation", float(np.max(np.hypot(*(positions - planned).T))), "m"),
+        _diagnostic("sailed_clearance", float(np.min(waters.distance(positions))), "m"),
     ]
 
 
-def _plan_series(mix: Mix, plan: Plan) -> Series:
+def _plan_series(mix: Mix, plan: PlannedPath) -> Series:
     """Return the planned poses, with the manoeuvre between each pose and the next."""
     schedule, names = mix.schedule, list(mix.candidates)
     manoeuvres, roles = [], []
@@ -151,9 +151,9 @@ def _waters_series(mix: Mix) -> Series:
     return Series("waters", columns, {"polygon": "", "x": "m", "y": "m", "clearance": "m"})
 
 
-def excitation_report(reports: Iterable[Persistence]) -> list[Finding]:
+def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
     """Return how well the training data distinguish the terms of the nominal model."""
-    findings = []
+    diagnostics = []
     for report in reports:
         numbers = {
             "regressor_condition": report.condition,
@@ -161,14 +161,16 @@ def excitation_report(reports: Iterable[Persistence]) -> list[Finding]:
             "regressor_unknowns": float(report.unknowns),
             "spectral_lines": float(report.lines),
         }
-        findings += [
-            Finding(name, report.dof, number)
+        diagnostics += [
+            Diagnostic(name, report.dof, number)
             for name, number in numbers.items()
             if np.isfinite(number)
         ]
         groups = [(name,) for name in report.unexcited] + list(report.inseparable)
-        findings += [
-            Finding("inseparable_terms", report.dof, 1.0 * len(group), i=i, label=" ".join(group))
+        diagnostics += [
+            Diagnostic(
+                "inseparable_terms", report.dof, 1.0 * len(group), i=i, label=" ".join(group)
+            )
             for i, group in enumerate(groups)
         ]
-    return findings
+    return diagnostics

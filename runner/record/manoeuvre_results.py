@@ -2,9 +2,9 @@
 
 Every model carries out the manoeuvre of the excitation in calm water. The intervals are of first
 order: quantiles over models that are drawn from the joint distribution of what was identified, near
-it. They hold as far as its standard errors do (finding `interval_of_estimate`).
+it. They hold as far as its standard errors do (diagnostic `interval_of_estimate`).
 
-The findings `recorded_manoeuvre_QUANTITY`, such as `recorded_manoeuvre_tactical_diameter`, have
+The diagnostics `recorded_manoeuvre_QUANTITY`, such as `recorded_manoeuvre_tactical_diameter`, have
 the file as i and as j one of `COMPARED`. There the models have the recorded helm, also in a
 zig-zag.
 """
@@ -17,9 +17,9 @@ from typing import get_args
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
-from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import PLANAR
@@ -27,8 +27,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track
 from seatrial.models.simulation.manoeuvre_sheet import (
     COMPARED,
-    FINDING,
-    SHARE,
+    DEVIATION_SHARE,
+    DIAGNOSTIC,
     Manoeuvre,
     Sheet,
     intervals,
@@ -46,7 +46,7 @@ from seatrial.runner.record.rows import Metric, Results, metric
 log = logging.getLogger(__name__)
 HELM = "delta"
 DRAWS = 100  # models of an interval
-FEWEST = 20  # of them that carry the manoeuvre out
+MIN_DRAWS = 20  # of them that carry the manoeuvre out
 UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
 
 
@@ -102,16 +102,18 @@ def _rows(result: Sheet, model: str) -> list[Metric]:
 
 def _intervals(
     calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
-) -> list[Finding]:
+) -> list[Diagnostic]:
     """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
     sail = partial(_track_if_able, calm, mission, length_m)
     own = sail(identified.model)
-    tracks = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
-    if own is None or len(tracks) < FEWEST:
+    tracks = [
+        track for track in map(sail, identified.draws(DRAWS, DEVIATION_SHARE)) if track is not None
+    ]
+    if own is None or len(tracks) < MIN_DRAWS:
         return []
     bounds = intervals(own, tracks, kind)
     return [
-        Finding(name, "all", value, MEASURES[quantity], label=quantity)
+        Diagnostic(name, "all", value, MEASURES[quantity], label=quantity)
         for quantity, both in bounds.items()
         for name, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
         if np.isfinite(value)
@@ -128,22 +130,24 @@ def _track_if_able(
         return None
 
 
-def manoeuvres(problem: Problem, identified: Identified, length_m: float | None) -> list[Finding]:
+def manoeuvres(
+    problem: Problem, identified: Identified, length_m: float | None
+) -> list[Diagnostic]:
     """Measure the manoeuvre of each file that is tested on; none for a vessel without a rudder.
 
-    A file that holds no manoeuvre has no findings.
+    A file that holds no manoeuvre has no diagnostics.
     """
     known = {"surge", "sway", "yaw"} <= set(problem.nominal.dofs)
     if length_m is None or HELM not in problem.nominal.inputs or not known:
         return []
-    findings: list[Finding] = []
+    diagnostics: list[Diagnostic] = []
     parts = problem.validation.by_file() or {_name(problem.validation): problem.validation}
     for i, (name, part) in enumerate(parts.items()):
         try:
-            findings.extend(_of_file(i, name, part, problem, identified, length_m))
+            diagnostics.extend(_of_file(i, name, part, problem, identified, length_m))
         except (RecordingError, ConfigurationError) as error:
             log.debug("%s: no manoeuvre: %s", name, error)
-    return findings
+    return diagnostics
 
 
 def _name(recording: Recording) -> str:
@@ -153,14 +157,16 @@ def _name(recording: Recording) -> str:
 
 def _of_file(
     i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
-) -> Iterator[Finding]:
+) -> Iterator[Diagnostic]:
     sail = partial(_predicted, part=part, problem=problem, length_m=length_m)
     measured = sheet(track_of(part, HELM, length_m))
     models = (problem.nominal, identified.model)
     tracks = [sail(model) for model in models]
     kind, turn_deg = measured.manoeuvre, measured.turn_deg
     own = [sheet(track, kind, turn_deg=turn_deg).values if track else {} for track in tracks]
-    drawn = [track for track in map(sail, identified.draws(DRAWS, SHARE)) if track is not None]
+    drawn = [
+        track for track in map(sail, identified.draws(DRAWS, DEVIATION_SHARE)) if track is not None
+    ]
     bounds = intervals(tracks[1], drawn, kind, turn_deg=turn_deg) if tracks[1] else {}
     for entry in measured.entries:
         values = [entry.value, *(each.get(entry.quantity) for each in own)]
@@ -168,7 +174,7 @@ def _of_file(
         quantity = entry.quantity.replace(", ", "_").replace(" ", "_")
         for j, value in enumerate(values):
             label = f"{name}, {COMPARED[j]}"
-            yield Finding(f"{FINDING}{quantity}", "all", value, entry.unit, i, j, label)
+            yield Diagnostic(f"{DIAGNOSTIC}{quantity}", "all", value, entry.unit, i, j, label)
 
 
 def _predicted(model: Vessel, part: Recording, problem: Problem, length_m: float) -> Track | None:

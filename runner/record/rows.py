@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.record.catalogue import declared
 from seatrial.runner.vocabulary import Stage, Stream
 
@@ -68,7 +68,7 @@ class Results:
 
     metrics: Sequence[Metric] = ()
     coefficients: Sequence[Coefficient] = ()
-    diagnostics: Sequence[Finding] = ()  # rows of the table `diagnostic`
+    diagnostics: Sequence[Diagnostic] = ()  # rows of the table `diagnostic`
     series: Sequence[Series] = ()
     note: str | None = None
     drawn: Sequence[Stream] | None = None  # random streams that the results depend on, if known

@@ -26,7 +26,7 @@ from seatrial.models.weather.weather import Weather
 from seatrial.runner.closed_loop import ExcitationData, SimulatedMission
 from seatrial.runner.record.deployment_metrics import is_allocated
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.validation_metrics import Predicted
+from seatrial.runner.record.validation_metrics import Predictions
 
 
 def voyage_series(sailed: SimulatedMission, model: str) -> Series:
@@ -178,7 +178,7 @@ def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identi
     return Series("residual", columns, _units(dofs, columns))
 
 
-def prediction_series(held_out: Recording, predicted: Predicted) -> Series:
+def prediction_series(held_out: Recording, predicted: Predictions) -> Series:
     """Return the held-out motion and its predictions; NaN where they diverge.
 
     `start` is 1 at the measured states from which the free runs begin. `surge` is the measured

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.findings import Finding
 from seatrial.models.identification.problem import (
     Identified,
     Problem,
@@ -33,28 +33,28 @@ from seatrial.runner.vocabulary import FILE_FINDING
 MODELS = ("nominal", "identified")
 
 
-def per_file(problem: Problem, identified: Identified) -> list[Finding]:
+def per_file(problem: Problem, identified: Identified) -> list[Diagnostic]:
     """Compute errors on each file of the held-out part; i is the file, named by the label.
 
     A free run starts from the first state of the part of the file that is tested on, whose length
-    is a finding too. Nothing is computed unless there are several files.
+    is a diagnostic too. Nothing is computed unless there are several files.
     """
-    findings: list[Finding] = []
+    diagnostics: list[Diagnostic] = []
     for i, (name, part) in enumerate(problem.validation.by_file().items()):
         alone = replace(problem, validation=part)
         rows = validation(part, problem.nominal, identified, None)
         rows += predictions(alone, identified, None).metrics
         duration = part.t[-1] - part.t[0]
-        findings.append(Finding(f"{FILE_FINDING}duration", "all", duration, "s", i, 0, name))
-        findings += [
-            Finding(
+        diagnostics.append(Diagnostic(f"{FILE_FINDING}duration", "all", duration, "s", i, 0, name))
+        diagnostics += [
+            Diagnostic(
                 f"{FILE_FINDING}{row.name}", row.dof, row.value, row.unit, i,
                 MODELS.index(row.model), f"{name}, {row.model} model",
             )
             for row in rows
             if row.name in PER_FILE and row.model in MODELS
         ]  # fmt: skip
-    return findings
+    return diagnostics
 
 
 def validation(
@@ -117,11 +117,11 @@ def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class Predictions:
     """Predictions of the held-out part: their metrics, what prevented them, and the free runs."""
 
     metrics: list[Metric]
-    findings: list[Finding]
+    diagnostics: list[Diagnostic]
     free_runs: dict[str, Array]  # by model: pose and velocity (N, 2 n_dof); NaN where it diverges
     # by model and horizon [s]: pose and velocity (N, 2 n_dof); NaN where no prediction ends
     after: dict[tuple[str, float], Array]
@@ -132,24 +132,24 @@ def predictions(
     identified: Identified,
     truth: Vessel | None,
     horizons_s: Sequence[float] = (),
-) -> Predicted:
+) -> Predictions:
     """Compute errors and scores of the predictions of every model on the held-out part.
 
     A horizon over which a model diverges has its share of limited rates but no errors, nor has a
-    model that cannot predict; the reason is returned as a finding. The rows of `mean_motion` are
+    model that cannot predict; the reason is returned as a diagnostic. The rows of `mean_motion` are
     those of a model that always predicts the mean of the measured motion.
     """
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
-    predicted = Predicted([], [], {}, {})
+    predicted = Predictions([], [], {}, {})
     spread: Array | None = None
     for model, table in models.items():
         try:
             predictor = prediction(table, problem.validation, problem.thruster)
         except IdentificationError as error:
             label = f"{model} model: {error}"
-            predicted.findings.append(Finding("no_prediction", "all", 1.0, label=label))
+            predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
             lost = 1.0 if isinstance(error, InertiaError) else np.nan
             predicted.metrics.extend(_without_prediction(model, problem.validation.dofs, lost))
             continue

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.programs import METRICS, ROOT, belonging_to
 
 LONGEST_S = 300.0
@@ -86,11 +86,11 @@ class Stage:
         return Program(process, files, f"SEATRIAL_ABUSE={token}")
 
     @contextmanager
-    def logbook(self) -> Iterator[Logbook | None]:
+    def logbook(self) -> Iterator[LogbookWriter | None]:
         """The logbook, or None while there is none that can be read."""
         url = self.server or f"sqlite:///{self.folder}/results/results.db"
         try:
-            logbook = Logbook.read(url, results_dir=self.folder / "results")
+            logbook = LogbookWriter.read(url, results_dir=self.folder / "results")
         except LogbookError:
             yield None
             return

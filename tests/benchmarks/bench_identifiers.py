@@ -32,7 +32,7 @@ IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "dsr": ("dsr", ("identifier.bootstrap=null", "identifier.force=filtered")),
     "dsr with errors": ("dsr", ("identifier.force=filtered",)),
     "auto": ("auto", ()),
-    "least_squares": ("least_squares", ()),
+    "output_error": ("output_error", ()),
     "nsga2": ("nsga2", ()),
 }
 ALL = ("ls", "ridge", "iv", "plsr", "plsr, no errors", "dsr")  # to the last size, however long

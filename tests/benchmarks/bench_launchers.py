@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 
 TRIALS, TURNS = 64, 4
 WANTED = 1.6  # times, on two cores
@@ -68,7 +68,7 @@ def _measured(launcher: str, folder: Path) -> tuple[float, list[float], list[Any
         [sys.executable, "-m", "runner", "-m", *TRIAL, seeds, f"hydra/launcher={launcher}"],
         cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True, capture_output=True,
     )  # fmt: skip
-    with Logbook.read(f"sqlite:///{folder}/results/results.db") as logbook:
+    with LogbookWriter.read(f"sqlite:///{folder}/results/results.db") as logbook:
         runs = logbook.runs()
         metrics = sorted(logbook.sql(METRICS).rows)
     assert [run.status for run in runs] == ["finished"] * (TRIALS // TURNS)

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.rows import Results
 from tests.benchmarks import sweeps
@@ -137,7 +137,7 @@ def _storing(
 ) -> None:
     results = Results(metrics=make_results().metrics, coefficients=make_results().coefficients)
     mlflow, trials = Mlflow(tmp_path, in_a_batch=in_a_batch), itertools.count()
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
 
         def ours() -> int:
             run = logbook.begin_run(make_start(next(trials))).run_id

@@ -16,7 +16,11 @@ import numba
 import numpy as np
 
 from seatrial.models.identification.free_run import deviations, predict
-from seatrial.models.identification.multiobjective_search import RunningMetric, SearchResult, Space
+from seatrial.models.identification.multiobjective_search import (
+    ParameterSpace,
+    RunningMetric,
+    SearchResult,
+)
 from seatrial.models.identification.nsga2 import Nsga2
 from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.predictor import Predictor
@@ -193,7 +197,7 @@ class ByPymoo(Nsga2):
     """The same identification, searched by pymoo's NSGA2 with pymoo's defaults."""
 
     def _search(
-        self, objectives: Objectives, space: Space, rng: np.random.Generator
+        self, objectives: Objectives, space: ParameterSpace, rng: np.random.Generator
     ) -> SearchResult:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.problem import Problem as PymooProblem
@@ -216,7 +220,7 @@ class ByPymoo(Nsga2):
 
 def front_of(found: Identified) -> Array:
     """The objectives of the points of the Pareto front, shape (n, 2)."""
-    values = [f.value for f in found.findings if f.name == "pareto_objective"]
+    values = [f.value for f in found.diagnostics if f.name == "pareto_objective"]
     return np.array(values).reshape(-1, 2)
 
 

@@ -7,7 +7,7 @@ from sklearn import config_context
 from sklearn.cross_decomposition import PLSRegression
 
 from seatrial.models.identification.kernel_pls import Columns, columns, mean_squares, output_moment
-from seatrial.models.identification.surface_plsr import FEWEST, exists, whole_surface
+from seatrial.models.identification.surface_plsr import MIN_COUNT, exists, whole_surface
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
@@ -58,7 +58,7 @@ def theirs(z: Columns, held_out: Array) -> Surfaces:
             y, y_left = z.y[:, k], held_out[:, 1 + n + k]
             for order in range(1, n + 1):
                 kept = np.arange(n)
-                while len(kept) >= max(FEWEST, order):
+                while len(kept) >= max(MIN_COUNT, order):
                     fitted = PLSRegression(order, scale=False).fit(x[:, kept], y)
                     size, rest = len(kept) - 1, y_left - fitted.predict(left[:, kept])
                     found.theta[k, order - 1, size, kept] = fitted.coef_[0] / z.beta[kept]

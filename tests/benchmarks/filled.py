@@ -4,10 +4,10 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.database.samples import make_results, make_start
 
-IDENTIFIERS = ("dsr", "iv", "least_squares", "ls", "none", "nsga2", "plsr", "ridge", "surface_plsr")
+IDENTIFIERS = ("dsr", "iv", "output_error", "ls", "none", "nsga2", "plsr", "ridge", "surface_plsr")
 DISTURBANCES = ("calm", "noise", "constant")
 
 
@@ -29,7 +29,7 @@ def value(run: int, k: int) -> float:
 def fill(folder: Path, runs: int) -> Path:
     """A logbook of so many finished runs with 30 metrics each, in every combination."""
     url = f"sqlite:///{folder}/results.db"
-    with Logbook.open(url, results_dir=folder) as logbook:
+    with LogbookWriter.open(url, results_dir=folder) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     file = folder / "results.db"
     metrics = list(make_results().metrics)

@@ -26,7 +26,7 @@ from hydra._internal.core_plugins import basic_launcher
 from seatrial.runner import job, sweep, trial
 from seatrial.runner.__main__ import main
 from seatrial.runner.composition import Composer, SharingLoader
-from seatrial.runner.database import Logbook, Reader
+from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.job import Planner
 from tests.benchmarks.memory import peak_megabytes
@@ -57,7 +57,7 @@ def ours(trials: int) -> float:
         begun = time.perf_counter()
         code = main()
         seconds = time.perf_counter() - begun
-        with Logbook.read(f"sqlite:///{folder}/results.db") as logbook:
+        with LogbookWriter.read(f"sqlite:///{folder}/results.db") as logbook:
             ended = Counter(run.status for run in logbook.runs())
     assert (code, ended) == (0, {"finished": trials})
     return seconds
@@ -98,12 +98,12 @@ def parts(trials: int) -> dict[str, float]:
         ("job in all", basic_launcher, "run_job"),
         ("job of ours", sweep.SweepJob, "__call__"),
         ("job: fingerprint", job, "fingerprint"),
-        ("open the logbook", Logbook, "open"),
-        ("close the logbook", Logbook, "close"),
-        ("begin the run", Logbook, "begin_run"),
-        ("store the results", Logbook, "finish_run"),
+        ("open the logbook", LogbookWriter, "open"),
+        ("close the logbook", LogbookWriter, "close"),
+        ("begin the run", LogbookWriter, "begin_run"),
+        ("store the results", LogbookWriter, "finish_run"),
         ("work", trial, "run"),
-        ("progress, in its thread", Reader, "sweep_status"),
+        ("progress, in its thread", LogbookReader, "sweep_status"),
     )
     with ExitStack() as patched:
         for what, owner, name in steps:

@@ -116,7 +116,7 @@ def replay() -> Callable[[Vessel], Voyage]:
 
 @pytest.fixture(scope="session")
 def milliampere() -> Vessel:
-    """The believed model of the ferry, Jervan (2020), Table A.1."""
+    """The nominal model of the ferry, Jervan (2020), Table A.1."""
     return ferry().nominal()
 
 

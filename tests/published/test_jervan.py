@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.printed_figures import FOLDER, read_file
+from docs.published.printed import read_folder
 from seatrial.runner.record.coefficient_rows import vessel_of
 from seatrial.runner.record.rows import Results
 
@@ -21,7 +21,7 @@ THESIS = (
 
 def printed(experiment: str, row: str) -> dict[str, float]:
     """The residual MSE that the thesis prints for a model, by degree of freedom."""
-    figures = read_file(FOLDER / f"{experiment}.csv")
+    figures = read_folder(experiment=experiment)[experiment]
     chosen = [one for one in figures if one.row == row and one.name == "force_mse"]
     return {one.dof: one.printed for one in chosen if one.printed is not None}
 
@@ -61,7 +61,7 @@ def test_the_printed_true_model_is_wrong_in_the_cross_terms_alone(run: Run) -> N
     """Table 4.11: the cross terms are not halved, most with the sign of the derivative."""
     results = run("identifier=ls", "identifier.force=filtered")
     truth = {(r.dof, r.term): r.true_value for r in results.coefficients if r.model == "residual"}
-    figures = read_file(FOLDER / "jervan_table_4_11.csv")
+    figures = read_folder(experiment="jervan_table_4_11")["jervan_table_4_11"]
     claimed = [one for one in figures if one.row == "true model of the residual"]
     assert {(one.dof, one.name) for one in claimed} == {k for k, v in truth.items() if v}
     cross = {"r^2", "uv", "ur", "vr", "|v|r", "|r|v"}

@@ -30,7 +30,7 @@ def linearised(problem: Problem, **changes: Any) -> Identified:
 
 
 def found(one: Identified, name: str) -> list[float]:
-    return [finding.value for finding in one.findings if finding.name == name]
+    return [diagnostic.value for diagnostic in one.diagnostics if diagnostic.name == name]
 
 
 def matrix(one: Identified, name: str) -> np.ndarray:

@@ -81,10 +81,10 @@ def joined(parts: list[Recording]) -> Recording:
     return replace(parts[0], **both, wind=None)
 
 
-def error(chosen: list[int], believed: Vessel) -> float:
+def error(chosen: list[int], nominal: Vessel) -> float:
     """Free-run error of the model identified from some of the 55, in the order of the pool."""
     recording = joined([pool()[i] for i in sorted(chosen)])
-    problem = Problem(recording, recording, believed, None)
+    problem = Problem(recording, recording, nominal, None)
     try:
         found = low_wind().identifier.identify(problem, np.random.default_rng(0))
         ahead = prediction(found.model, validation(), None).over("free_run")
@@ -96,8 +96,8 @@ def error(chosen: list[int], believed: Vessel) -> float:
 def compare(seed: int) -> tuple[float, float]:
     """Median free-run error of designed and of random mixes, for one wrong nominal model."""
     trial = low_wind()
-    believed = UncertainModel(0.2, seed).model(trial.vessel.nominal())
-    design = replace(trial.excitation.information, plant=trial.vessel.plant(believed))
+    nominal = UncertainModel(0.2, seed).model(trial.vessel.nominal())
+    design = replace(trial.excitation.information, plant=trial.vessel.plant(nominal))
     rng, counts = np.random.default_rng(seed), design.counts(6)
     designed, drawn = [], []
     for _ in range(DRAWS):
@@ -106,9 +106,9 @@ def compare(seed: int) -> tuple[float, float]:
             for q, n in enumerate(counts)
             for k in rng.choice(REPEATS, n, replace=False)
         ]
-        designed.append(error(some, believed))
+        designed.append(error(some, nominal))
         random = rng.choice(len(pool()), 6, replace=False)
-        drawn.append(error([int(k) for k in random], believed))
+        drawn.append(error([int(k) for k in random], nominal))
     return float(np.median(designed)), float(np.median(drawn))
 
 

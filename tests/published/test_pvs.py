@@ -12,7 +12,7 @@ import pytest
 
 from docs.vessels import parameters_of
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.open_loop import open_loop
+from seatrial.models.excitation.missions import open_loop
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.parameters import Plant

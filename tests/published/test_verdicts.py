@@ -15,9 +15,9 @@ from docs.published import __main__ as program
 from docs.published import printed as printing
 from docs.published.page import objective_figure, times_figure
 from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdict_of
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
@@ -97,26 +97,26 @@ def book(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def results(book: Path) -> Iterator[Results]:
+def results(book: Path) -> Iterator[Queries]:
     with open_results(f"sqlite:///{book}/results.db") as opened:
         yield opened
 
 
 @contextmanager
 def stored_sweep(
-    folder: Path, *runs: list[Metric], findings: list[Finding] | None = None
-) -> Iterator[Results]:
+    folder: Path, *runs: list[Metric], diagnostics: list[Diagnostic] | None = None
+) -> Iterator[Queries]:
     """The results of runs of the sweep `mine`, with these metrics."""
     with stored.logbook_at(folder) as logbook:
         sweep = logbook.begin_sweep("mine", "python -m runner experiment=mine", [], 1)
         for seed, metrics in enumerate(runs):
             run = logbook.begin_run(stored.start("ls", seed=seed), sweep_id=sweep).run_id
-            logbook.finish_run(run, stored.Results(metrics, [], findings or [], []))
+            logbook.finish_run(run, stored.Results(metrics, [], diagnostics or [], []))
     with open_results(f"sqlite:///{folder}/results.db") as results:
         yield results
 
 
-def test_ours_is_the_mean_over_the_newest_sweep_with_its_interval(results: Results) -> None:
+def test_ours_is_the_mean_over_the_newest_sweep_with_its_interval(results: Queries) -> None:
     (one,) = judged(results, [ONE])
     assert one.value == pytest.approx(52.0)
     half = 4.302652729911275 * math.sqrt(7.0) / math.sqrt(3.0)  # Student's t of 2 degrees, 97.5 %
@@ -125,7 +125,7 @@ def test_ours_is_the_mean_over_the_newest_sweep_with_its_interval(results: Resul
     assert one.ratio == pytest.approx(0.52)
 
 
-def test_a_median_a_factor_a_reference_and_a_coefficient(results: Results) -> None:
+def test_a_median_a_factor_a_reference_and_a_coefficient(results: Queries) -> None:
     (median,) = judged(results, [replace(ONE, statistic="median", factor=10.0)])
     assert median.value == pytest.approx(510.0)
     (reference,) = judged(results, [replace(ONE, printed=None, reference=104.0)])
@@ -149,7 +149,7 @@ def test_two_models_of_one_run_as_a_ratio(tmp_path: Path) -> None:
     assert (one.n, one.lost) == (2, 1)  # over nothing it is not defined
 
 
-def test_what_cannot_be_answered_says_why(results: Results) -> None:
+def test_what_cannot_be_answered_says_why(results: Queries) -> None:
     lines = [
         replace(ONE, source="", note="recordings are not public"),
         replace(ONE, where="identifier=plsr"),
@@ -192,14 +192,16 @@ def test_a_fit_of_the_lag_beats_nothing(
 
 def test_an_order_that_was_not_selected_is_shown_and_judged(tmp_path: Path) -> None:
     """The errors of every order are stored: ours at the printed order, and over the nominal one."""
-    orders = [Finding("order_mse", "surge", 900.0 / i, "N^2", i=i, label="test") for i in (1, 5, 9)]
-    surface = [Finding("surface_mse", "surge", 70.0, "N^2", i=8, j=18, label="test")]
+    orders = [
+        Diagnostic("order_mse", "surge", 900.0 / i, "N^2", i=i, label="test") for i in (1, 5, 9)
+    ]
+    surface = [Diagnostic("surface_mse", "surge", 70.0, "N^2", i=8, j=18, label="test")]
     metrics = [stored.force_mse(600.0, model="nominal"), stored.force_mse(150.0, model="plant")]
     fifth = replace(ONE, source="diagnostic", stage="", model="", name="order_mse", label="5")
     divided = replace(
         fifth, model="/nominal", stage="validation", name="order_mse/force_mse", printed=0.6
     )
-    with stored_sweep(tmp_path, metrics, findings=[*orders, *surface]) as results:
+    with stored_sweep(tmp_path, metrics, diagnostics=[*orders, *surface]) as results:
         lines = [fifth, divided, replace(divided, label="9")]
         fit, ratio, below = judged(results, lines)
         (both,) = judged(results, [replace(fifth, name="surface_mse", label="8,18")])
@@ -207,7 +209,7 @@ def test_an_order_that_was_not_selected_is_shown_and_judged(tmp_path: Path) -> N
     assert (ratio.verdict, below.verdict) == ("beaten", "below the true model")
 
 
-def test_an_interval_wider_than_the_figure_says_so(results: Results) -> None:
+def test_an_interval_wider_than_the_figure_says_so(results: Queries) -> None:
     (one,) = judged(results, [replace(ONE, compare="value", printed=1.0, factor=0.02)])
     assert one.verdict == "reproduced"  # [0.91, 1.17]
     (wide,) = judged(results, [replace(ONE, compare="one", printed=1.01, factor=0.0195)])
@@ -331,18 +333,20 @@ def test_the_page_of_all_printed_figures_opens_on_a_phone(
 def test_figures_of_the_sources(tmp_path: Path) -> None:
     """A bowl whose lowest point of 5 x 4 is i = 3, j = 1; times with and without compilation."""
     bowl = [
-        Finding("topology_first", "surge", 9.0 + i, "kg", i, label="surge.u_dot") for i in range(5)
+        Diagnostic("topology_first", "surge", 9.0 + i, "kg", i, label="surge.u_dot")
+        for i in range(5)
     ]
     bowl += [
-        Finding("topology_second", "surge", 10.0 * j, "kg/s", j, label="surge.u") for j in range(4)
+        Diagnostic("topology_second", "surge", 10.0 * j, "kg/s", j, label="surge.u")
+        for j in range(4)
     ]
     bowl += [
-        Finding("topology", "all", 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, "", i, j)
+        Diagnostic("topology", "all", 0.1 + (i - 3.0) ** 2 + (j - 1.0) ** 2, "", i, j)
         for i in range(5)
         for j in range(4)
     ]
     times = [
-        Finding(name, "all", first + each * n, "s", i=n, label=way)
+        Diagnostic(name, "all", first + each * n, "s", i=n, label=way)
         for way, compilation, each in (("without JIT", 0.0, 0.1), ("with JIT", 5.0, 1e-4))
         for name, first in (("prediction_time", compilation), ("prediction_time_compiled", 0.0))
         for n in (1, 10, 100)

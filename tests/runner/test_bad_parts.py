@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller
-from seatrial.models.control.python_controller import PythonController
+from seatrial.models.control.controller import PythonController
 from seatrial.models.simulation.registry import CONTROLLERS
 
 class Table(NamedTuple):

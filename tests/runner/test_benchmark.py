@@ -17,7 +17,7 @@ from seatrial.runner import trial as trials
 from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
-from seatrial.runner.compare.grid import Cell
+from seatrial.runner.compare.grid import TableCell
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.compare.results import open_results
 from tests.data import DATA
@@ -108,7 +108,7 @@ def runs(folder: Path) -> dict[str, int]:
         return dict(database.execute(query).fetchall())
 
 
-def ranked_rows(folder: Path, *entrants: str) -> dict[str, Sequence[Cell]]:
+def ranked_rows(folder: Path, *entrants: str) -> dict[str, Sequence[TableCell]]:
     """The rows of the table by entrant."""
     with open_results(str(folder / "results" / "benchmark" / "results.db")) as results:
         (grid,) = grids(boards(results, ["small"], entrants))

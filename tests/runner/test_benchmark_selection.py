@@ -14,7 +14,7 @@ from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.closed_loop import ExcitationData, Streams
-from seatrial.runner.compare.benchmark.cells import Cell, cells
+from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells
 from seatrial.runner.compare.benchmark.task import task_of
 from seatrial.runner.config import Trial
 from seatrial.runner.trial import excite, identify
@@ -71,7 +71,7 @@ def test_the_model_does_not_depend_on_what_is_tested_on(subtests: pytest.Subtest
     data, known = excited(), task_of(TASK)
     for entrant, options in known.entrants.items():
         with subtests.test(entrant):
-            cell: Cell = next(cells(TASK, known, {entrant: options}))
+            cell: BenchmarkTrial = next(cells(TASK, known, {entrant: options}))
             trial = composed(*cell.options)
             results = [found(trial, problem) for problem in problems(trial, data)]
             for terms, values in results[1:]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.vocabulary import GROUPS
 from tests.runner.command import Command
 
@@ -113,7 +113,7 @@ def test_a_trial_is_run_once(seatrial: Command) -> None:
 def test_what_is_stored_of_a_run(seatrial: Command) -> None:
     seatrial.pretend()
     seatrial("seed=5", "identifier=none", "database.url=sqlite:///${results_dir}/results.db")
-    with Logbook.read("sqlite:///results/results.db") as logbook:
+    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
         run = logbook.run(1)
         (metric,) = logbook.metrics(1)
     assert run.summary.status == "finished"
@@ -134,7 +134,7 @@ def test_a_failed_trial(seatrial: Command) -> None:
     line = "seatrial: run 1 failed: ZeroDivisionError: seed 3 ran aground; see python -m runner."
     assert answer.err.startswith(line)
     assert answer.err.count("\n") == 1
-    with Logbook.read("sqlite:///results/results.db") as logbook:
+    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
         run = logbook.run(1)
     assert (run.summary.status, run.summary.error_type) == ("failed", "ZeroDivisionError")
     assert run.traceback is not None
@@ -146,7 +146,7 @@ def test_a_diverged_trial_keeps_what_still_holds(seatrial: Command) -> None:
     answer = seatrial("seed=3")
     assert answer.code == 1
     assert "run 1 diverged: Diverged: |r| = 11 rad/s" in answer.err
-    with Logbook.read("sqlite:///results/results.db") as logbook:
+    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
         assert logbook.run(1).summary.status == "diverged"
         assert len(logbook.metrics(1)) == 1
 
@@ -158,7 +158,7 @@ def test_an_interrupted_trial(seatrial: Command) -> None:
     assert answer.code == 130
     assert answer.err.startswith("seatrial: interrupted")
     assert answer.err.count("\n") == 1
-    with Logbook.read("sqlite:///results/results.db") as logbook:
+    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
         assert logbook.run(1).summary.status == "interrupted"
     fake.interrupted = set()
     assert seatrial("seed=3").code == 0

@@ -13,7 +13,7 @@ from seatrial.runner.compare.__main__ import run as run_compare
 from seatrial.runner.compare.plots import orders, pareto, spectrum, surface
 from tests.runner.programs import program, rows
 
-IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "least_squares", "nsga2", "dsr")
+IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "output_error", "nsga2", "dsr")
 DISTURBANCES = ("calm", "noise", "constant")
 EXACT = tuple(one for one in IDENTIFIERS if one not in ("none", "dsr"))
 METRICS = (
@@ -92,9 +92,9 @@ def test_a_fit_by_prediction_wins_under_noise_and_one_step_would_not_have_shown_
     """31 free terms predict badly; a step ahead they look as good as the best."""
     free_run = cells(folder, "velocity_rmse_free_run", "sway")
     one_step = cells(folder, "velocity_rmse_one_step", "sway")
-    assert free_run["ls", "noise"]["mean"] > 1.5 * free_run["least_squares", "noise"]["mean"]
-    assert free_run["least_squares", "noise"]["mean"] < 0.5 * free_run["none", "noise"]["mean"]
-    assert one_step["ls", "noise"]["mean"] < 1.1 * one_step["least_squares", "noise"]["mean"]
+    assert free_run["ls", "noise"]["mean"] > 1.5 * free_run["output_error", "noise"]["mean"]
+    assert free_run["output_error", "noise"]["mean"] < 0.5 * free_run["none", "noise"]["mean"]
+    assert one_step["ls", "noise"]["mean"] < 1.1 * one_step["output_error", "noise"]["mean"]
     shown = compare(folder, "table", "--metric", "velocity_rmse_one_step", "--dof", "sway")
     assert "hides bias" in shown
 
@@ -108,17 +108,17 @@ def test_least_squares_stands_beside_nsga2_and_finds_the_same(folder: Path) -> N
                 f"WHERE model = 'identified' AND identifier = '{identifier}' "
                 f"AND disturbance = '{disturbance}' ORDER BY dof, term",
             )
-            for identifier in ("least_squares", "nsga2")
+            for identifier in ("output_error", "nsga2")
         }
         assert len(values["nsga2"]) > 20
-        for one, other in zip(values["least_squares"], values["nsga2"], strict=True):
+        for one, other in zip(values["output_error"], values["nsga2"], strict=True):
             assert one[:2] == other[:2]
             error = one[3] or 0.0
             assert other[2] == pytest.approx(one[2], rel=1e-2, abs=max(0.1 * error, 1e-3))
 
 
 def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Path) -> None:
-    """An equation without any is the believed one, to which nothing better was found."""
+    """An equation without any is the nominal one, to which nothing better was found."""
     found = rows(
         folder,
         "SELECT identifier, count(*), count(one.std_error), sum(one.value = nominal.value) "
@@ -128,14 +128,14 @@ def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Pat
         "GROUP BY one.run_id, one.dof",
     )
     assert len(found) > 60
-    for identifier, many, known, believed in found:
-        assert known == many or (known, believed) == (0, many), identifier
-        if identifier == "least_squares":
+    for identifier, many, known, nominal in found:
+        assert known == many or (known, nominal) == (0, many), identifier
+        if identifier == "output_error":
             assert known == many
     ((covariances,),) = rows(
         folder,
         "SELECT count(*) FROM diagnostic JOIN run ON run.id = run_id "
-        "WHERE name = 'covariance' AND identifier = 'least_squares' AND disturbance = 'calm'",
+        "WHERE name = 'covariance' AND identifier = 'output_error' AND disturbance = 'calm'",
     )
     assert covariances == 23 * 24 / 2
 

@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from seatrial.runner import console as progress
-from seatrial.runner.console import LiveLine, NewWarnings, Pace, PlainLines, Standing, duration
-from seatrial.runner.database import Logbook
+from seatrial.runner.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft, duration
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.rows import Results
@@ -50,7 +50,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 def test_the_pace_counts_from_the_first_that_ends(clock: SimpleNamespace) -> None:
-    pace = Pace()
+    pace = TimeLeft()
     lefts = []
     for done, clock.now in ((2, 0.0), (2, 50.0), (3, 60.0), (5, 64.0), (10, 74.0)):
         lefts.append(pace.left_s(done, 10))
@@ -101,7 +101,7 @@ def test_the_live_line() -> None:
 
 def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     url = f"sqlite:///{tmp_path}/results.db"
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=1,2,3", ["seed=1,2,3"], 3)
         with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
             for seed in (1, 2):
@@ -173,7 +173,7 @@ def _read(master: int) -> bytes:
 def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> None:
     """Names and messages of a logbook that another program has filled."""
     url = f"sqlite:///{tmp_path}/results.db"
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         run = logbook.begin_run(replace(start(0), vessel="\x1b[2J\u202egnp")).run_id
         logbook.fail_run(run, "failed", "Bug\x07", "y" * 5000 + "\n\x9b", "trace")
         (summary,) = logbook.runs()

@@ -10,7 +10,7 @@ from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"
@@ -52,7 +52,7 @@ def test_every_cell_of_the_table_is_filled(seatrial: Command) -> None:
         assert np.all(np.array(list(found.values())) < most)  # and none is not a number
     assert np.all(np.array(list(table("failures", "all").values())) == 0.0)
     assert np.all(np.array(list(table("held_commands", "all").values())) == 0.0)
-    with Logbook.read(DATABASE) as logbook:
+    with LogbookWriter.read(DATABASE) as logbook:
         runs = logbook.runs()
         assert [run.status for run in runs] == ["finished"] * 60
         for run in runs:

@@ -7,7 +7,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from seatrial.runner.config import Limits
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.sweep import jobs_of
 from tests.runner.command import Command
@@ -62,7 +62,7 @@ def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     answer = seatrial("experiment=jervan_table_4_10")
     assert answer.code == 0
     assert fake.ran == [0, 0, 0]
-    with Logbook.read("sqlite:///results/results.db") as logbook:
+    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
         (sweep,) = logbook.sweeps()
         runs = logbook.runs()
     assert sweep.name == "jervan_table_4_10"

@@ -68,13 +68,13 @@ def as_marin(path: Path, run: Recording) -> Path:
 def test_turning_circles_are_predicted_and_measured(
     seatrial: Command, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The believed model made the circles, so that its prediction is what was measured.
+    """The nominal model made the circles, so that its prediction is what was measured.
 
     The files have three digits: 1 m of a ship of 320 m below 1000 m, 10 m above.
     """
     train = hsva(*SHORT)
-    believed = asked_for("experiment=kvlcc2_turns").vessel.nominal()
-    runs = {angle: circle(believed, angle) for angle in (-35.0, 35.0)}
+    nominal = asked_for("experiment=kvlcc2_turns").vessel.nominal()
+    runs = {angle: circle(nominal, angle) for angle in (-35.0, 35.0)}
     files = [str(as_marin(seatrial.folder / f"tc_{a:g}.dat", runs[a])) for a in runs]
     tested = (f"excitation.train={train}", f"excitation.test={json.dumps(files)}")
     answer = seatrial("experiment=kvlcc2_turns", *tested, *FEW)

@@ -11,7 +11,7 @@ SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.
 # From the ground up; a file is on the floor of the longest name that it lies in.
 FLOORS = (
     "models.errors",
-    "models.findings",
+    "models.diagnostics",
     "models.returned",
     "models.ranges",
     "models.source_digest",
@@ -43,7 +43,7 @@ FLOORS = (
 )
 # The comparison reads the database, and the tasks of the benchmark, alone; the database holds rows,
 # whatever they mean.
-GROUND = ("models.errors", "models.notation", "models.findings", "runner.vocabulary")
+GROUND = ("models.errors", "models.notation", "models.diagnostics", "runner.vocabulary")
 NAMES = (*GROUND, "runner.record.catalogue", "runner.record.rows")
 ONLY = {
     "runner.vocabulary": GROUND,

@@ -7,8 +7,8 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import trial as trials
 from seatrial.runner.config import Trial
-from seatrial.runner.database import Logbook
-from seatrial.runner.job import Order, Plan, Planner, prepare
+from seatrial.runner.database import LogbookWriter
+from seatrial.runner.job import Order, PlannedTrial, Planner, prepare
 from seatrial.runner.record.rows import Results
 from tests.runner.command import Command
 from tests.runner.database.samples import make_start
@@ -22,7 +22,7 @@ JOBS = (
 )  # fmt: skip
 
 
-def planned(planner: Planner, order: Order) -> Plan | str:
+def planned(planner: Planner, order: Order) -> PlannedTrial | str:
     try:
         return planner.plan(order)
     except ConfigurationError as error:
@@ -42,7 +42,7 @@ def test_a_trial_is_planned_among_others_as_alone() -> None:
     planner = Planner("sources")
     orders = [ordered(*job.split()) for job in JOBS]
     plans = [planned(planner, order) for order in orders]
-    said = [plan.fingerprint if isinstance(plan, Plan) else plan for plan in plans]
+    said = [plan.fingerprint if isinstance(plan, PlannedTrial) else plan for plan in plans]
     assert said == [alone(order) for order in orders]
     assert len({plan for plan in plans if isinstance(plan, str)}) >= 3  # several are refused
 
@@ -63,12 +63,12 @@ def test_the_replicates_of_an_experiment_are_checked_once(monkeypatch: pytest.Mo
         for seed in range(3)
     ]
     assert calls == [0.1, 0.2, 0.1]
-    assert len({plan.fingerprint for plan in said if isinstance(plan, Plan)}) == 6
+    assert len({plan.fingerprint for plan in said if isinstance(plan, PlannedTrial)}) == 6
     assert said[6:] == ["slow"] * 3
 
 
 def test_many_trials_are_looked_up_at_once(tmp_path: Path) -> None:
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         starts = [make_start(seed) for seed in range(3)]
         runs = [logbook.begin_run(start).run_id for start in starts]
         logbook.finish_run(runs[0], Results())
@@ -84,7 +84,7 @@ def test_many_trials_are_looked_up_at_once(tmp_path: Path) -> None:
 
 
 def test_runs_that_are_gone_are_not_taken_over(tmp_path: Path) -> None:
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         done, running = (logbook.begin_run(make_start(seed)).run_id for seed in range(2))
         logbook.finish_run(done, Results())
         sweep = logbook.begin_sweep("sweep", "command", [], 3)

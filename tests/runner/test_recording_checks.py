@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from seatrial.models.recording.clocks import seconds
-from seatrial.models.recording.column import Column
+from seatrial.models.recording.column import Column, seconds
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling

@@ -14,7 +14,7 @@ FREE_RUN = "SELECT model, value FROM metric WHERE name = 'velocity_rmse_free_run
 
 
 @pytest.mark.parametrize(
-    ("options", "disturbance", "finding", "share"),
+    ("options", "disturbance", "diagnostic", "share"),
     [
         pytest.param(
             ("sparse", "identifier.algorithm=stlsq"), "calm", "selected_variables", 0.01,
@@ -29,14 +29,14 @@ FREE_RUN = "SELECT model, value FROM metric WHERE name = 'velocity_rmse_free_run
     ],
 )  # fmt: skip
 def test_a_trial(
-    seatrial: Command, options: tuple[str, ...], disturbance: str, finding: str, share: float
+    seatrial: Command, options: tuple[str, ...], disturbance: str, diagnostic: str, share: float
 ) -> None:
     identifier, *more = options
     answer = seatrial(
         f"identifier={identifier}", *more, f"disturbance={disturbance}", "evaluation=none"
     )
     assert answer.code == 0, answer
-    stored = rows(seatrial.folder, f"SELECT dof FROM diagnostic WHERE name = '{finding}'")
+    stored = rows(seatrial.folder, f"SELECT dof FROM diagnostic WHERE name = '{diagnostic}'")
     assert sorted(stored) == [("surge",), ("sway",), ("yaw",)]
     errors = dict(rows(seatrial.folder, FREE_RUN))
     assert errors["identified"] < share * errors["nominal"]

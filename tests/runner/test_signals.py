@@ -17,7 +17,7 @@ from sqlalchemy import create_engine
 from sqlalchemy.pool import NullPool
 
 from seatrial.runner import stop_signals
-from seatrial.runner.database import Logbook, liveness, logbook
+from seatrial.runner.database import LogbookWriter, liveness, logbook
 from seatrial.runner.database.engine import parse
 from tests.runner.command import Command
 from tests.runner.programs import children, ended, program, rows, sweep, wait
@@ -48,7 +48,7 @@ def test_a_trial_that_is_stopped_is_interrupted(seatrial: Command, number: signa
         assert answer.code == CODES[number]
         assert answer.err.splitlines()[-1] == LINE
         assert "Traceback" not in answer.err
-    with Logbook.read("sqlite:///results/results.db") as stored:
+    with LogbookWriter.read("sqlite:///results/results.db") as stored:
         assert [run.status for run in stored.runs()] == ["interrupted"] * 2
         assert stored.verify().leftovers == []
     assert {one: signal.getsignal(one) for one in handlers} == handlers

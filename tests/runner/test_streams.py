@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from seatrial.runner.compare.results import Run, open_results
-from seatrial.runner.database import Logbook
+from seatrial.runner.compare.results import StoredRun, open_results
+from seatrial.runner.database import LogbookWriter
 from tests.runner.command import Command
 
 DATABASE = "sqlite:///results/results.db"
@@ -28,14 +28,14 @@ def without(options: tuple[str, ...], *prefixes: str) -> list[str]:
     return [option for option in options if not option.startswith(prefixes)]
 
 
-def stored_runs() -> list[Run]:
+def stored_runs() -> list[StoredRun]:
     with open_results(DATABASE) as results:
         return results.runs(factors=FACTORS)
 
 
-def numbers(run: Run) -> Mapping[tuple[str, ...], object]:
+def numbers(run: StoredRun) -> Mapping[tuple[str, ...], object]:
     """All metrics of a run, and its coefficients with their standard errors, by their place."""
-    with Logbook.read(DATABASE) as logbook:
+    with LogbookWriter.read(DATABASE) as logbook:
         metrics = {(m.name, m.model, m.dof): m.value for m in logbook.metrics(run.id)}
         found = {
             (c.term, c.model, c.dof): (c.value, c.std_error) for c in logbook.coefficients(run.id)
@@ -68,7 +68,7 @@ def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
         ("zigzag", "nsga2", "noise", "none", "none"): {"noise", "identifier"},
         ("prbs", "ls", "calm", "none", "auto"): {"excitation"},
     }
-    seeds: dict[tuple[str, ...], list[Run]] = defaultdict(list)
+    seeds: dict[tuple[str, ...], list[StoredRun]] = defaultdict(list)
     for key, run in runs.items():
         seeds[key[0], *key[2:]].append(run)
     pairs = {key: pair for key, pair in seeds.items() if len(pair) == 2}
@@ -87,7 +87,7 @@ def test_a_run_stores_what_its_standard_errors_are_of(
     options = SHORT if identifier != "none" else without(SHORT, "identifier")
     answer = seatrial(*options, f"identifier={identifier}", "disturbance=calm")
     assert answer.code == 0, answer
-    with Logbook.read(DATABASE) as logbook:
+    with LogbookWriter.read(DATABASE) as logbook:
         stored = [f.value for f in logbook.diagnostics(1) if f.name == "interval_of_estimate"]
         errors = [c.std_error for c in logbook.coefficients(1) if c.std_error is not None]
     assert stored == ([] if value is None else [value])

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunSummary
 from tests.runner.command import Command
 
@@ -13,7 +13,7 @@ DATABASE = "sqlite:///results/results.db"
 
 
 def runs() -> list[RunSummary]:
-    with Logbook.read(DATABASE) as logbook:
+    with LogbookWriter.read(DATABASE) as logbook:
         return logbook.runs()
 
 
@@ -174,10 +174,10 @@ def test_what_the_logbook_cannot_take_is_lost_and_said(
 
     seatrial.pretend()
 
-    def full(self: Logbook, *_: Any, **__: Any) -> None:
+    def full(self: LogbookWriter, *_: Any, **__: Any) -> None:
         raise LogbookError("results.db: database or disk is full")
 
-    monkeypatch.setattr(Logbook, "finish_run", full)
+    monkeypatch.setattr(LogbookWriter, "finish_run", full)
     answer = seatrial("-m", "seed=0,1")
     assert answer.code == 1
     assert "2 not done" in answer.out
@@ -188,10 +188,10 @@ def test_what_the_logbook_cannot_take_is_lost_and_said(
 def test_a_bug_is_not_hidden(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     seatrial.pretend()
 
-    def bug(self: Logbook, *_: Any, **__: Any) -> None:
+    def bug(self: LogbookWriter, *_: Any, **__: Any) -> None:
         raise AssertionError("a bug")
 
-    monkeypatch.setattr(Logbook, "begin_run", bug)
+    monkeypatch.setattr(LogbookWriter, "begin_run", bug)
     with pytest.raises(RuntimeError, match="AssertionError: a bug"):
         seatrial("-m", "seed=0,1")
 
@@ -220,12 +220,14 @@ def test_the_name_of_an_experiment_is_the_sweeps(
 def test_after_a_sweep_the_database_file_alone_is_whole(seatrial: Command, tmp_path: Path) -> None:
     seatrial.pretend()
     assert seatrial("-m", "seed=0,1").code == 0
-    with Logbook.read(DATABASE) as reader:  # keeps the sweep from being the last to close the file
+    with LogbookWriter.read(
+        DATABASE
+    ) as reader:  # keeps the sweep from being the last to close the file
         reader.runs()
         assert seatrial("-m", "seed=2,3").code == 0
         assert Path("results/results.db-wal").stat().st_size == 0
         copy = tmp_path / "copy.db"
         copy.write_bytes(Path("results/results.db").read_bytes())
-    with Logbook.read(f"sqlite:///{copy}") as logbook:
+    with LogbookWriter.read(f"sqlite:///{copy}") as logbook:
         assert [run.status for run in logbook.runs()] == ["finished"] * 4
         assert [sweep.finished_at is not None for sweep in logbook.sweeps()] == [True, True]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.launching import THREADS
 from tests.runner.programs import METRICS, ROOT, ended, program, rows, sweep
 
@@ -90,7 +90,7 @@ def test_a_killed_worker_loses_its_own_run_only(tmp_path: Path) -> None:
     assert code == 1, err
     assert "Traceback" not in err
     assert "4 runs: 3 finished, 0 failed, 0 diverged, 1 not done" in out
-    with Logbook.read(f"sqlite:///{tmp_path}/results/results.db") as logbook:
+    with LogbookWriter.read(f"sqlite:///{tmp_path}/results/results.db") as logbook:
         assert sorted((run.seed, run.attempt, run.status) for run in logbook.runs()) == [
             *((0, 1, "finished"), (1, 1, "finished"), (2, 1, "interrupted"), (2, 2, "finished")),
             *((3, 1, "interrupted"), (3, 2, "interrupted")),

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.formats.text_layout import Layout, cells, layout_of
+from seatrial.models.recording.formats.text_layout import TextLayout, cells, layout_of
 from seatrial.models.recording.source import (
-    LARGEST,
     LARGEST_BYTES,
-    Cell,
+    MAX_NUMBER,
+    FileCell,
     ReadOptions,
     Source,
     TextArray,
@@ -46,10 +46,10 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
                 raise RecordingError(f"{path}, column {name}: got text, expected numbers")
     positions = {name: i for i, name in enumerate(names)}
 
-    def cell(row: int, column: str) -> Cell:
+    def cell(row: int, column: str) -> FileCell:
         """The line on which a row ends, and the cell of a column; blank lines are not counted."""
         line, found = next(islice(cells(path, layout), layout.rows_before + row, None))
-        return Cell(f"line {line}", found[positions[column]])
+        return FileCell(f"line {line}", found[positions[column]])
 
     return [Source(path.stem, path, columns, units, written, repeated, cell)]
 
@@ -93,7 +93,7 @@ def _content(path: Path, text: TextOptions, format_: str) -> bytes:
     return data
 
 
-def _texts(path: Path, layout: Layout, indices: list[int]) -> "list[pa.ChunkedArray]":
+def _texts(path: Path, layout: TextLayout, indices: list[int]) -> "list[pa.ChunkedArray]":
     """The columns at the given indices, below the header, as text without surrounding spaces."""
     import pyarrow as pa  # slow to import
     from pyarrow import compute as pc
@@ -121,7 +121,7 @@ def _texts(path: Path, layout: Layout, indices: list[int]) -> "list[pa.ChunkedAr
     return [pc.utf8_trim_whitespace(column) for column in table.columns]
 
 
-def _not_a_row(path: Path, layout: Layout, reason: str) -> RecordingError:
+def _not_a_row(path: Path, layout: TextLayout, reason: str) -> RecordingError:
     """Error for the first row whose length differs from the header, else the reader's reason."""
     for line, row in islice(cells(path, layout), layout.rows_before, None):
         if len(row) != layout.width:
@@ -140,7 +140,7 @@ def _values(column: "pa.ChunkedArray", decimal: str) -> Array | TextArray:
     written = pc.struct_field(pc.extract_regex(pointed, NUMBER), "number")  # null: not a number
     values = np.array(pc.utf8_ltrim(written, "+").cast("float64").to_numpy())
     missing = pc.match_substring_regex(column, MISSING).to_numpy()
-    if np.all((np.abs(values) < LARGEST) | missing):
+    if np.all((np.abs(values) < MAX_NUMBER) | missing):
         return values
     coded = pointed.combine_chunks().dictionary_encode()
     texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)

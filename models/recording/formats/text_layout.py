@@ -20,13 +20,13 @@ MOST_COLUMNS = 10_000
 LONGEST_LINE = 10**6  # bytes
 WHITE_LINE = re.compile(rb"^[ \t]+(?=\r?$)", re.MULTILINE)
 WHITE = re.compile(rb"[ \t\v\f]+")
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER_TEXT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?:\d\d", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class TextLayout:
     """The text of a file, and where its table stands in it."""
 
     data: bytes  # UTF-8, without comments
@@ -45,7 +45,7 @@ class Layout:
         return names_of(self.given or titles, below if len(below) == self.width else ())
 
 
-def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
+def layout_of(path: Path, data: bytes, text: TextOptions) -> TextLayout:
     """Find the layout of a text; raises RecordingError if it has no rows."""
     data, commented = _without_comments(WHITE_LINE.sub(b"", data), text.comment)
     if text.skip_lines:
@@ -61,7 +61,7 @@ def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
             )
         data = b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines)
         separator = "\t"
-    free = Layout(data, separator, ".", [], 0, 0, 0, text.names)
+    free = TextLayout(data, separator, ".", [], 0, 0, 0, text.names)
     head = list(islice(cells(path, free), SAMPLE_LINES))
     decimal = text.decimal or _decimal(head, separator)
     preamble, header = _header(head, text, decimal, white)
@@ -81,10 +81,10 @@ def layout_of(path: Path, data: bytes, text: TextOptions) -> Layout:
             f"{path}: got {width} columns, expected {len(text.names)} as in excitation.text.names"
         )
     line = head[before - 1][0] if before else 0
-    return Layout(data, separator, decimal, titles, width, line, before, text.names)
+    return TextLayout(data, separator, decimal, titles, width, line, before, text.names)
 
 
-def cells(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+def cells(path: Path, layout: TextLayout) -> Iterator[tuple[int, list[str]]]:
     """The line number on which each row ends, and its cells; blank lines are skipped."""
     lines = io.TextIOWrapper(io.BytesIO(layout.data), encoding="utf-8", newline="")
     reader = csv.reader(lines, delimiter=layout.separator)
@@ -101,7 +101,7 @@ def cells(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 def is_number(cell: str, decimal: str = ".") -> bool:
     """Whether a cell is a number."""
     text = cell.strip()
-    return bool(NUMBER.fullmatch(text.replace(decimal, ".") if decimal != "." else text))
+    return bool(NUMBER_TEXT.fullmatch(text.replace(decimal, ".") if decimal != "." else text))
 
 
 def _without_comments(data: bytes, mark: str | None) -> tuple[bytes, str | None]:

@@ -22,7 +22,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import where
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.vessel.basis import INDEX, Array
-from seatrial.models.vessel.devices.device import DEVICES, Bounds, Device, Range, input_index
+from seatrial.models.vessel.devices.device import DEVICES, Bounds, DataRange, Device, input_index
 
 U, V, R = (INDEX[name] for name in ("u", "v", "r"))
 AHEAD, ASTERN, DEAD, CURVE, ADVANCE, CROSSING, ANGLE, X_T, Y_T = range(9)
@@ -42,7 +42,7 @@ class Thruster(Device):
     """A thruster that an input `drive` runs: a shaft speed `n_1` [1/s], or `pwm_1` from -1 to 1.
 
     `ahead` and `astern` are the thrusts [N] at bollard pull for an input of 1; `astern` is null if
-    reverse running is not known: it is then that ahead, and a finding says how long it was asked.
+    reverse running is not known: it is then that ahead, and a diagnostic says for how long.
     `alpha` is the input of an azimuth [rad], from `angle_rad` on to starboard; a tunnel is at pi/2.
     """
 
@@ -74,12 +74,12 @@ class Thruster(Device):
         """What runs it, and its azimuth if it has one."""
         return (self.drive,) if self.alpha is None else (self.drive, self.alpha)
 
-    def ranges(self, x: Array) -> tuple[Range, ...]:
+    def ranges(self, x: Array) -> tuple[DataRange, ...]:
         """The input itself, if reverse running is not known."""
         if self.astern is not None:
             return ()
         unit = "1/s" if self.drive.startswith("n") else ""
-        return (Range(self.drive, unit, x[:, input_index(self.drive)], 0.0, np.inf),)
+        return (DataRange(self.drive, unit, x[:, input_index(self.drive)], 0.0, np.inf),)
 
     def values(self) -> Array:
         """Values of the parameters; reverse running that is not known is that ahead."""

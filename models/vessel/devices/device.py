@@ -27,7 +27,7 @@ from seatrial.models.vessel.basis import INDEX, INPUTS, N_VARIABLES, Array
 
 FORCES = 6  # surge, sway, heave, roll, pitch, yaw
 WAKE = 2  # numbers that a device leaves for those behind it
-MOST = 8  # devices of a vessel
+MAX_DEVICES = 8  # devices of a vessel
 DEVICES: dict[type, Callable[..., None]] = {}
 Structure: TypeAlias = Any  # the named tuple that a device's step is registered for
 
@@ -40,7 +40,7 @@ class Bounds(NamedTuple):
     high: float
 
 
-class Range(NamedTuple):
+class DataRange(NamedTuple):
     """A quantity of a device over samples, and the range of its data."""
 
     name: str
@@ -81,7 +81,7 @@ class Device(ABC):
         of its two numbers in `wake`, and `places` are those of the devices before it, by name.
         """
 
-    def ranges(self, x: Array) -> tuple[Range, ...]:
+    def ranges(self, x: Array) -> tuple[DataRange, ...]:
         """Quantities with limited data, for samples of the variables x (N, N_VARIABLES); none."""
         return ()
 
@@ -125,8 +125,8 @@ def installed(devices: Mapping[str, Device]) -> Installed:
     labels: list[str] = []
     bounds: list[Bounds] = []
     places: dict[str, int] = {}
-    if len(devices) > MOST:
-        raise ConfigurationError(f"devices: got {len(devices)}, expected at most {MOST}")
+    if len(devices) > MAX_DEVICES:
+        raise ConfigurationError(f"devices: got {len(devices)}, expected at most {MAX_DEVICES}")
     for name, device in devices.items():
         place = WAKE * len(places)
         structures.append(device.structure(len(labels), place, places))
@@ -181,7 +181,7 @@ def _exert(
 def _sample_forces(
     structures: tuple[Structure, ...], parameters: Array, x: Array, forces: Array
 ) -> None:
-    z, wake = np.zeros(2 * N_VARIABLES), np.zeros(WAKE * MOST)
+    z, wake = np.zeros(2 * N_VARIABLES), np.zeros(WAKE * MAX_DEVICES)
     for k in range(x.shape[0]):
         for j in range(N_VARIABLES):
             z[j], z[N_VARIABLES + j] = x[k, j], abs(x[k, j])

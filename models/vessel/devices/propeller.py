@@ -29,8 +29,8 @@ from seatrial.models.vessel.basis import INDEX, Array
 from seatrial.models.vessel.devices.device import (
     DEVICES,
     Bounds,
+    DataRange,
     Device,
-    Range,
     device_forces,
     input_index,
     installed,
@@ -59,7 +59,7 @@ class Propeller(Device):
 
     `x_P` is its position in ship lengths, forward of midship. `C_2` has no effect on the
     exponential wake. The thrust is valid where K_T is: from bollard pull to the speed without
-    thrust; `findings` of a run count what lies outside.
+    thrust; `diagnostics` of a run count what lies outside.
     """
 
     PARAMETERS: ClassVar[Mapping[str, Bounds]] = {
@@ -107,7 +107,7 @@ class Propeller(Device):
         ahead = device_forces(installed({"propeller": self}), x)[:, :1]
         return np.asarray(ahead / (1.0 - self.t_P))
 
-    def ranges(self, x: Array) -> tuple[Range, ...]:
+    def ranges(self, x: Array) -> tuple[DataRange, ...]:
         """J = u (1 - w_P0) / (n D_P) ahead, up to that without thrust; no data for n < 0."""
         n, none = x[:, input_index(self.n)], np.full(len(x), np.nan)
         advance = x[:, U] * (1.0 - self.w_P0) / self.diameter_m
@@ -115,7 +115,7 @@ class Propeller(Device):
         roots = np.roots([self.k_2, self.k_1, self.k_0])
         free = [float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0.0]
         highest = min(free, default=np.inf)
-        return Range("J", "", ratio, 0.0, highest), Range("n", "1/s", n, 0.0, np.inf)
+        return DataRange("J", "", ratio, 0.0, highest), DataRange("n", "1/s", n, 0.0, np.inf)
 
 
 @lean_kernel

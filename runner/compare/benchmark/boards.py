@@ -13,11 +13,11 @@ import numpy as np
 
 from seatrial.runner import search_path
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of
-from seatrial.runner.compare.benchmark.entries import REFERENCES, Entry, entries, references
+from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun, entries, references
 from seatrial.runner.compare.benchmark.scores import chance
 from seatrial.runner.compare.benchmark.task import GROUP, Task, task_of
-from seatrial.runner.compare.ranking import LEVEL, Ranking, holm, ranking
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, holm, ranking
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 
 
@@ -42,7 +42,7 @@ class Ranked:
     def tested(self) -> bool:
         """Whether there are enough cases to tell entrants apart at all, after Holm's correction."""
         cases, count = self.losses.shape
-        return bool(count > 1 and 0.5 ** (cases - 1) * (count * (count - 1) // 2) < LEVEL)
+        return bool(count > 1 and 0.5 ** (cases - 1) * (count * (count - 1) // 2) < SIGNIFICANCE)
 
     def best(self) -> list[str]:
         """The first entrant, and those not significantly different from it; none if not tested."""
@@ -60,7 +60,7 @@ class Board:
 
     name: str
     task: Task
-    entries: list[Entry]
+    entries: list[BenchmarkRun]
 
     @cached_property
     def ranked(self) -> Ranked:
@@ -88,9 +88,9 @@ class Board:
             for name, entries in own.items()
         }
         values = holm([chance(scored[first], scored[name]) for name in others])
-        return [first, *(n for n, p in zip(others, values, strict=True) if not p < LEVEL)]
+        return [first, *(n for n, p in zip(others, values, strict=True) if not p < SIGNIFICANCE)]
 
-    def of(self, entrant: str) -> list[Entry]:
+    def of(self, entrant: str) -> list[BenchmarkRun]:
         """The entries of an entrant."""
         return [entry for entry in self.entries if entry.cell.entrant == entrant]
 
@@ -100,7 +100,7 @@ class Board:
 
 
 def boards(
-    results: Results, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
+    results: Queries, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
 ) -> list[Board]:
     """Return the boards of the named tasks, by default all, with further entrants."""
     found = []
@@ -112,12 +112,12 @@ def boards(
     return found
 
 
-def _key(entry: Entry) -> tuple[str, str, int]:
+def _key(entry: BenchmarkRun) -> tuple[str, str, int]:
     """What is the same for all entrants of a cell."""
     return entry.cell.task, entry.cell.case, entry.cell.seed
 
 
-def losses(own: Sequence[Entry]) -> tuple[list[str], Sample]:
+def losses(own: Sequence[BenchmarkRun]) -> tuple[list[str], Sample]:
     """Return entrants, and their losses (n_cases, n_entrants) in the cells that all have run."""
     names = list(dict.fromkeys(entry.cell.entrant for entry in own))
     by_cell: dict[tuple[str, str, int], dict[str, float]] = defaultdict(dict)

@@ -9,7 +9,7 @@ from seatrial.runner.compare.benchmark.task import Case, Located, Task, located,
 
 
 @dataclass(frozen=True)
-class Cell:
+class BenchmarkTrial:
     """One trial of the benchmark; `options` are all that its command gives."""
 
     task: str
@@ -37,7 +37,9 @@ def entrants_of(task: Task, chosen: Sequence[str] = ()) -> Mapping[str, tuple[st
     return {name: task.entrants.get(name, (f"identifier={name}",)) for name in chosen}
 
 
-def cells(name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]) -> Iterator[Cell]:
+def cells(
+    name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]
+) -> Iterator[BenchmarkTrial]:
     """Yield the cells of a task, entrant by entrant, of those cases whose files are there."""
     files = {file.name: file for file in located(task)}
     absent = {lack.case for lack in lacking(task)}
@@ -53,7 +55,9 @@ def cells(name: str, task: Task, entrants: Mapping[str, tuple[str, ...]]) -> Ite
                 )
                 given += (f"horizons_s={list(task.horizons_s)}",)
                 for seed in range(case.seeds or task.seeds):
-                    yield Cell(name, label, entrant, seed, _last((*given, f"seed={seed}")))
+                    yield BenchmarkTrial(
+                        name, label, entrant, seed, _last((*given, f"seed={seed}"))
+                    )
 
 
 def lacking(task: Task) -> list[Lacking]:

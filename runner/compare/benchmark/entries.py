@@ -11,14 +11,19 @@ from datetime import datetime
 
 import sqlalchemy as sa
 
-from seatrial.runner.compare.benchmark.cells import Cell
+from seatrial.runner.compare.benchmark.cells import BenchmarkTrial
 from seatrial.runner.compare.benchmark.manoeuvre_scores import Measure, measures
-from seatrial.runner.compare.benchmark.position import position_score
-from seatrial.runner.compare.benchmark.scores import MEAN_MOTION, PERSISTENCE, Score, score
+from seatrial.runner.compare.benchmark.scores import (
+    MEAN_MOTION,
+    PERSISTENCE,
+    Score,
+    position_score,
+    score,
+)
 from seatrial.runner.compare.benchmark.task import Task
-from seatrial.runner.compare.results import FINISHED, Results
-from seatrial.runner.database.tables import Diagnostic
-from seatrial.runner.database.tables import Run as RunTable
+from seatrial.runner.compare.results import FINISHED, Queries
+from seatrial.runner.database.tables import DiagnosticRow
+from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.record.rows import Coefficient, Series
 from seatrial.runner.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
@@ -28,16 +33,16 @@ SPELLING = re.compile(r"[\s'\"]+")
 
 
 @dataclass(frozen=True)
-class Entry:
+class BenchmarkRun:
     """A cell with its newest run."""
 
-    cell: Cell
+    cell: BenchmarkTrial
     run: int
     status: str
     duration_s: float
     training_s: float  # NaN if it is not stored
     error: str
-    parameters: int  # that differ from the believed ones
+    parameters: int  # that differ from the nominal ones
     score: Score | None  # None: without a prediction
     measures: tuple[Measure, ...] = ()
     position: Score | None = None  # of the position after a time, for a task that ranks by it
@@ -55,7 +60,7 @@ class Entry:
         return self.position
 
 
-def entries(results: Results, task: Task, listed: Iterable[Cell]) -> list[Entry]:
+def entries(results: Queries, task: Task, listed: Iterable[BenchmarkTrial]) -> list[BenchmarkRun]:
     """Return the cells that have been run, with their scores."""
     newest = _newest(results)
     found = []
@@ -69,7 +74,7 @@ def entries(results: Results, task: Task, listed: Iterable[Cell]) -> list[Entry]
 Stored = sa.Row[int, str, list[str], datetime, datetime | None, str | None]
 
 
-def _newest(results: Results) -> dict[tuple[str, ...], Stored]:
+def _newest(results: Queries) -> dict[tuple[str, ...], Stored]:
     """Return the newest run that has ended of each set of options, by their normal form."""
     columns = (RunTable.id, RunTable.status, RunTable.overrides)
     ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
@@ -83,7 +88,7 @@ def _normal(options: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(SPELLING.sub("", text) for text in options if not text.startswith(LABELS)))
 
 
-def _entry(results: Results, task: Task, cell: Cell, row: Stored) -> Entry:
+def _entry(results: Queries, task: Task, cell: BenchmarkTrial, row: Stored) -> BenchmarkRun:
     run, status, _, started, finished, error = row
     result, found, position = None, tuple[Measure, ...](), None
     if status == FINISHED:
@@ -95,7 +100,7 @@ def _entry(results: Results, task: Task, cell: Cell, row: Stored) -> Entry:
             config = results.reader.run(run).config
             recording = results.reader.series(run, "recording")
             found = tuple(measures(series, recording, config, manoeuvre))
-    return Entry(
+    return BenchmarkRun(
         cell, run, status, (finished - started).total_seconds() if finished else math.nan,
         _training_s(results, run), error or "", parameters(results.reader.coefficients(run)),
         result, found, position,
@@ -108,14 +113,14 @@ def _position(series: Series, model: str, task: Task) -> Score | None:
     return position_score(series, model, task.position_after_s)
 
 
-def _training_s(results: Results, run: int) -> float:
-    where = Diagnostic.run_id == run, Diagnostic.name == TRAINING_TIME
-    rows = results.reader.select(sa.select(Diagnostic.value).where(*where))
+def _training_s(results: Queries, run: int) -> float:
+    where = DiagnosticRow.run_id == run, DiagnosticRow.name == TRAINING_TIME
+    rows = results.reader.select(sa.select(DiagnosticRow.value).where(*where))
     return float(rows[0].value) if rows else math.nan
 
 
 def parameters(rows: Iterable[Coefficient]) -> int:
-    """Number of parameters of a run's model that differ from those of the believed one.
+    """Number of parameters of a run's model that differ from those of the nominal one.
 
     These are coefficients, parameters of devices, and entries of the matrices of a state space.
     """
@@ -129,9 +134,9 @@ def parameters(rows: Iterable[Coefficient]) -> int:
     return count
 
 
-def references(results: Results, task: Task, own: Sequence[Entry]) -> list[Entry]:
+def references(results: Queries, task: Task, own: Sequence[BenchmarkRun]) -> list[BenchmarkRun]:
     """Return what the mean of the motion and a held velocity reach in the cells of `own`."""
-    done: dict[tuple[str, int], Entry] = {}
+    done: dict[tuple[str, int], BenchmarkRun] = {}
     for entry in own:
         if entry.score is not None:
             done.setdefault((entry.cell.case, entry.cell.seed), entry)
@@ -142,6 +147,8 @@ def references(results: Results, task: Task, own: Sequence[Entry]) -> list[Entry
             cell = replace(entry.cell, entrant=name)
             result = score(series, name, task.outputs, task.horizons_s)
             position = _position(series, name, task)
-            row = Entry(cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position=position)
+            row = BenchmarkRun(
+                cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position=position
+            )
             found.append(row)
     return found

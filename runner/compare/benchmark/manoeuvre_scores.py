@@ -10,9 +10,9 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.runner.export.manoeuvre_tracks import (
-    Entry,
     Manoeuvre,
     Sheet,
+    SheetEntry,
     length_of,
     mission_of,
     sheet,
@@ -78,7 +78,7 @@ def pieces(series: Series) -> Iterator[tuple[int, int]]:
     yield from pairwise([*np.flatnonzero(series.columns["start"]), len(series.columns["t"])])
 
 
-def _compared(entry: Entry) -> bool:
+def _compared(entry: SheetEntry) -> bool:
     """Whether a quantity is a result, with a value to which an error is relative."""
     known = math.isfinite(entry.value) and entry.value != 0.0
     lasting = entry.unit in ("L", "deg") or entry.quantity == "period P"

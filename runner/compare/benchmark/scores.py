@@ -3,6 +3,11 @@
 The error of an output is its root mean square over the standard deviation of what was measured
 (NRMSE); FIT = 100 (1 - NRMSE) %. A model that predicts the mean of the measured motion has 1, one
 that diverges has inf. The loss of a case is the mean over the outputs. nonlinearbenchmark.org.
+
+Error of the position that is predicted over a given time.
+
+It is the root mean square of the distance [m] between the predicted and the measured position, each
+prediction beginning at the state that was measured the given time before.
 """
 
 from collections.abc import Sequence
@@ -16,7 +21,7 @@ from seatrial.runner.record.rows import Series
 
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
-LEVEL = 0.9
+INTERVAL_LEVEL = 0.9
 BLOCK_S = 30.0
 
 
@@ -120,7 +125,7 @@ def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
     pieces = [piece for score in scores for piece in score.pieces()]
     length = max(round(BLOCK_S / scores[0].period_s), 1)
     drawn = np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed))).mean(axis=1)
-    low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    low, high = np.quantile(drawn, [(1.0 - INTERVAL_LEVEL) / 2.0, (1.0 + INTERVAL_LEVEL) / 2.0])
     return float(low), float(high)
 
 
@@ -147,3 +152,44 @@ def chance(first: Sequence[Score], other: Sequence[Score], seed: int = 0) -> flo
 
 def _side_by_side(first: Sample, other: Sample) -> Sample:
     return np.hstack([first, other])
+
+
+POSITION = ("x", "y")
+
+
+def position_score(series: Series, model: str, seconds: float) -> Score:
+    """Return the distances [m] after `seconds` in the series `prediction`, as errors of one output.
+
+    Its loss is their root mean square, inf without predictions.
+    PERSISTENCE holds the measured velocity in NED, MEAN_MOTION moves by the mean of the measured
+    displacements; both where a prediction of the nominal model ends.
+    """
+    measured = np.column_stack([series.columns[name] for name in POSITION])
+    starts, period_s = series.columns["start"], float(np.median(np.diff(series.columns["t"])))
+    steps = max(round(seconds / period_s), 1)
+    of = "nominal" if model in (PERSISTENCE, MEAN_MOTION) else model
+    ends = _predicted(series, of, seconds)
+    if ends is None or not np.any(reached := ~np.isnan(ends[:, 0])):
+        return Score(np.array([np.inf]), np.full((len(starts), 1), np.inf), starts, period_s, {})
+    before = np.roll(measured, steps, axis=0)
+    if model == PERSISTENCE:
+        ends = before + seconds * np.roll(_velocity(series), steps, axis=0)
+    elif model == MEAN_MOTION:
+        ends = before + np.mean((measured - before)[reached], axis=0)
+    distance = np.linalg.norm(ends - measured, axis=1)[reached, None]
+    piece = np.cumsum(starts)[reached]
+    first = np.diff(piece, prepend=piece[0] - 1) != 0
+    return Score(np.sqrt(np.mean(distance**2, axis=0)), distance, first, period_s, {})
+
+
+def _predicted(series: Series, model: str, seconds: float) -> Sample | None:
+    names = [f"{name}_{model}_{seconds:g}s" for name in POSITION]
+    if any(name not in series.columns for name in names):
+        return None
+    return np.column_stack([series.columns[name] for name in names])
+
+
+def _velocity(series: Series) -> Sample:
+    """Measured velocity along north and east [m/s], shape (N, 2)."""
+    u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
+    return np.column_stack([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)])

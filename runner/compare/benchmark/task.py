@@ -26,7 +26,7 @@ State = Literal["found", "damaged", "missing"]
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """Where the data of a task come from, under which licence, and how to get them."""
 
     name: str
@@ -65,7 +65,7 @@ class Task:
     trial: tuple[str, ...]
     cases: dict[str, Case]
     outputs: tuple[str, ...]
-    source: Source | None = None  # None: simulated
+    source: DataSource | None = None  # None: simulated
     files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
     map: str | None = None  # of the columns, a file of the folder `maps` beside the task
     test_map: str | None = None  # of the files that are tested on, where it is another one

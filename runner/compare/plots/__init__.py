@@ -10,7 +10,7 @@ from seatrial.runner.compare import cli
 from seatrial.runner.compare.figures import drawings_of, figure_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 
 
 def request_of(options: cli.PlotOptions) -> PlotRequest:
@@ -34,7 +34,7 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
 
 
 def figures_of(
-    kind: str, results: Results, request: PlotRequest, axes: Axes | None = None
+    kind: str, results: Queries, request: PlotRequest, axes: Axes | None = None
 ) -> list[Figure]:
     """Draw the figures of a kind and return them; one with one panel may be drawn into `axes`.
 
@@ -51,7 +51,7 @@ def figures_of(
 
 def draw(
     kind: str,
-    results: Results,
+    results: Queries,
     request: PlotRequest,
     folder: Path,
     width_mm: float | None = None,

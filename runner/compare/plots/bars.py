@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.pivot import Cell, Pivot, pivot
+from seatrial.runner.compare.pivot import Pivot, PivotCell, pivot
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -20,7 +20,7 @@ from seatrial.runner.compare.plots.style import (
     metric_label,
     panels,
 )
-from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Results
+from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Queries
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 from seatrial.runner.record.catalogue import definition_of
 
@@ -38,7 +38,7 @@ GROUP_WIDTH = 0.8  # of the distance between two groups
 FRAME, WORD = 0.9, 0.7  # [in] beside the axes of a panel, and of a count above a bar
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, with one panel for each degree of freedom."""
     candidates = [
         _drawing(results, request, facet) for facet in facets(results, request, averages=True)
@@ -52,7 +52,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return complete
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
     names = (request.metric, BELOW_TRUE_MODEL, *DIVERGENCE)
     numbers = results.metrics(facet.runs, names, facet.condition)
     flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
@@ -128,7 +128,7 @@ def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
 def _bars(
     axes: Axes,
     centres: NDArray[np.float64],
-    cells: Sequence[Cell],
+    cells: Sequence[PivotCell],
     width: float,
     i: int,
     label: str,
@@ -156,7 +156,7 @@ def _bars(
         _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
 
 
-def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
+def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCell]) -> None:
     """Draw the standard deviation of bars of several seeds.
 
     A bar of one seed has none. Where the lower end of positive values would be zero or less, which
@@ -178,7 +178,7 @@ def _spread_out(n: int) -> NDArray[np.float64]:
     return np.asarray((np.arange(n) * golden) % 1.0 - 0.5, dtype=np.float64)
 
 
-def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
+def _marks(axes: Axes, centre: float, cell: PivotCell, mean: float, top: float) -> None:
     """Write the counts of missing runs and the mark † above a bar."""
     lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     lines += [f"{cell.diverged} diverged"] if cell.diverged else []

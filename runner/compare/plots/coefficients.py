@@ -25,7 +25,7 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import FINISHED, Observation, Results, ordered
+from seatrial.runner.compare.results import FINISHED, Observation, Queries, ordered
 from seatrial.runner.compare.statistics import confidence_interval
 
 FIGURE = Figure(
@@ -46,7 +46,7 @@ NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors o
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CoefficientEstimate:
     """A coefficient of one group of runs, relative to `reference`, with its interval."""
 
     term: str
@@ -59,7 +59,7 @@ class Estimate:
     covers: bool  # the interval is one of the coefficient, not only of its estimate
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one mark for each group and term.
 
     Each vessel has its own figure: the values at 1 on the axis are those of one vessel.
@@ -71,7 +71,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return each_facet(results, request, draw, f"plot coefficients: {missing}", averages=True)
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
     numbers = [
         observation
         for observation in results.coefficients(facet.runs, facet.condition)
@@ -105,7 +105,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
 
 def _groups(
     numbers: Sequence[Observation], request: PlotRequest, covering: frozenset[int]
-) -> Mapping[str, Sequence[Estimate]]:
+) -> Mapping[str, Sequence[CoefficientEstimate]]:
     """Return estimates by group: the row, and column and vessel if there are several."""
     factors = [request.rows]
     for name in (request.columns, "vessel"):
@@ -121,7 +121,9 @@ def _groups(
     }
 
 
-def _estimate(sample: Sequence[Observation], covering: frozenset[int]) -> Estimate | None:
+def _estimate(
+    sample: Sequence[Observation], covering: frozenset[int]
+) -> CoefficientEstimate | None:
     """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
 
     `covering` are the runs whose intervals are of the coefficient.
@@ -144,15 +146,15 @@ def _estimate(sample: Sequence[Observation], covering: frozenset[int]) -> Estima
     reference = mean if truth is None else truth
     ends = sorted((low / reference, high / reference))
     first = sample[0]
-    return Estimate(
+    return CoefficientEstimate(
         first.name, first.unit, reference, truth is not None, mean / reference, ends[0], ends[1],
         covers=all(observation.run.id in covering for observation in sample),
     )  # fmt: skip
 
 
-def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
+def _terms(groups: Mapping[str, Sequence[CoefficientEstimate]]) -> list[CoefficientEstimate]:
     """Return one estimate of every term, inertia first, for the labels of the axis."""
-    by_term: dict[str, Estimate] = {}
+    by_term: dict[str, CoefficientEstimate] = {}
     for estimates in groups.values():
         for estimate in estimates:
             by_term.setdefault(estimate.term, estimate)
@@ -162,7 +164,9 @@ def _terms(groups: Mapping[str, Sequence[Estimate]]) -> list[Estimate]:
     )
 
 
-def _lines(terms: Sequence[Estimate], groups: Mapping[str, Sequence[Estimate]]) -> list[range]:
+def _lines(
+    terms: Sequence[CoefficientEstimate], groups: Mapping[str, Sequence[CoefficientEstimate]]
+) -> list[range]:
     """Return the lines of each term from the top: one for each group that has it, at least two."""
     first, lines = 0, []
     for term in terms:
@@ -175,8 +179,8 @@ def _lines(terms: Sequence[Estimate], groups: Mapping[str, Sequence[Estimate]]) 
 def _panel(
     axes: Axes,
     dof: str,
-    lines: Mapping[Estimate, range],
-    groups: Mapping[str, Sequence[Estimate]],
+    lines: Mapping[CoefficientEstimate, range],
+    groups: Mapping[str, Sequence[CoefficientEstimate]],
     labels: Sequence[str],
 ) -> None:
     """Draw the estimates, each on its own line, the lines of every second term shaded."""
@@ -206,14 +210,18 @@ def _panel(
     axes.grid(axis="y", visible=False)
 
 
-def _tick(estimate: Estimate) -> str:
+def _tick(estimate: CoefficientEstimate) -> str:
     """Return `u_dot: 1195 kg`: the term and the value at 1 on the axis."""
     value = with_unit(number_text(estimate.reference, 4), estimate.unit)
     return f"{estimate.term}: {value}".replace("[", "").replace("]", "")
 
 
 def _marks(
-    axes: Axes, estimates: Sequence[Estimate], places: Sequence[float], i: int, label: str
+    axes: Axes,
+    estimates: Sequence[CoefficientEstimate],
+    places: Sequence[float],
+    i: int,
+    label: str,
 ) -> None:
     colour, marker = PALETTE[i % len(PALETTE)], marker_of(i)
     for covers in (True, False):
@@ -228,7 +236,11 @@ def _marks(
 
 
 def _whiskers(
-    axes: Axes, part: Sequence[tuple[Estimate, float]], colour: str, marker: str, label: str
+    axes: Axes,
+    part: Sequence[tuple[CoefficientEstimate, float]],
+    colour: str,
+    marker: str,
+    label: str,
 ) -> None:
     """Draw marks with intervals; those of the estimate only are thin, grey and dashed."""
     covers = part[0][0].covers
@@ -251,7 +263,7 @@ def _whiskers(
         axes.plot([], [], color=UNCERTAIN, linewidth=0.8, linestyle="--", label=OF_ESTIMATE)
 
 
-def _of_estimate(estimate: Estimate) -> bool:
+def _of_estimate(estimate: CoefficientEstimate) -> bool:
     """Return whether an interval is shown that is not one of the coefficient."""
     return not estimate.covers and estimate.high > estimate.low
 
@@ -274,7 +286,8 @@ def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
 
 
 def _notes(
-    numbers: Sequence[Observation], by_dof: Mapping[str, Mapping[str, Sequence[Estimate]]]
+    numbers: Sequence[Observation],
+    by_dof: Mapping[str, Mapping[str, Sequence[CoefficientEstimate]]],
 ) -> list[str]:
     zero = len(
         {

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.force_units import limits_of
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.plots.request import PREFIX, Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
-from seatrial.runner.compare.plots.sailed_missions import PREFIX
-from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed
-from seatrial.runner.compare.results import FINISHED, Results, Run, ordered
+from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed, limits_of
+from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, ordered
 from seatrial.runner.vocabulary import GROUPS
 
 FIGURE = Figure(
@@ -22,10 +20,10 @@ FIGURE = Figure(
     place=11,
 )
 
-SAME = (*GROUPS, "seed")
+SHARED_CHOICES = (*GROUPS, "seed")
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet: the newest run of every level of the rows.
 
     Rows are one factor or several, comma-separated; all other choices equal those of the newest
@@ -46,15 +44,15 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
 
 
 def _newest_runs(
-    results: Results, request: PlotRequest, facet: Facet, rows: Sequence[str]
-) -> dict[str, Run]:
+    results: Queries, request: PlotRequest, facet: Facet, rows: Sequence[str]
+) -> dict[str, StoredRun]:
     """Return the newest run of every level, with all other choices as in the newest run."""
     kind, stored = PREFIX + request.model, results.series_columns(facet.condition)
     candidates = [
         run for run in facet.runs if run.status == FINISHED and kind in stored.get(run.id, ())
     ]
-    fixed = [name for name in SAME if name not in rows]
-    newest: dict[str, Run] = {}
+    fixed = [name for name in SHARED_CHOICES if name not in rows]
+    newest: dict[str, StoredRun] = {}
     for run in candidates:
         if all(run.levels[name] == candidates[-1].levels[name] for name in fixed):
             newest[", ".join(run.levels[name] for name in rows)] = run
@@ -62,7 +60,7 @@ def _newest_runs(
 
 
 def _drawing(
-    results: Results, request: PlotRequest, runs: dict[str, Run], name: str, label: str
+    results: Queries, request: PlotRequest, runs: dict[str, StoredRun], name: str, label: str
 ) -> Drawing:
     lines = {
         level: results.reader.series(run.id, PREFIX + request.model) for level, run in runs.items()

@@ -20,7 +20,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.ranking import Ranking, critical_difference
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 
 FIGURE = Figure(
     "critical_difference",
@@ -38,7 +38,7 @@ NOTE = (
 )
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of all tasks, and one of each."""
     own = [board for board in boards(results) if board.ranked.ranks is not None]
     if not own:

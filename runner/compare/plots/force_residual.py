@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.force_units import largest_of, prefixed
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -17,9 +16,11 @@ from seatrial.runner.compare.plots.style import (
     beside,
     footnote,
     headed,
+    largest_of,
     panels,
+    prefixed,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
@@ -35,7 +36,7 @@ FIGURE = Figure(
 MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level), one panel for each DOF.
 
     Without --run it is a typical run: the one with the median ratio of its force residuals.
@@ -44,7 +45,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return [_drawing(results, request, run) for run, _ in runs]
 
 
-def typical(results: Results, runs: Sequence[Run], condition: Condition | None) -> Run:
+def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition | None) -> StoredRun:
     """Return the run with the median improvement of the force, of the runs that identify a model.
 
     The improvement is the mean logarithm over degrees of freedom of the force MSE after over that
@@ -68,7 +69,7 @@ def typical(results: Results, runs: Sequence[Run], condition: Condition | None) 
     return [run for run in judged if float(np.mean(ratios[run.id])) == median][-1]
 
 
-def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
+def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     series = results.reader.series(run.id, "residual")
     dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in series.columns)
     if not dofs:

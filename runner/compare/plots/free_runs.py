@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.hull import outline
 from seatrial.runner.compare.plots.prediction import ROOM, fit_text
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -18,6 +17,7 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
+from seatrial.runner.compare.plots.track import outline
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -37,7 +37,7 @@ def part_of(series: Series, rows: slice) -> Series:
 
 
 def colours_of(names: Sequence[str]) -> dict[str, str]:
-    """Return a colour of each entrant; the believed model has the same on every figure."""
+    """Return a colour of each entrant; the nominal model has the same on every figure."""
     others = iter(COLOURS * len(names))
     return {name: MODEL_COLOURS["nominal"] if name == "none" else next(others) for name in names}
 

@@ -17,13 +17,13 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.export.manoeuvre_tracks import (
     Recorded,
     Sheet,
     Track,
     Turn,
-    ZigZag,
+    ZigZagMeasures,
     sheet,
     way_from,
 )
@@ -37,7 +37,7 @@ FIGURE = Figure(
 )
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
     condition, _ = results.selected(request.where, request.sweep, request.tag)
     if request.run is not None:
@@ -51,7 +51,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return drawn
 
 
-def _drawing(run: Run, recorded: Recorded) -> Drawing:
+def _drawing(run: StoredRun, recorded: Recorded) -> Drawing:
     track = recorded.track
     try:
         result = sheet(track, recorded.manoeuvre)
@@ -63,7 +63,7 @@ def _drawing(run: Run, recorded: Recorded) -> Drawing:
         _speeds(axes[1], track, result)
         title = f"Turning circle, helm {round(result.measures.helm_deg)} deg"
     else:
-        assert isinstance(result.measures, ZigZag)
+        assert isinstance(result.measures, ZigZagMeasures)
         figure, axes = panels(1, 1, 7.0, 4.0)
         _zigzag(axes[0], track, result.measures)
         helm, turned = abs(result.measures.helm_deg), result.measures.turn_deg
@@ -108,7 +108,7 @@ def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
     axes.set_ylabel("Speed, yaw rate [-]")
 
 
-def _zigzag(axes: Axes, track: Track, measures: ZigZag) -> None:
+def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
     """Heading from the course of the approach and helm over time, with the overshoots."""
     start = measures.execute_s[0]
     course = track.at(track.psi, start)

@@ -19,7 +19,7 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Results, ordered
+from seatrial.runner.compare.results import Queries, ordered
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
@@ -32,8 +32,8 @@ FIGURE = Figure(
 )
 
 LINE_STYLES = ("-", "--", ":", "-.")
-FEWEST = 8  # orders that are shown at least, if there are as many
-MOST = 100.0  # largest error shown, in medians of the errors shown
+MIN_ORDERS = 8  # orders that are shown at least, if there are as many
+MAX_SHOWN_ERROR = 100.0  # largest error shown, in medians of the errors shown
 NAMES = ("order_mse", "selected_order")
 
 
@@ -51,14 +51,14 @@ class Curves:
     label: str  # method of selection of the order
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one line for each row and column."""
     missing = "no run that matches has the diagnostic order_mse (identifier=plsr does)"
     draw = partial(_drawing, results, request)
     return each_facet(results, request, draw, f"plot orders: {missing}", averages=True)
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
     curves = _curves(results, request, facet)
     dofs = request.shown(lambda dof: any(dof in by_dof for by_dof in curves.values()))
     if not dofs:
@@ -84,15 +84,15 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
 
 
 def _curves(
-    results: Results, request: PlotRequest, facet: Facet
+    results: Queries, request: PlotRequest, facet: Facet
 ) -> Mapping[tuple[str, str], Mapping[str, Curves]]:
     """Curves by (row, column) and degree of freedom."""
-    findings = results.diagnostics(facet.runs, NAMES, facet.condition)
+    diagnostics = results.diagnostics(facet.runs, NAMES, facet.condition)
     groups: dict[tuple[str, str], dict[str, list[list[tuple[int, float, str, str]]]]] = {}
     chosen: dict[tuple[str, str, str], list[int]] = {}
     for run in facet.runs:
         key = (run.levels[request.rows], run.levels[request.columns])
-        rows = findings[run.id]
+        rows = diagnostics[run.id]
         for dof in {row.dof for row in rows if row.name == NAMES[0] and row.i is not None}:
             points = [
                 (int(row.i), np.nan if row.value is None else row.value, row.unit, row.label or "")
@@ -148,7 +148,7 @@ def _limit(axes: Axes, curves: Sequence[Curves]) -> None:
     """
     orders = sorted({order for line in curves for order in line.orders})
     last = max((order for line in curves for order in line.selected), default=orders[-1])
-    last = min(max(2 * last, FEWEST), orders[-1])
+    last = min(max(2 * last, MIN_ORDERS), orders[-1])
     shown = [line.mse[:, np.asarray(line.orders) <= last] for line in curves]
     values = np.concatenate([part[np.isfinite(part) & (part > 0.0)] for part in shown])
     axes.set_xlim(orders[0] - 0.5, last + 0.5)
@@ -159,7 +159,7 @@ def _limit(axes: Axes, curves: Sequence[Curves]) -> None:
             for order in line.selected
             if order in line.orders
         ]
-        highest = min(float(np.max(values)), MOST * float(np.median(values)))
+        highest = min(float(np.max(values)), MAX_SHOWN_ERROR * float(np.median(values)))
         highest = max([highest, *(value for value in chosen if np.isfinite(value))])
         axes.set_ylim(0.7 * float(np.min(values)), 1.4 * highest)
 

@@ -23,7 +23,7 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
@@ -36,22 +36,22 @@ FIGURE = Figure(
 
 OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
 MOST_PANELS, ABREAST = 6, 3
-WIDE = 30.0  # largest ratio of values on a linear axis
+LINEAR_RANGE = 30.0  # largest ratio of values on a linear axis
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, one panel for each pair, one colour for each group."""
     missing = f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}"
     return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
-    findings = results.diagnostics(facet.runs, (OBJECTIVE, CHOSEN), facet.condition)
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
+    diagnostics = results.diagnostics(facet.runs, (OBJECTIVE, CHOSEN), facet.condition)
     fronts: list[tuple[str, Sample, set[int]]] = []
     names: list[str] = []
     dofs: list[str] = []
     for run in facet.runs:
-        points = [row for row in findings[run.id] if row.name == OBJECTIVE and row.i is not None]
+        points = [row for row in diagnostics[run.id] if row.name == OBJECTIVE and row.i is not None]
         if not points:
             continue
         axes_of = {row.j: with_unit(row.label or f"objective {row.j}", row.unit) for row in points}
@@ -61,7 +61,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
         front = np.full((1 + max(row.i for row in points), len(names)), np.nan)
         for row in points:
             front[row.i, sorted(axes_of).index(row.j)] = row.value
-        chosen = {int(row.i) for row in findings[run.id] if row.name == CHOSEN}
+        chosen = {int(row.i) for row in diagnostics[run.id] if row.name == CHOSEN}
         label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
         fronts.append((label, front, chosen))
     if len(names) < 2:
@@ -110,5 +110,5 @@ def _panel(
     for column, set_scale in ((pair[0], axes.set_xscale), (pair[1], axes.set_yscale)):
         values = np.concatenate([front[:, column] for _, front, _ in fronts])
         low, high = np.nanmin(values), np.nanmax(values)
-        if low > 0.0 and high > WIDE * low:
+        if low > 0.0 and high > LINEAR_RANGE * low:
             set_scale("log")

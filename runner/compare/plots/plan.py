@@ -23,7 +23,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
     trim,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -41,12 +41,12 @@ WIDTH = 6.4
 STYLES = ("-", (0, (5, 1)), (0, (1, 0.6)))  # for more manoeuvres than colours
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level)."""
     return [_drawing(results, request, run) for run, _ in each_run(results, request, ("plan",))]
 
 
-def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
+def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     plan = results.reader.series(run.id, "plan")
     waters = results.reader.series(run.id, "waters")
     north, east = _limits(waters)
@@ -86,7 +86,7 @@ def _ratio(north: Sample, east: Sample) -> float:
     return float(np.ptp(north) / np.ptp(east))
 
 
-def _names(results: Results, run: Run, request: PlotRequest) -> dict[int, str]:
+def _names(results: Queries, run: StoredRun, request: PlotRequest) -> dict[int, str]:
     """Return the names of the possible manoeuvres by number."""
     rows = results.diagnostics([run], ("mix_count",), with_run(None, run.id))[run.id]
     names = {int(row.i): str(row.label) for row in rows}
@@ -165,7 +165,7 @@ def _ends(axes: Axes, plan: Series) -> None:
         )  # fmt: skip
 
 
-def _track(axes: Axes, results: Results, run: Run) -> list[str]:
+def _track(axes: Axes, results: Queries, run: StoredRun) -> list[str]:
     """Draw the recorded track; return a note on its deviation from the plan."""
     recording = results.reader.series(run.id, "recording")
     east, north = recording.columns["y"], recording.columns["x"]

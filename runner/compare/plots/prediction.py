@@ -17,7 +17,7 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -33,14 +33,14 @@ MODELS = (("nominal", "nominal"), ("identified", "identified"))
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level), one panel for each DOF."""
     return [
         _drawing(results, request, run) for run, _ in each_run(results, request, ["prediction"])
     ]
 
 
-def _drawing(results: Results, request: PlotRequest, run: Run) -> Drawing:
+def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     series = results.reader.series(run.id, "prediction")
     dofs = request.shown(lambda dof: dof in series.columns)
     if not dofs:

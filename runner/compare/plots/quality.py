@@ -11,17 +11,17 @@ from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.plots.force_units import NEAR
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     MUTED,
+    SHOWN_LIMIT,
     Drawing,
     footnote,
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -42,28 +42,28 @@ WORDS = {
     **{"u": "Surge", "v": "Sway", "w": "Heave", "p": "Roll rate", "q": "Pitch rate"},
     **{"r": "Yaw rate"},
 }
-DRIFT = 0.1  # of the range of a position, the largest error that is no drift
+DRIFT_SHARE = 0.1  # of the range of a position, the largest error that is no drift
 SPIKES = 0.01  # share of samples beyond it that are spikes, not a drift
-OUTLIER = 6.0  # robust standard deviations, beyond which an error is an outlier
+OUTLIER_DEVIATIONS = 6.0  # robust standard deviations, beyond which an error is an outlier
 ROBUST = 1.482602218505602  # standard deviation over median absolute deviation of normal noise
 AGREES, REFUSED = 0.5, 0.3  # correlations of seatrial.models.recording.consistency
 DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 CORRELATION = "consistency_correlation"
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level), two panels for each DOF."""
     return [_drawing(results, run) for run, _ in each_run(results, request, ["quality"])]
 
 
-def _drawing(results: Results, run: Run) -> Drawing:
+def _drawing(results: Queries, run: StoredRun) -> Drawing:
     series = results.reader.series(run.id, "quality")
     ranges = _ranges(results, run)
     rows = [i for i, name in enumerate(SIDES[0][0]) if f"{name}_error" in series.columns]
     figure, axes = panels(len(rows), len(SIDES), 4.2, 2.3, share_x=True)
     for row, i in enumerate(rows):
         position, velocity = (names[i] for names, _ in SIDES)
-        limit = DRIFT * ranges[position] if position in ranges else None
+        limit = DRIFT_SHARE * ranges[position] if position in ranges else None
         _panel(axes[row * len(SIDES)], series, position, limit, _drift)
         limit = robust_limit(series.columns[f"{velocity}_error"])
         _panel(axes[row * len(SIDES) + 1], series, velocity, limit, _outliers)
@@ -72,8 +72,8 @@ def _drawing(results: Results, run: Run) -> Drawing:
         axes[side - len(SIDES)].set_xlabel(with_unit("Time", series.units["t"]))
     headed(figure, axes, f"Quality of the recording, {subtitle(run)}")
     footnote(figure, [
-        f"circle: the largest error; dashed at the left: {DRIFT:.0%} of the range of the position, "
-        f"at the right: {OUTLIER:g} robust standard deviations",
+        f"circle: the largest error; dashed at the left: {DRIFT_SHARE:.0%} of the range of the "
+        f"position, at the right: {OUTLIER_DEVIATIONS:g} robust standard deviations",
         *_agreement(results, run),
     ])  # fmt: skip
     return Drawing(f"quality-run-{run.id}", figure)
@@ -84,10 +84,10 @@ def robust_limit(error: Sample) -> float | None:
     finite = error[np.isfinite(error)]
     middle = float(np.median(finite)) if finite.size else 0.0
     deviation = ROBUST * float(np.median(np.abs(finite - middle))) if finite.size else 0.0
-    return OUTLIER * deviation or None
+    return OUTLIER_DEVIATIONS * deviation or None
 
 
-def _ranges(results: Results, run: Run) -> dict[str, float]:
+def _ranges(results: Queries, run: StoredRun) -> dict[str, float]:
     """Return the ranges of the measured positions and angles by name, if they are stored."""
     if "recording" not in {file.kind for file in results.reader.series_files(run.id)}:
         return {}
@@ -107,7 +107,7 @@ def _outliers(error: Sample, limit: float) -> str:
     return f"{count} outliers" if count else "no outliers"
 
 
-def _agreement(results: Results, run: Run) -> list[str]:
+def _agreement(results: Queries, run: StoredRun) -> list[str]:
     """Return the verdict on each axis that was compared, with the thresholds."""
     rows = results.diagnostics([run], (CORRELATION,), with_run(None, run.id))[run.id]
     texts = [
@@ -149,7 +149,7 @@ def _panel(
     text = f"max {number_text(abs(float(error[worst])), 3)} {unit_text(unit)}"
     if limit is not None:
         text += f": {verdict(error, limit)}"
-        if limit <= NEAR * abs(float(error[worst])):
+        if limit <= SHOWN_LIMIT * abs(float(error[worst])):
             for side in (-limit, limit):
                 axes.axhline(side, color=MUTED, linestyle="--", linewidth=0.8)
     axes.text(

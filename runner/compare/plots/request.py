@@ -1,25 +1,32 @@
-"""The request of a figure, and the selection of its runs."""
+"""The request of a figure, and the selection of its runs.
+
+The sailed missions of one run, for the figures of deployments.
+"""
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import TypeVar
+
+import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.likeness import Likeness, differing, require_few
 from seatrial.runner.compare.results import (
     FINISHED,
-    DiagnosticRow,
     Observation,
-    Results,
-    Run,
+    Queries,
+    StoredDiagnostic,
+    StoredRun,
     ordered,
 )
+from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Comparison, Condition, Joined
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOF_ORDER
 
 Drawing = TypeVar("Drawing")
@@ -52,7 +59,7 @@ class PlotRequest:
 class Facet:
     """The runs of one figure, and its label."""
 
-    runs: Sequence[Run]
+    runs: Sequence[StoredRun]
     condition: Condition | None
     likeness: Likeness
     label: str = ""  # "vessel = milliampere", empty if there is one figure
@@ -77,7 +84,7 @@ class Facet:
         return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
 
 
-def _drawable(run: Run) -> Run:
+def _drawable(run: StoredRun) -> StoredRun:
     """Return a run whose levels matplotlib draws as text, not as formulas between $.
 
     A level that is long or has control characters ends with a part of its digest, so that levels
@@ -94,7 +101,7 @@ def _label(level: str) -> str:
 
 
 def facets(
-    results: Results,
+    results: Queries,
     request: PlotRequest,
     rows: Sequence[str] | None = None,
     averages: bool = False,
@@ -121,7 +128,7 @@ def facets(
     names = [*([] if request.facet is None else [request.facet]), *split]
     if split:
         runs = [_drawable(run) for run in results.runs(condition, [*factors, *split])]
-    parts: dict[tuple[str, ...], list[Run]] = defaultdict(list)
+    parts: dict[tuple[str, ...], list[StoredRun]] = defaultdict(list)
     for run in runs:
         parts[tuple(run.levels[name] for name in names)].append(run)
     ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
@@ -136,7 +143,7 @@ def facets(
 
 
 def _unlike(
-    likeness: Likeness, runs: Sequence[Run], factors: Sequence[str], request: PlotRequest
+    likeness: Likeness, runs: Sequence[StoredRun], factors: Sequence[str], request: PlotRequest
 ) -> list[str]:
     """Return what the runs of one group of a figure differ in, apart from the seed."""
     stages = definition_of(request.metric).stages
@@ -152,7 +159,7 @@ def _unlike(
 
 
 def each_facet(
-    results: Results,
+    results: Queries,
     request: PlotRequest,
     draw: Callable[[Facet], Drawing | None],
     missing: str,
@@ -170,16 +177,16 @@ def each_facet(
 
 
 def newest_with(
-    results: Results, facet: Facet, names: Sequence[str]
-) -> tuple[Run, Sequence[DiagnosticRow]] | None:
+    results: Queries, facet: Facet, names: Sequence[str]
+) -> tuple[StoredRun, Sequence[StoredDiagnostic]] | None:
     """Return the newest run with the diagnostic `names[0]` and its diagnostics of these names.
 
     The result is None if no run of the facet has it.
     """
-    findings = results.diagnostics(facet.runs, names, facet.condition)
+    diagnostics = results.diagnostics(facet.runs, names, facet.condition)
     for run in reversed(facet.runs):
-        if any(row.name == names[0] for row in findings[run.id]):
-            return run, findings[run.id]
+        if any(row.name == names[0] for row in diagnostics[run.id]):
+            return run, diagnostics[run.id]
     return None
 
 
@@ -189,20 +196,20 @@ def with_run(condition: Condition | None, run: int) -> Condition:
     return comparison if condition is None else Joined("and", (condition, comparison))
 
 
-Choice = Callable[[Results, Sequence[Run], Condition | None], Run]
+Choice = Callable[[Queries, Sequence[StoredRun], Condition | None], StoredRun]
 
 
-def _newest(results: Results, runs: Sequence[Run], condition: Condition | None) -> Run:
+def _newest(results: Queries, runs: Sequence[StoredRun], condition: Condition | None) -> StoredRun:
     return runs[-1]
 
 
 def each_run(
-    results: Results,
+    results: Queries,
     request: PlotRequest,
     kinds: Sequence[str],
     column: str | None = None,
     typical: Choice = _newest,
-) -> list[tuple[Run, list[str]]]:
+) -> list[tuple[StoredRun, list[str]]]:
     """Return the runs of figures over time, and which of the series `kinds` each run has.
 
     The run is the requested one, else the newest finished run that meets --where and has such a
@@ -219,7 +226,7 @@ def each_run(
     superseded = request.run is not None
     runs = [_drawable(run) for run in results.runs(condition, factors, superseded)]
     stored = results.series_columns(condition)
-    candidates: dict[str, list[tuple[Run, list[str]]]] = defaultdict(list)
+    candidates: dict[str, list[tuple[StoredRun, list[str]]]] = defaultdict(list)
     for run in runs:
         available = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
         available = {
@@ -241,8 +248,69 @@ def each_run(
     return chosen
 
 
-def subtitle(run: Run) -> str:
+def subtitle(run: StoredRun) -> str:
     """Return `run 17: milliampere, noise, plsr, seed 3`."""
     names = ("vessel", "disturbance", "identifier")
     levels = ", ".join(run.levels[name] for name in names)
     return f"run {run.id}: {levels}, seed {run.levels['seed']}"
+
+
+PREFIX = "deployment_"
+KINDS = ("deployment_nominal", "deployment_identified")
+Voyages = Mapping[str, Series]
+
+
+def voyages(
+    results: Queries, request: PlotRequest, what: str, instead: str | None = None
+) -> list[tuple[StoredRun, Voyages]]:
+    """Return the runs, one for each figure, and their sailed missions by model.
+
+    A run without a deployment uses the series `instead`. `what` names the figure in the error
+    message. Of two equal voyages it is the first. Raises ConfigurationError if there is no such
+    series or no motion in the plane.
+    """
+    kinds = KINDS if instead is None else (*KINDS, instead)
+    return [
+        (
+            run,
+            distinct(
+                _planar_series(results, run, what, [k for k in stored if k in KINDS] or stored)
+            ),
+        )
+        for run, stored in each_run(results, request, kinds)
+    ]
+
+
+def distinct(series_of: Voyages) -> Voyages:
+    """Leave out the voyage of the identified model if it is that of the nominal one.
+
+    So it is without identification, and if nothing is taken from the model.
+    """
+    pair = [series_of.get(name) for name in ("nominal", "identified")]
+    if pair[0] is None or pair[1] is None or not _equal(pair[0], pair[1]):
+        return series_of
+    return {"nominal": pair[0]}
+
+
+def _equal(first: Series, second: Series) -> bool:
+    return first.columns.keys() == second.columns.keys() and all(
+        np.array_equal(first.columns[name], second.columns[name], equal_nan=True)
+        for name in first.columns
+    )
+
+
+def _planar_series(results: Queries, run: StoredRun, what: str, kinds: Sequence[str]) -> Voyages:
+    series_of = {kind.removeprefix(PREFIX): results.reader.series(run.id, kind) for kind in kinds}
+    for kind, series in zip(kinds, series_of.values(), strict=True):
+        missing = [name for name in ("t", "x", "y") if name not in series.columns]
+        if missing:
+            raise ConfigurationError(
+                f"{what}: run {run.id} has no {missing[0]} in its series"
+                f" {kind}; it needs a vessel that moves in the plane"
+            )
+    return series_of
+
+
+def degrees(values: Sample) -> Sample:
+    """Convert radians to degrees."""
+    return np.asarray(np.degrees(values), dtype=np.float64)

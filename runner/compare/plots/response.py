@@ -13,27 +13,24 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.commanded_signals import commanded_signals
-from seatrial.runner.compare.plots.force_units import (
-    NEAR,
-    draw_limit,
-    largest_of,
-    limits_of,
-    prefixed,
-)
-from seatrial.runner.compare.plots.request import PlotRequest, each_run
-from seatrial.runner.compare.plots.sailed_missions import PREFIX, degrees
+from seatrial.runner.compare.plots.excitation import commanded_signals
+from seatrial.runner.compare.plots.request import PREFIX, PlotRequest, degrees, each_run
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     MUTED,
     PALETTE,
     REFERENCE,
+    SHOWN_LIMIT,
     Drawing,
+    draw_limit,
     footnote,
     headed,
+    largest_of,
+    limits_of,
     panels,
+    prefixed,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
@@ -58,20 +55,22 @@ NAMES = {
 }
 MODELS = ("nominal", "identified", "adaptive")
 COLOURS = MODEL_COLOURS | {"adaptive": PALETTE[3]}
-SAME = 0.01  # share of samples in which equal signals may differ
+DIFFERENT_SHARE = 0.01  # share of samples in which equal signals may differ
 NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
     "dotted: reference, if it differs from the set-point"
 )
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): panels by axis, every model."""
     runs = each_run(results, request, [PREFIX + model for model in MODELS])
     return [_drawing(results, request, run, kinds) for run, kinds in runs]
 
 
-def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[str]) -> Drawing:
+def _drawing(
+    results: Queries, request: PlotRequest, run: StoredRun, kinds: Sequence[str]
+) -> Drawing:
     names = [kind.removeprefix(PREFIX) for kind in kinds]
     if run.levels["identifier"] == "none":  # the identified model is the nominal one
         names = [name for name in names if name != "identified"] or names
@@ -88,7 +87,7 @@ def _drawing(results: Results, request: PlotRequest, run: Run, kinds: Sequence[s
     return Drawing(f"response-run-{run.id}", figure)
 
 
-def _title(run: Run) -> str:
+def _title(run: StoredRun) -> str:
     """Return `run 17: supply_vessel, wind, lqi, setpoints, seed 3`."""
     names = ("vessel", "disturbance", "identifier", "controller", "evaluation")
     levels = [run.levels[name] for name in names if run.levels[name] != "none"]
@@ -165,7 +164,9 @@ def _reference(axes: Axes, series: Series, dof: str) -> None:
     setpoint_name = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
     setpoint, reference = _pose(series, setpoint_name), _pose(series, f"{name}_d")
     axes.plot(t, setpoint, "--", color=REFERENCE, linewidth=1.0, label="set-point")
-    if np.mean(setpoint != reference) > SAME:  # a step of the reference may be one sample later
+    if (
+        np.mean(setpoint != reference) > DIFFERENT_SHARE
+    ):  # a step of the reference may be one sample later
         axes.plot(t, reference, ":", color=MUTED, linewidth=1.0, label="reference")
     unit = "deg" if series.units[name] == "rad" else series.units[name]
     axes.set_ylabel(with_unit(NAMES[dof], unit))
@@ -218,7 +219,7 @@ def steered(
     for i, (panel, signal) in enumerate(zip(inputs, signals, strict=True)):
         panel.set_ylabel(with_unit(signal.name, signal.unit))
         peak = largest_of([those[i].commanded for those in shown.values()])
-        if signal.limits is not None and max(map(abs, signal.limits)) <= NEAR * peak:
+        if signal.limits is not None and max(map(abs, signal.limits)) <= SHOWN_LIMIT * peak:
             for side in signal.limits:
                 panel.axhline(side, color=REFERENCE, linestyle="-.", linewidth=0.9, label="limit")
     axes[-1].set_xlabel(with_unit("Time", first.units["t"]))

@@ -21,7 +21,7 @@ from seatrial.runner.compare.plots.style import (
     metric_label,
     panels,
 )
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.search_candidates import (
     Candidate,
     Objective,
@@ -37,12 +37,12 @@ FIGURE = Figure(
 )
 
 MOST_PANELS, ABREAST = 6, 3
-WIDE = 30.0  # largest ratio of values on a linear axis
+LINEAR_RANGE = 30.0  # largest ratio of values on a linear axis
 COLOURS = {"complete": PALETTE[0], "pruned": MUTED}
 MARKERS = {"complete": "o", "pruned": "x"}
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one search: over its candidates, or each pair of its objectives."""
     sweep, objectives = search_of(results, request.sweep)
     found = candidates(results, sweep, objectives)
@@ -97,7 +97,7 @@ def _progress(axes: Axes, found: Sequence[Candidate], objective: Objective) -> N
 
 def _wide(values: Sequence[float]) -> bool:
     finite = [value for value in values if np.isfinite(value)]
-    return bool(finite) and min(finite) > 0.0 and max(finite) > WIDE * min(finite)
+    return bool(finite) and min(finite) > 0.0 and max(finite) > LINEAR_RANGE * min(finite)
 
 
 def _front(

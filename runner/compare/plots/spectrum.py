@@ -24,7 +24,7 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import DiagnosticRow, Results
+from seatrial.runner.compare.results import Queries, StoredDiagnostic
 
 FIGURE = Figure(
     "spectrum",
@@ -38,20 +38,20 @@ SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet: singular values left, eigenvalues right, if stored."""
     missing = f"plot spectrum: no run that matches has the diagnostic {SINGULAR} or {REAL}"
     return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
     names = (SINGULAR, ORDER, REAL, IMAGINARY)
-    findings = results.diagnostics(facet.runs, names, facet.condition)
-    groups: dict[str, list[Sequence[DiagnosticRow]]] = {}
+    diagnostics = results.diagnostics(facet.runs, names, facet.condition)
+    groups: dict[str, list[Sequence[StoredDiagnostic]]] = {}
     for run in facet.runs:
-        if any(row.name in (SINGULAR, REAL) for row in findings[run.id]):
+        if any(row.name in (SINGULAR, REAL) for row in diagnostics[run.id]):
             label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
-            groups.setdefault(label, []).append(findings[run.id])
+            groups.setdefault(label, []).append(diagnostics[run.id])
     if not groups:
         return None
     rows = [row for group in groups.values() for diagnostics in group for row in diagnostics]
@@ -63,15 +63,15 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     figure, axes = panels(1, len(panel_functions), max(4.4, 5.0 / len(panel_functions)), 4.2)
     for panel, draw in zip(axes, panel_functions, strict=True):
         for i, (label, group) in enumerate(groups.items()):
-            for diagnostics in group:
-                draw(panel, diagnostics, i, label)
+            for marks in group:
+                draw(panel, marks, i, label)
     headed(figure, axes, facet.title("Spectrum"))
     notes = ["filled: within the selected order"] if _singular_values in panel_functions else []
     footnote(figure, [*notes, "one set of marks for each run"])
     return Drawing(facet.file("spectrum"), figure)
 
 
-def _singular_values(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: str) -> None:
+def _singular_values(axes: Axes, rows: Sequence[StoredDiagnostic], i: int, label: str) -> None:
     points = sorted((row.i, row.value) for row in rows if row.name == SINGULAR and row.value)
     order = next((row.value for row in rows if row.name == ORDER), None)
     unit = next((row.unit for row in rows if row.name == SINGULAR), "")
@@ -87,7 +87,7 @@ def _singular_values(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: s
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _eigenvalues(axes: Axes, rows: Sequence[DiagnosticRow], i: int, label: str) -> None:
+def _eigenvalues(axes: Axes, rows: Sequence[StoredDiagnostic], i: int, label: str) -> None:
     real = {row.i: row.value for row in rows if row.name == REAL}
     imaginary = {row.i: row.value for row in rows if row.name == IMAGINARY}
     numbers = sorted(real.keys() & imaginary.keys())

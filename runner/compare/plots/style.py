@@ -3,6 +3,8 @@
 Figures are made without pyplot: no window, no global state, and no effect of backend settings.
 A figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
 notes then belong to these axes, and the rest of their figure is not changed.
+
+Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thrusters' limits.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,13 +24,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots import paper
+from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.vocabulary import COMBINED
+from seatrial.runner.vocabulary import COMBINED, Config
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
+
 
 # Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale; then
 # dark colours of Tol (2021) for figures of many series.
@@ -294,3 +298,45 @@ def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
         drawing.figure.savefig(path, metadata=metadata)
         paths.append(path)
     return paths
+
+
+PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
+PREFIXED = ("N", "Nm", "W", "J")
+SHOWN_LIMIT = 2.5  # a limit above this multiple of the peak is not drawn
+
+
+def prefixed(unit: str, largest: float) -> tuple[str, float]:
+    """Return the unit that suits a largest value, and its size: `kN`, 1000.0 from 10 kN on."""
+    if unit in PREFIXED:
+        for letter, size, least in PREFIXES:
+            if largest >= least:
+                return letter + unit, size
+    return unit, 1.0
+
+
+def largest_of(signals: Sequence[Sample]) -> float:
+    """Return the largest absolute value of signals, without NaN; 0 if there is none."""
+    finite = [np.abs(signal[np.isfinite(signal)]) for signal in signals]
+    return max((float(np.max(values)) for values in finite if values.size), default=0.0)
+
+
+def limits_of(config: Config) -> dict[str, float]:
+    """Return the thrusters' limits [N, Nm] by degree of freedom, if the vessel has them."""
+    vessel = config.get("vessel", {})
+    return dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
+
+
+def draw_limit(axes: Axes, limit: float, peak: float, unit: str, size: float) -> None:
+    """Draw a limit [N, Nm] at both sides, or write it at the top if it is far above the peak.
+
+    `unit` and `size` are those of the axis.
+    """
+    if limit <= SHOWN_LIMIT * peak:
+        for side in (-limit, limit):
+            axes.axhline(side / size, color=REFERENCE, linestyle="-.", linewidth=0.9, label="limit")
+        return
+    text = f"limit {number_text(limit / size, 3)} {unit}"
+    axes.text(
+        0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8,
+        color=REFERENCE,
+    )  # fmt: skip

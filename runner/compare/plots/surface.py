@@ -24,7 +24,7 @@ from seatrial.runner.compare.plots.request import (
     subtitle,
 )
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
-from seatrial.runner.compare.results import DiagnosticRow, Results
+from seatrial.runner.compare.results import Queries, StoredDiagnostic
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
@@ -41,13 +41,13 @@ WORST = 100.0  # largest error with a colour of its own, in the smallest ones
 COLOURS = "cividis"  # perceptually uniform and suited to colour-blind readers
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, of its newest run with a surface; one panel for each DOF."""
     missing = f"plot surface: no run that matches has the diagnostic {SURFACE}"
     return each_facet(results, request, partial(_drawing, results, request), missing)
 
 
-def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
     newest = newest_with(results, facet, (SURFACE, ORDER, VARIABLES))
     if newest is None:
         return None
@@ -78,7 +78,7 @@ def _drawing(results: Results, request: PlotRequest, facet: Facet) -> Drawing | 
     return Drawing(f"surface-run-{run.id}", figure)
 
 
-def _panel(axes: Axes, dof: str, points: Sequence[DiagnosticRow]) -> QuadMesh:
+def _panel(axes: Axes, dof: str, points: Sequence[StoredDiagnostic]) -> QuadMesh:
     """Draw the grid and its contours; return the mesh for the colour bar."""
     orders, variables = sorted({p.i for p in points}), sorted({p.j for p in points})
     mse: Sample = np.full((len(orders), len(variables)), np.nan)

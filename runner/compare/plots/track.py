@@ -1,4 +1,10 @@
-"""The sailed track in NED: north up, east right, equal axes, with reference, headings and wind."""
+"""The sailed track in NED: north up, east right, equal axes, with reference, headings and wind.
+
+The outline of a vessel seen from above, to scale, for tracks and their animation.
+"""
+
+from collections.abc import Mapping
+from itertools import count
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -6,9 +12,7 @@ from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.hull import drawn_length, outline
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle
-from seatrial.runner.compare.plots.sailed_missions import Voyages, voyages
+from seatrial.runner.compare.plots.request import PlotRequest, Voyages, subtitle, voyages
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     REFERENCE,
@@ -20,9 +24,43 @@ from seatrial.runner.compare.plots.style import (
     trim,
 )
 from seatrial.runner.compare.plots.wind_force import EAST, NORTH
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
+from seatrial.runner.vocabulary import Config
+
+# A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
+HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
+HULL_SHARE = 0.045  # of the extent of the track, the length of a hull whose vessel's is not known
+LEAST_SHARE = 0.02  # of the extent, the shortest hull that shows its heading
+
+
+def drawn_length(config: Config, extent_m: float) -> tuple[float, str]:
+    """Return the length of the hulls [m] on a track of this extent [m], and a note on it.
+
+    It is that of the vessel; of a vessel too short to be seen it is the smallest of 2, 5, 10, 20,
+    ... lengths that can.
+    """
+    length = length_of(config) if isinstance(config.get("vessel"), Mapping) else None
+    if length is None:
+        return HULL_SHARE * max(extent_m, 1e-6), "hulls not to scale, as the length is not stored"
+    times = next(m * 10**k for k in count() for m in (1, 2, 5)
+                 if m * 10**k * length >= LEAST_SHARE * extent_m)  # fmt: skip
+    size = "hulls to scale" if times == 1 else f"hulls {times} times as long as the vessel"
+    return times * length, f"{size}: {number_text(length, 3)} m"
+
+
+def outline(north: float, east: float, psi: float, length_m: float) -> Sample:
+    """Return east and north of the corners of a hull [m], shape (5, 2).
+
+    It is rotated from body to NED by psi [rad] about the down axis.
+    """
+    forward, right = length_m * HULL[:, 0], length_m * HULL[:, 1]
+    norths = north + np.cos(psi) * forward - np.sin(psi) * right
+    easts = east + np.sin(psi) * forward + np.cos(psi) * right
+    return np.column_stack([easts, norths])
+
 
 FIGURE = Figure(
     "track",
@@ -38,7 +76,7 @@ ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): one panel for each model.
 
     Models that sail alike share a panel. A run without a deployment shows the track of the
@@ -48,7 +86,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return [_drawing(results, run, missions) for run, missions in runs]
 
 
-def _drawing(results: Results, run: Run, missions: Voyages) -> Drawing:
+def _drawing(results: Queries, run: StoredRun, missions: Voyages) -> Drawing:
     series_of = list(missions.values())
     extent = max(float(np.ptp(limits)) for limits in _ranges(series_of))
     length, note = drawn_length(results.reader.run(run.id).config, extent)

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle
-from seatrial.runner.compare.plots.sailed_missions import Voyages, degrees, voyages
+from seatrial.runner.compare.plots.request import PlotRequest, Voyages, degrees, subtitle, voyages
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     Drawing,
@@ -15,7 +14,7 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -30,12 +29,12 @@ FIGURE = Figure(
 ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): position and, if any, heading."""
     return [_drawing(run, missions) for run, missions in voyages(results, request, "plot errors")]
 
 
-def _drawing(run: Run, missions: Voyages) -> Drawing:
+def _drawing(run: StoredRun, missions: Voyages) -> Drawing:
     errors = [error for error in ERRORS if any(error[0] in v.columns for v in missions.values())]
     figure, axes = panels(len(errors), 1, 8.0, 2.5, share_x=True)
     for panel, (name, label, unit) in zip(axes, errors, strict=True):

@@ -7,9 +7,7 @@ from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.plots.force_units import largest_of, prefixed
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
-from seatrial.runner.compare.plots.sailed_missions import PREFIX, distinct
+from seatrial.runner.compare.plots.request import PREFIX, PlotRequest, distinct, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     WIND,
@@ -17,9 +15,11 @@ from seatrial.runner.compare.plots.style import (
     beside,
     footnote,
     headed,
+    largest_of,
     panels,
+    prefixed,
 )
-from seatrial.runner.compare.results import Results, Run
+from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -39,7 +39,7 @@ ROUNDING = 1e-9  # of the mean, a deviation that is none
 NARROWEST_DEG = 10.0  # smallest half-range of the direction
 
 
-def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level).
 
     It is the wind of the mission, or without a deployment that of the recording.
@@ -54,7 +54,7 @@ def drawings(results: Results, request: PlotRequest) -> list[Drawing]:
     return figures
 
 
-def _drawing(run: Run, series_of: Mapping[str, Series], request: PlotRequest) -> Drawing:
+def _drawing(run: StoredRun, series_of: Mapping[str, Series], request: PlotRequest) -> Drawing:
     """Draw the wind, which is that of every model, and its force on each."""
     first = next(iter(series_of.values()))
     dofs = request.shown(lambda dof: any(f"wind_{dof}" in s.columns for s in series_of.values()))

@@ -14,8 +14,8 @@ from seatrial.runner.compare.results import (
     INTERVAL_OF_ESTIMATE,
     RUN,
     Observation,
-    Results,
-    Run,
+    Queries,
+    StoredRun,
 )
 from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
@@ -33,7 +33,7 @@ MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones
 PARETO = ("pareto_objective", "pareto_chosen")
 
 
-def summary(results: Results, database: str, measures: StoredMeasures, opened: int) -> Json:
+def summary(results: Queries, database: str, measures: StoredMeasures, opened: int) -> Json:
     """Return what every view of the page needs: runs, factors, sweeps, metrics and flags.
 
     `database` is the address as the user wrote it, for the commands that the page shows;
@@ -55,7 +55,7 @@ def summary(results: Results, database: str, measures: StoredMeasures, opened: i
     }
 
 
-def all_runs(results: Results) -> list[Run]:
+def all_runs(results: Queries) -> list[StoredRun]:
     """Return one attempt at every trial, oldest first; none for an empty logbook."""
     ((number,),) = results.reader.select(sa.select(sa.func.count()).select_from(RUN))
     return results.runs() if number else []
@@ -66,14 +66,14 @@ def _quantiles() -> Sequence[float]:
     return [quantile_of_t(freedom) for freedom in range(1, QUANTILES + 1)]
 
 
-def progress(results: Results) -> Json:
+def progress(results: Queries) -> Json:
     """Return how far the newest sweep and every running one are."""
     newest = [sweep.id for sweep in results.reader.sweeps()[-1:]]
     shown = sorted({*newest, *results.reader.running_sweeps()})
     return {"sweeps": [_sweep_state(results, id_) for id_ in shown]}
 
 
-def _sweep_state(results: Results, sweep: int) -> Json:
+def _sweep_state(results: Queries, sweep: int) -> Json:
     """Return the numbers of trials of a sweep that are planned, running, ended and lost."""
     status = results.reader.sweep_status(sweep)
     ended = {name: n for name, n in status.counts.items() if name != "running"}
@@ -87,7 +87,7 @@ def _sweep_state(results: Results, sweep: int) -> Json:
     }
 
 
-def _times(results: Results, runs: Sequence[Run]) -> Json:
+def _times(results: Queries, runs: Sequence[StoredRun]) -> Json:
     """Return begin and duration [s] of the runs."""
     columns = sa.select(RUN.c.id, RUN.c.started_at, RUN.c.duration_s)
     rows = {row.id: row for row in results.reader.select(columns)}
@@ -98,7 +98,7 @@ def _times(results: Results, runs: Sequence[Run]) -> Json:
     }
 
 
-def _sweeps(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> list[Json]:
+def _sweeps(results: Queries, runs: Sequence[StoredRun], places: Mapping[int, int]) -> list[Json]:
     """Return the sweeps with the places of their runs, those that they reuse included."""
     members: dict[int | None, set[int]] = defaultdict(set)
     for run in runs:
@@ -120,7 +120,7 @@ def _sweeps(results: Results, runs: Sequence[Run], places: Mapping[int, int]) ->
     ]
 
 
-def _flags(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> Json:
+def _flags(results: Queries, runs: Sequence[StoredRun], places: Mapping[int, int]) -> Json:
     """Return which numbers a table marks or leaves out, as `selection` finds them."""
     if not runs:
         return {"below": [], "unsettled": [], "infeasible": [], "diverged": [], "covering": []}
@@ -143,7 +143,7 @@ def _flags(results: Results, runs: Sequence[Run], places: Mapping[int, int]) -> 
     }
 
 
-def metric(results: Results, name: str) -> list[Json]:
+def metric(results: Queries, name: str) -> list[Json]:
     """Return the numbers of one metric: by stage, model and degree of freedom, runs and values.
 
     `runs` are run numbers in the order of storage; a value is None where it is not finite.
@@ -154,7 +154,7 @@ def metric(results: Results, name: str) -> list[Json]:
     ]
 
 
-def coefficient(results: Results, term: str) -> list[Json]:
+def coefficient(results: Queries, term: str) -> list[Json]:
     """Return the coefficients of one term as `metric` does, with standard errors and true values.
 
     Both are None where they are not known.
@@ -182,7 +182,7 @@ def _parts(numbers: Sequence[Observation]) -> list[tuple[Json, list[Observation]
     ]
 
 
-def failures(results: Results) -> list[Json]:
+def failures(results: Queries) -> list[Json]:
     """Return the newest runs that failed, with their errors and tracebacks."""
     lost = [run for run in all_runs(results) if run.status in LOST][-MOST_FAILURES:]
     r = RUN.c
@@ -203,7 +203,7 @@ def failures(results: Results) -> list[Json]:
     ]
 
 
-def one_run(results: Results, run_id: int) -> Json:
+def one_run(results: Queries, run_id: int) -> Json:
     """Return all of one run: its properties, coefficients, Pareto set and, thinned, its series.
 
     Raises LogbookError if there is no such run; a series that cannot be read is named as trouble.
@@ -215,7 +215,7 @@ def one_run(results: Results, run_id: int) -> Json:
                 parts[file.kind] = part
         except LogbookError as error:
             trouble.append(str(error))
-    findings = [f for f in results.reader.diagnostics(run_id) if f.name in PARETO]
+    diagnostics = [f for f in results.reader.diagnostics(run_id) if f.name in PARETO]
     return {
         "run": run_id,
         "tables": _tables(results, run_id),
@@ -226,11 +226,13 @@ def one_run(results: Results, run_id: int) -> Json:
         "coefficients": _coefficients(results, run_id),
         "series": parts,
         "trouble": trouble,
-        "pareto": [[f.name, f.dof, f.i, f.j, f.label, number(f.value), f.unit] for f in findings],
+        "pareto": [
+            [f.name, f.dof, f.i, f.j, f.label, number(f.value), f.unit] for f in diagnostics
+        ],
     }
 
 
-def _tables(results: Results, run_id: int) -> list[Sequence[object]]:
+def _tables(results: Queries, run_id: int) -> list[Sequence[object]]:
     """Return title, headers and rows of what `show` prints, but for what the page draws itself."""
     return [
         (grid.title, grid.headers, [[cell.text for cell in row] for row in grid.rows])
@@ -239,12 +241,12 @@ def _tables(results: Results, run_id: int) -> list[Sequence[object]]:
     ]
 
 
-def _coefficients(results: Results, run_id: int) -> Json:
+def _coefficients(results: Queries, run_id: int) -> Json:
     """Return the coefficients of a run, and whether their intervals are of the coefficient."""
     of_estimate = [
-        finding.value
-        for finding in results.reader.diagnostics(run_id)
-        if finding.name == INTERVAL_OF_ESTIMATE
+        diagnostic.value
+        for diagnostic in results.reader.diagnostics(run_id)
+        if diagnostic.name == INTERVAL_OF_ESTIMATE
     ]
     return {
         "covers": 0.0 in of_estimate,

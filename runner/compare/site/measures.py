@@ -5,10 +5,10 @@ from collections.abc import Mapping
 
 import sqlalchemy as sa
 
-from seatrial.runner.compare.results import COEFFICIENT_STAGE, Results
+from seatrial.runner.compare.results import COEFFICIENT_STAGE, Queries
 from seatrial.runner.compare.site.run_columns import Json
 from seatrial.runner.compare.site.scripts import coefficient_script, metric_script
-from seatrial.runner.database.tables import Coefficient, Metric
+from seatrial.runner.database.tables import CoefficientRow, MetricRow
 from seatrial.runner.record.catalogue import definition_of
 
 AGAIN = 10_000  # rows before the last one that are read again: writers commit in any order
@@ -19,11 +19,11 @@ class StoredMeasures:
     """What was found so far, so that a growing logbook is read once and not at every change."""
 
     def __init__(self) -> None:
-        m, c = Metric.__table__.c, Coefficient.__table__.c
+        m, c = MetricRow.__table__.c, CoefficientRow.__table__.c
         self._metrics = _StoredUnits(m.id, m.name, m.stage, m.model, m.dof, m.unit)
         self._terms = _StoredUnits(c.id, c.term, c.model, c.dof, c.unit)
 
-    def told(self, results: Results) -> list[Json]:
+    def told(self, results: Queries) -> list[Json]:
         """Return metrics, then coefficients, with what they are and the parts that are stored."""
         metrics, terms = self._metrics.read(results), self._terms.read(results)
         return [
@@ -44,7 +44,7 @@ class _StoredUnits:
         self._last = 0
         self._units: dict[str, dict[tuple[str, str, str], str]] = defaultdict(dict)
 
-    def read(self, results: Results) -> Mapping[str, Units]:
+    def read(self, results: Queries) -> Mapping[str, Units]:
         """Return the units that are stored by now."""
         ((last,),) = results.reader.select(sa.select(sa.func.max(self._row)))
         if (last or 0) < self._last:  # runs were deleted

@@ -15,8 +15,8 @@ from seatrial.runner.compare.results import (
     MOST_VARIABLES,
     RUN,
     Observation,
-    Results,
-    Run,
+    Queries,
+    StoredRun,
     level_text,
     ordered,
 )
@@ -33,13 +33,13 @@ class Experiments:
     """Runs that differ in nothing but the seed, with one of them for each experiment."""
 
     of_run: Sequence[int]
-    first: Sequence[Run]
+    first: Sequence[StoredRun]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], likeness: Likeness) -> "Experiments":
+    def of(cls, runs: Sequence[StoredRun], likeness: Likeness) -> "Experiments":
         """Return the experiments of some runs, in the order of their first run."""
         numbers: dict[str, int] = {}
-        first: list[Run] = []
+        first: list[StoredRun] = []
         of_run = []
         for run in runs:
             name = likeness.experiment_of(run)
@@ -50,7 +50,7 @@ class Experiments:
         return cls(of_run, first)
 
 
-def run_columns(results: Results, runs: Sequence[Run]) -> Json:
+def run_columns(results: Queries, runs: Sequence[StoredRun]) -> Json:
     """Return status, seed, streams and factors of runs, and the circumstances of their numbers."""
     likeness = Likeness(results, runs)
     experiments = Experiments.of(runs, likeness)
@@ -89,7 +89,7 @@ def _run_factor(name: str, levels_of_runs: Sequence[str]) -> Json:
     return {"name": name, "levels": levels, "kinds": kinds, "codes": codes, "offered": True}
 
 
-def _configured(results: Results, experiments: Experiments) -> list[Json]:
+def _configured(results: Queries, experiments: Experiments) -> list[Json]:
     """Return the keys of the configuration with several levels, by experiment.
 
     An `offered` factor is one that a command may name; `kinds` are the types of the values behind a
@@ -116,7 +116,7 @@ def _varies(values: Sequence[object]) -> bool:
 
 
 def _level_texts(
-    results: Results, ids: Sequence[int], names: Sequence[str]
+    results: Queries, ids: Sequence[int], names: Sequence[str]
 ) -> dict[str, list[str]]:
     """Return the levels of keys as a table shows them: the database writes them, as for a table.
 

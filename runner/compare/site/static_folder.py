@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.site import contents
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.scripts import (
@@ -29,7 +29,7 @@ def assets() -> dict[str, bytes]:
     return {item.name: item.read_bytes() for item in folder.iterdir() if item.is_file()}
 
 
-def write_site(results: Results, folder: Path, database: str, opened: int) -> Path:
+def write_site(results: Queries, folder: Path, database: str, opened: int) -> Path:
     """Write the site and return its first page.
 
     `folder` is new, empty, or holds a site; `database` is the address as the user wrote it;
@@ -64,7 +64,7 @@ def _require_own(folder: Path) -> None:
             raise LogbookError(f"{folder}: got a folder with files, expected a new or empty one")
 
 
-def _scripts(results: Results, database: str, opened: int) -> Iterator[tuple[str, object]]:
+def _scripts(results: Queries, database: str, opened: int) -> Iterator[tuple[str, object]]:
     """Yield the name and the content of every script."""
     told = contents.summary(results, database, StoredMeasures(), opened)
     yield SUMMARY, told

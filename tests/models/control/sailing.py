@@ -109,7 +109,7 @@ def steady(n: int, speed: float, direction: float) -> Array:
     return np.tile([speed * np.cos(direction), speed * np.sin(direction)], (n, 1))
 
 
-def remark(controller: Any, name: str, model: Any = None, period_s: float = 1.0) -> float:
+def note(controller: Any, name: str, model: Any = None, period_s: float = 1.0) -> float:
     """One number that a controller says of itself."""
-    found = controller.remarks(ship() if model is None else model, period_s)
+    found = controller.diagnostics(ship() if model is None else model, period_s)
     return float(next(one.value for one in found if one.name == name))

@@ -240,9 +240,9 @@ def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
         input_start=ship.input_start, input_rates=ship.input_rates, input_lags=ship.input_lags,
         **limits,
     )  # fmt: skip
-    (finding,) = controller.remarks(ship.nominal(), PERIOD_S)
-    assert finding.value is not None
-    assert finding.value < 1.0
+    (diagnostic,) = controller.diagnostics(ship.nominal(), PERIOD_S)
+    assert diagnostic.value is not None
+    assert diagnostic.value < 1.0
     log = steered(ship, controller, np.radians(30.0), 120.0, moment=0.004).log
     assert log.eta[-1, 2] == pytest.approx(np.radians(30.0), abs=np.radians(0.05))
     helm, every = log.tau[:, 0], controller.command_rows(PERIOD_S)

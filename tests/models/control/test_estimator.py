@@ -17,7 +17,7 @@ from tests.models.control.sailing import (
     WINDAGE,
     double_integrators,
     lqi,
-    remark,
+    note,
     ship,
     steady,
     voyage,
@@ -121,7 +121,7 @@ def test_noise_is_filtered() -> None:
     sailed, state = voyage(lqi(), np.zeros((n, 3)), met=weather(n, pose_noise=noise))
     error = np.abs(state.x[:3] - sailed.log.eta[-1])
     assert np.all(error < 2.0 * np.array(KALMAN.measurement))
-    assert remark(lqi(), "estimator_radius") < 1.0
+    assert note(lqi(), "estimator_radius") < 1.0
 
 
 def test_a_lost_measurement_is_left_out() -> None:

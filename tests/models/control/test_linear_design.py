@@ -19,7 +19,7 @@ def test_a_ship_without_linear_drag_is_three_double_integrators() -> None:
     np.testing.assert_allclose(model.A, [[*row] for row in np.eye(6) + 2.0 * np.eye(6, k=3)])
     share = np.array(LIMITS) / MASS
     np.testing.assert_allclose(model.B, np.vstack([np.diag(2.0 * share), np.diag(2.0 * share)]))
-    found = {one.name: one.value for one in design_model(ship(), LIMITS, 2.0).remarks()}
+    found = {one.name: one.value for one in design_model(ship(), LIMITS, 2.0).diagnostics()}
     assert found["controllable_order"] == found["observable_order"] == found["model_order"] == 6.0
     assert found["open_loop_radius"] == pytest.approx(1.0, abs=1e-6)
 

@@ -22,7 +22,7 @@ from tests.models.control.sailing import (
     double_integrators,
     lqi,
     mpc,
-    remark,
+    note,
     ship,
     steady,
     voyage,
@@ -41,7 +41,7 @@ def test_the_gain_is_the_regulator_of_the_augmented_model() -> None:
     np.testing.assert_allclose(gain, -expected, rtol=1e-6, atol=1e-9)
     radius = spectral_radius(plus.A + plus.B @ gain)
     assert radius == pytest.approx(np.max(np.abs(poles)), rel=1e-9)
-    assert remark(lqi(), "spectral_radius") == pytest.approx(radius, rel=1e-9)
+    assert note(lqi(), "spectral_radius") == pytest.approx(radius, rel=1e-9)
     assert radius < 1.0
 
 
@@ -198,6 +198,6 @@ def test_wrong_options_are_refused(changes: dict[str, Any], message: str) -> Non
 
 
 def test_the_weights_are_told_in_si() -> None:
-    found = [one for one in lqi().remarks(ship(), 1.0) if one.name == "input_weight"]
+    found = [one for one in lqi().diagnostics(ship(), 1.0) if one.name == "input_weight"]
     np.testing.assert_allclose([one.value for one in found], [1e-7, 1e-7, 1e-10])
     assert [one.unit for one in found] == ["1/N^2", "1/N^2", "1/Nm^2"]

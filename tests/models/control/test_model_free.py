@@ -127,7 +127,7 @@ def test_a_pid_takes_the_physical_form() -> None:
 
 
 SHORT_SEARCH = ["identifier.generations=5", "identifier.population_cap=100"]
-SLOW = [("least_squares", []), ("nsga2", SHORT_SEARCH)]
+SLOW = [("output_error", []), ("nsga2", SHORT_SEARCH)]
 
 
 @pytest.mark.parametrize(

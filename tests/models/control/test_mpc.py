@@ -19,7 +19,7 @@ from tests.models.control.sailing import (
     appendix_k,
     lqi,
     mpc,
-    remark,
+    note,
     ship,
     steady,
     voyage,
@@ -147,9 +147,9 @@ def test_what_is_not_a_number_never_reaches_the_vessel(kind: str, limited: bool)
 def test_the_reported_radius_is_the_loops_own() -> None:
     """1.025 with the weights of appendix K and 10 steps: the voyage grows, in the calm."""
     K = {"error_weight": (1e2, 1e0, 1e3), "horizon": 10}
-    radius = remark(mpc("integral", **K), "spectral_radius")
+    radius = note(mpc("integral", **K), "spectral_radius")
     assert radius == pytest.approx(1.025, abs=5e-4)
-    assert remark(mpc("integral"), "spectral_radius") < 1.0
+    assert note(mpc("integral"), "spectral_radius") < 1.0
     start = np.array([1e-6, 0.0, 0.0])
     controller = mpc("integral", limited=False, wind=None, estimator="measured", **K)
     sailed, _ = voyage(controller, np.zeros((700, 3)), start=start, plant=ship(drag=0.0))
@@ -166,7 +166,7 @@ def test_the_radius_is_that_of_the_simulated_design_model(kind: str) -> None:
     sailed, _ = voyage(controller, np.zeros((400, 3)), start=start, plant=plant, model=plant)
     size = np.abs(sailed.log.eta[:, 0]) + np.abs(sailed.log.nu[:, 0])
     decay = (np.max(size[300:350]) / np.max(size[150:200])) ** (1.0 / 150.0)
-    assert decay <= remark(controller, "spectral_radius", plant) + 5e-3
+    assert decay <= note(controller, "spectral_radius", plant) + 5e-3
 
 
 def test_line_of_sight_is_not_known_ahead_and_is_held() -> None:

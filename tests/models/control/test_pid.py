@@ -40,7 +40,7 @@ def test_with_the_true_model_the_lead_tracks_within_a_centimetre(milliampere: Ve
     assert error_of(lap(lead=True)) <= 0.01
     assert error_of(lap(lead=True, period_s=0.02)) <= 0.006
     assert error_of(lap(lead=False)) > 0.04
-    assert error_of(lap(lead=False, model=milliampere)) > 0.2  # the believed model
+    assert error_of(lap(lead=False, model=milliampere)) > 0.2  # the nominal model
 
 
 def test_a_ramp_arrives_without_delay_behind_the_lag() -> None:
@@ -120,7 +120,7 @@ def test_the_spectral_radius_is_that_of_the_sampled_loop() -> None:
     """A mass in surge, by the written recursion; no number where nothing is to settle."""
     m, h, kp, ki, kd = 10.0, 0.5, 4.0, 0.5, 8.0
     vessel = from_derivatives("box", ("surge",), np.array([[m]]), {}, False)
-    (found,) = PidFeedforward((kp,), (ki,), (kd,)).remarks(vessel, h)
+    (found,) = PidFeedforward((kp,), (ki,), (kd,)).diagnostics(vessel, h)
     state, sizes = np.array([1.0, 0.0, 0.0]), []  # eta, nu, integral
     for _ in range(400):
         tau = -kp * state[0] + ki * state[2] - kd * state[1]
@@ -130,14 +130,14 @@ def test_the_spectral_radius_is_that_of_the_sampled_loop() -> None:
     decay = (max(sizes[300:]) / max(sizes[200:300])) ** 0.01
     assert found.value == pytest.approx(decay, abs=5e-3)
     assert found.value < 1.0
-    (fast,) = PidFeedforward((kp,), (ki,), (100.0,)).remarks(vessel, h)
+    (fast,) = PidFeedforward((kp,), (ki,), (100.0,)).diagnostics(vessel, h)
     assert fast.value > 1.0  # too much damping for the sample time
-    assert PidFeedforward((kp,), (ki,), (kd,), feedback=False).remarks(vessel, h) == []
-    assert PidFeedforward((0.0,), (ki,), (kd,)).remarks(vessel, h) == []
+    assert PidFeedforward((kp,), (ki,), (kd,), feedback=False).diagnostics(vessel, h) == []
+    assert PidFeedforward((0.0,), (ki,), (kd,)).diagnostics(vessel, h) == []
 
 
 @pytest.mark.parametrize("vessel", ["milliampere", "supply_vessel", "modulus_ship"])
 def test_the_vessels_own_gains_settle(vessel: str) -> None:
     one = composed("controller=pid_ff", f"vessel={vessel}")
-    (found,) = one.controller.remarks(one.vessel.nominal(), one.sample_time_s)
+    (found,) = one.controller.diagnostics(one.vessel.nominal(), one.sample_time_s)
     assert 0.5 < found.value < 1.0

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seatrial.models.control.controller import PythonController, Signals
 from seatrial.models.control.pid import body_error_kernel
-from seatrial.models.control.python_controller import PythonController, Signals
 from seatrial.models.errors import PartError
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.closed_loop import SimulatedMission, Streams, prepare

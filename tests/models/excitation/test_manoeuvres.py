@@ -238,7 +238,7 @@ def test_what_a_zigzag_stands_beside_can_be_adapted_while_sailing() -> None:
             seen.append((k, parameters, state))
             return "better"
 
-    from seatrial.models.excitation.open_loop import Beside, ZigZag
+    from seatrial.models.excitation.missions import Beside, ZigZag
 
     found = watch_of(Looker(), alone=False)  # type: ignore[arg-type]
     assert found is not None

@@ -44,7 +44,7 @@ def mix(*overrides: str) -> Mix:
 
 
 def sailed(design: Mix) -> Any:
-    """The recording of a mix in calm water by the believed model."""
+    """The recording of a mix in calm water by the nominal model."""
     n = len(design.schedule)
     still, rng = np.zeros((n, 3)), np.random.default_rng(0)
     weather = Weather(still, still, still, still)
@@ -134,10 +134,10 @@ def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
     assert np.max(np.flatnonzero(split.train)) < np.min(np.flatnonzero(split.test))
 
 
-def test_the_believed_model_may_be_wrong() -> None:
+def test_the_nominal_model_may_be_wrong() -> None:
     nominal = trial().vessel.nominal()
     wrong = [
-        mix("excitation.believed.error=0.2", f"excitation.believed.seed={seed}") for seed in (1, 2)
+        mix("excitation.nominal.error=0.2", f"excitation.nominal.seed={seed}") for seed in (1, 2)
     ]
     tables = [one.information.plant.vessel.theta for one in wrong]
     for table in tables:
@@ -153,7 +153,7 @@ def test_the_believed_model_may_be_wrong() -> None:
         (["excitation.sub_experiments=0"], "excitation.sub_experiments must be at least 1, got 0"),
         (["excitation.held_out=[]"], "held_out: got none, expected some of zigzag_10"),
         (["excitation.held_out=[spiral]"], "held_out: got spiral, expected some of zigzag_10"),
-        (["excitation.believed.error=1.5"], "believed: error must lie between 0 and 1, got 1.5"),
+        (["excitation.nominal.error=1.5"], "nominal: error must lie between 0 and 1, got 1.5"),
         (
             ["excitation.design=random", "excitation.sub_experiments=56"],
             "sub_experiments must be at most the pool's 55, got 56",
@@ -214,7 +214,7 @@ def test_the_plan_has_the_counts_of_the_mix_and_touches_nothing() -> None:
     assert np.cos(mix.plan.poses[-1, 2] - np.radians(90.0)) == pytest.approx(1.0)
 
 
-def test_the_believed_vessel_sails_its_plan() -> None:
+def test_the_nominal_vessel_sails_its_plan() -> None:
     asked = routed()
     log = voyage(asked, asked.vessel.nominal()).log
     planned = asked.excitation.plan.poses[: len(log.eta)]

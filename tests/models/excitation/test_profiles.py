@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.signals import Legs, Ramp, Shared, Steady
+from seatrial.models.excitation.signals import Legs, Ramp, SharedSignal, Steady
 
 T = np.arange(0.0, 120.0, 0.1)
 RNG = np.random.default_rng(0)
@@ -29,7 +29,7 @@ def test_a_ramp_rises_and_falls() -> None:
 
 
 def test_shares_are_by_axis() -> None:
-    shared = Shared(Steady(), (0.5, 0.0, -1.0))
+    shared = SharedSignal(Steady(), (0.5, 0.0, -1.0))
     assert [shared.sample(T, axis, 3, RNG)[0] for axis in range(3)] == [0.5, 0.0, -1.0]
 
 

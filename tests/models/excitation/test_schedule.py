@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.missions import Mission
-from seatrial.models.excitation.open_loop import ZigZag
+from seatrial.models.excitation.missions import Mission, ZigZag
 from seatrial.models.excitation.schedule import (
     FOLLOW,
     OPEN,
     STOP,
     ZIGZAG,
     Gains,
-    Part,
+    Interval,
     Schedule,
     SequenceTable,
     body_velocities,
@@ -43,8 +42,8 @@ class Push(Mission):
 def schedule() -> Schedule:
     poses = np.column_stack([np.linspace(0.0, 1.0, 4), np.zeros(4), np.zeros(4)])
     parts = (
-        Part("swing", "manoeuvre", 5, "training"), Part("swing", "stop", 3),
-        Part("push", "manoeuvre", 4, "testing"), Part("home", "passage", 4, poses=poses),
+        Interval("swing", "manoeuvre", 5, "training"), Interval("swing", "stop", 3),
+        Interval("push", "manoeuvre", 4, "testing"), Interval("home", "passage", 4, poses=poses),
     )  # fmt: skip
     return Schedule(parts, {"swing": Push(True), "push": Push(False)}, DOFS, 0.1)
 

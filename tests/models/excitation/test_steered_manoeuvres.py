@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.helm_schedule import register
-from seatrial.models.simulation.manoeuvre_measures import williamson
+from seatrial.models.excitation.helm import register
+from seatrial.models.simulation.manoeuvre_measures import Spiral, reverse_spiral, spiral, williamson
 from seatrial.models.simulation.manoeuvre_sheet import sheet
-from seatrial.models.simulation.spiral_measures import Spiral, reverse_spiral, spiral
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.steering import steering_model
 from tests.models.vessel.test_steered import sailed, track, vessel

@@ -50,7 +50,7 @@ def surge(mass: float, drag: float, term: str | None = None, more: float = 0.0) 
 
 
 def problem(truth: Vessel, nominal: Vessel, tau: np.ndarray, **options: Any) -> Problem:
-    """To identify `truth`, driven by a force, from what is believed of it."""
+    """To identify `truth`, driven by a force, from the nominal one of it."""
     recording = driven(truth, tau, **options)
     return Problem(recording, recording, nominal, None)
 
@@ -69,7 +69,7 @@ def signal() -> Callable[[str], np.ndarray]:
 
 @pytest.fixture(scope="session")
 def vessel() -> Callable[[str], Vessel]:
-    """vessel(name) -> the believed model of conf/vessel/<name>.yaml."""
+    """vessel(name) -> the nominal model of conf/vessel/<name>.yaml."""
 
     def nominal(name: str) -> Vessel:
         node = OmegaConf.to_container(OmegaConf.load(VESSELS / f"{name}.yaml"), resolve=True)

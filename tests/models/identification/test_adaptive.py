@@ -30,7 +30,7 @@ def times(results: Results, name: str = "update") -> list[float]:
 
 @pytest.mark.parametrize(("trigger", "threshold"), [("feedback", 0.4), ("residual", 0.3)])
 def test_a_wrong_model_is_replaced_once(trigger: str, threshold: float) -> None:
-    """The believed inertia is twice the true one; the first window is enough to learn that."""
+    """The nominal inertia is twice the true one; the first window is enough to learn that."""
     results = run(WATCHED.format(trigger, threshold))
     assert times(results) == [120.0]
     found = errors(results)

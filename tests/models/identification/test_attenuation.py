@@ -18,7 +18,7 @@ STRAIGHT = {"basis": "physical", "inertia_factor": None}
 
 
 def shares(found):
-    return {(f.dof, f.label): f.value for f in found.findings if f.name == "attenuation"}
+    return {(f.dof, f.label): f.value for f in found.diagnostics if f.name == "attenuation"}
 
 
 def test_one_regressor_keeps_the_share_of_signal() -> None:

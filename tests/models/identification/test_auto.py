@@ -7,8 +7,13 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto, preferred
-from seatrial.models.identification.blocked_free_run import Blocks, LeftOut, first_within
-from seatrial.models.identification.guard import LOST, with_nominal_axes
+from seatrial.models.identification.blocked_free_run import (
+    WORSE_THAN_NOMINAL,
+    Blocks,
+    LeftOut,
+    first_within,
+    with_nominal_axes,
+)
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
@@ -45,14 +50,14 @@ class FailingOnAll(Given):
 
 @dataclass(frozen=True)
 class HeldOnAll(Given):
-    """True on parts of the training data, with the believed surge on the whole of it."""
+    """True on parts of the training data, with the nominal surge on the whole of it."""
 
     samples: int
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         result = super().identify(problem, rng)
         whole = len(problem.training) >= self.samples
-        return with_nominal_axes(result, problem.nominal, [0] if whole else [], LOST)
+        return with_nominal_axes(result, problem.nominal, [0] if whole else [], WORSE_THAN_NOMINAL)
 
 
 @dataclass(frozen=True)
@@ -70,17 +75,17 @@ def identified(candidates, problem, budget_s: float | None = None) -> Identified
 
 
 def chosen(found: Identified) -> str:
-    names = [f.label for f in found.findings if f.name == "chosen" and f.value == 1.0]
+    names = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
     assert len(names) == 1
     return names[0]
 
 
 def values(found: Identified, name: str) -> dict[str, float]:
-    return {f.label: f.value for f in found.findings if f.name == name}
+    return {f.label: f.value for f in found.diagnostics if f.name == name}
 
 
 def left_out(found: Identified) -> list[str]:
-    return [f.label for f in found.findings if f.name == "left_out"]
+    return [f.label for f in found.diagnostics if f.name == "left_out"]
 
 
 def test_the_true_model_wins(calm) -> None:
@@ -90,7 +95,7 @@ def test_the_true_model_wins(calm) -> None:
     np.testing.assert_allclose(found.model.theta, calm.truth.on(found.model.terms).theta)
     errors = values(found, "left_out_error")
     assert errors["true"] < 0.01 * errors["none"]
-    fits = [f for f in found.findings if f.name == "left_out_fit" and f.label == "true"]
+    fits = [f for f in found.diagnostics if f.name == "left_out_fit" and f.label == "true"]
     assert [f.dof for f in fits] == ["surge", "sway", "yaw"]
     assert all(99.0 < f.value <= 100.0 for f in fits)
     nrmse = np.array([1.0 - 0.01 * f.value for f in fits])
@@ -107,7 +112,7 @@ def test_a_failing_candidate_is_left_out_with_its_reason(calm) -> None:
     found = identified({"fails": Failing(), "true": Given(0.5)}, calm.problem)
     assert chosen(found) == "true"
     assert "fails: always" in left_out(found)
-    assert not [f for f in found.findings if f.name == "fallback"]
+    assert not [f for f in found.diagnostics if f.name == "fallback"]
 
 
 def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
@@ -116,7 +121,7 @@ def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
     np.testing.assert_array_equal(found.model.theta, calm.problem.nominal.theta)
     assert len(found.residual.terms) == 0
     assert chosen(found) == "none"
-    (reason,) = [f.label for f in found.findings if f.name == "fallback"]
+    (reason,) = [f.label for f in found.diagnostics if f.name == "fallback"]
     assert reason == "no candidate predicts the blocks left out better"
     assert {one.partition(":")[0] for one in left_out(found)} == set(cases)
     assert any("on the whole training part: too much of it" in one for one in left_out(found))
@@ -127,16 +132,16 @@ def test_the_next_one_takes_the_place_of_one_that_fails_on_the_whole(calm) -> No
     assert chosen(found) == "b"
 
 
-def test_one_that_keeps_a_believed_axis_gives_way_to_an_equal_one(calm) -> None:
+def test_one_that_keeps_a_nominal_axis_gives_way_to_an_equal_one(calm) -> None:
     """Not to a worse one, and not if there is no other."""
     held = HeldOnAll(0.5, len(calm.problem.training))
     found = identified({"held": held, "true": Given(0.5)}, calm.problem)
     assert chosen(found) == "true"
-    assert any("keeps the believed equation" in reason for reason in left_out(found))
+    assert any("keeps the nominal equation" in reason for reason in left_out(found))
     for others in ({}, {"worse": Given(0.6)}):
         found = identified({"held": held, **others}, calm.problem)
         assert chosen(found) == "held"
-        assert not any("keeps the believed" in reason for reason in left_out(found))
+        assert not any("keeps the nominal" in reason for reason in left_out(found))
 
 
 @pytest.mark.parametrize(("excess", "expected"), [(0.15, "unbiased"), (0.3, "biased")])
@@ -174,7 +179,7 @@ def test_no_axis_is_worse_than_the_nominal_model(lap, identifier, case: str) -> 
         "plsr": identifier("plsr", bootstrap=None),
     }
     found = identified(candidates, problem)
-    fits = {(f.label, f.dof): f.value for f in found.findings if f.name == "left_out_fit"}
+    fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
     name = chosen(found)
     for dof in problem.nominal.dofs:
         own, nominal = (1.0 - 0.01 * fits[label, dof] for label in (name, "none"))
@@ -189,11 +194,11 @@ def test_the_held_out_part_is_not_looked_at(calm) -> None:
     first, second = (
         identified({"wrong": Given(0.7), "true": Given(0.5)}, one) for one in (problem, broken)
     )
-    assert first.findings == second.findings
+    assert first.diagnostics == second.diagnostics
     np.testing.assert_array_equal(first.model.theta, second.model.theta)
 
 
-def test_an_axis_that_did_not_move_keeps_the_believed_equation(make, calm) -> None:
+def test_an_axis_that_did_not_move_keeps_the_nominal_equation(make, calm) -> None:
     problem = calm.problem
     tau = np.zeros((2000, 3))
     t = 0.1 * np.arange(len(tau))
@@ -202,11 +207,11 @@ def test_an_axis_that_did_not_move_keeps_the_believed_equation(make, calm) -> No
     straight = Problem(recording, recording, problem.nominal, None)
     found = identified({"half": Given(0.5)}, straight)
     assert chosen(found) == "half"
-    assert {f.dof for f in found.findings if f.name == "did_not_move"} == {"sway", "yaw"}
+    assert {f.dof for f in found.diagnostics if f.name == "did_not_move"} == {"sway", "yaw"}
     nominal = problem.nominal.on(found.model.terms).theta
     np.testing.assert_allclose(found.model.theta[:, 0], 0.5 * nominal[:, 0])
     np.testing.assert_array_equal(found.model.theta[:, 1:], nominal[:, 1:])
-    fits = {f.dof for f in found.findings if f.name == "left_out_fit"}
+    fits = {f.dof for f in found.diagnostics if f.name == "left_out_fit"}
     assert fits == {"surge"}
 
 
@@ -241,7 +246,7 @@ def test_a_nominal_model_that_cannot_be_simulated_is_no_reference(calm) -> None:
 
     assert chosen(identified({"true": Truth(calm.truth)}, hopeless)) == "true"
     found = identified({"fails": Failing()}, hopeless)
-    assert [f.name for f in found.findings if f.name == "fallback"]
+    assert [f.name for f in found.diagnostics if f.name == "fallback"]
 
 
 @pytest.mark.parametrize(

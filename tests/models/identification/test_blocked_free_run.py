@@ -136,9 +136,9 @@ def test_the_best_alternative_is_identified_on_the_whole(calm) -> None:
     alternatives = {"fails": Failing(), "wrong": Given(0.8), "true": Given(0.5)}
     found = best_of(alternatives, Blocks(calm.problem), np.random.default_rng(0))
     np.testing.assert_array_equal(found.model.theta, (0.5 * calm.problem.nominal).theta)
-    chosen = {f.label: f.value for f in found.findings if f.name == "chosen"}
+    chosen = {f.label: f.value for f in found.diagnostics if f.name == "chosen"}
     assert chosen == {"wrong": 0.0, "true": 1.0}
-    fits = {(f.label, f.dof): f.value for f in found.findings if f.name == "left_out_fit"}
+    fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
     assert len(fits) == 6
     assert all(fits["true", dof] > fits["wrong", dof] for dof in calm.problem.nominal.dofs)
 
@@ -182,5 +182,5 @@ def test_a_candidate_must_be_better_than_the_reference_beyond_chance(calm) -> No
 def test_tune_finds_a_planted_good_value(calm, identifier, name: str, options, expected) -> None:
     """A penalty that lets nothing change, one latent variable, or no nonlinear damping lose."""
     found = identifier(name, **options).identify(calm.problem, np.random.default_rng(0))
-    chosen = [f.label for f in found.findings if f.name == "chosen" and f.value == 1.0]
+    chosen = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
     assert chosen == [expected]

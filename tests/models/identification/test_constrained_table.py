@@ -16,7 +16,7 @@ def test_a_moved_table_has_the_spread_of_tables_moved_likewise(lap, identifier, 
     moved = identifier("iv", inertia_factor=5.0).identify(problem, rng)
     assert isinstance(moved.spread, ReplicateSpread)
     assert moved.std_error is not None
-    assert free.model.inertia[0, 1] != free.model.inertia[1, 0]  # believed to be equal
+    assert free.model.inertia[0, 1] != free.model.inertia[1, 0]  # nominal to be equal
     for model in (moved.model, *moved.draws(5)):
         np.testing.assert_allclose(model.inertia[0], model.inertia[:, 0], rtol=1e-9)
     errors = replace(moved.residual, theta=moved.std_error)

@@ -51,9 +51,9 @@ def free(*labels: str) -> str:
     return f"identifier.free={list(labels)}"
 
 
-def parts(whole: Recording, believed: Vessel) -> Problem:
+def parts(whole: Recording, nominal: Vessel) -> Problem:
     half = len(whole) // 2
-    return Problem(whole.part(slice(0, half)), whole.part(slice(half, None)), believed, None)
+    return Problem(whole.part(slice(0, half)), whole.part(slice(half, None)), nominal, None)
 
 
 TRUTH = {
@@ -64,16 +64,16 @@ TRUTH = {
 
 def test_rudder_and_propeller_are_found_with_the_hull() -> None:
     """Without noise and prior the joint fit is exact, and its free run is the motion."""
-    believed = vessel("kvlcc2")
-    truth = changed(mistaken(believed, ("vU", "rU")), **TRUTH)
-    own = parts(recorded("kvlcc2", truth, 1200), believed)
+    nominal = vessel("kvlcc2")
+    truth = changed(mistaken(nominal, ("vU", "rU")), **TRUTH)
+    own = parts(recorded("kvlcc2", truth, 1200), nominal)
     result = joint(
-        "least_squares", own, free(*HULL, *RUDDER, *PROPELLER), "identifier.prior=null",
+        "output_error", own, free(*HULL, *RUDDER, *PROPELLER), "identifier.prior=null",
         "identifier.horizon=100", "identifier.horizons=[30]",
     )  # fmt: skip
     for label in (*RUDDER, *PROPELLER):
         assert value(result.model, label) == pytest.approx(value(truth, label), rel=1e-5)
-        assert value(believed, label) != pytest.approx(value(truth, label), rel=1e-2)
+        assert value(nominal, label) != pytest.approx(value(truth, label), rel=1e-2)
         assert 0.0 < result.device_errors[label] < 1e-3
     for label in HULL:
         dof, _, term = label.partition(".")
@@ -90,47 +90,47 @@ def noisy(whole: Recording, seed: int, deviation: float) -> Recording:
 
 
 def test_a_prior_weighs_as_an_observation() -> None:
-    """A wide one changes nothing, a narrow one keeps the believed value with its own error."""
-    believed = vessel("kvlcc2")
-    truth = changed(believed, rudder__a_H=1.2)
-    own = parts(noisy(recorded("kvlcc2", truth, 800), 0, 0.05), believed)
+    """A wide one changes nothing, a narrow one keeps the nominal value with its own error."""
+    nominal = vessel("kvlcc2")
+    truth = changed(nominal, rudder__a_H=1.2)
+    own = parts(noisy(recorded("kvlcc2", truth, 800), 0, 0.05), nominal)
     given = (free("rudder.a_H", "yaw.rU"), "identifier.horizon=100", "identifier.horizons=[]")
     found = {
         deviation: joint(
-            "least_squares", own, *given, "identifier.prior=null",
+            "output_error", own, *given, "identifier.prior=null",
             f"++identifier.deviations={{rudder.a_H: {deviation}}}",
         )
         for deviation in (100.0, 1e-6)
     }  # fmt: skip
-    none = joint("least_squares", own, *given, "identifier.prior=null")
+    none = joint("output_error", own, *given, "identifier.prior=null")
     label = "rudder.a_H"
     assert value(found[100.0].model, label) == pytest.approx(value(none.model, label), rel=1e-4)
     assert found[100.0].device_errors[label] == pytest.approx(none.device_errors[label], rel=1e-3)
-    assert value(found[1e-6].model, label) == pytest.approx(value(believed, label), rel=1e-4)
+    assert value(found[1e-6].model, label) == pytest.approx(value(nominal, label), rel=1e-4)
     assert found[1e-6].device_errors[label] == pytest.approx(1e-6, rel=1e-2)
 
 
 def test_the_whole_table_is_determined_with_the_default_prior() -> None:
-    """Hull and all devices: what the recording does not tell stays as it is believed to be."""
-    believed = vessel("kvlcc2")
-    truth = changed(mistaken(believed, ("vU", "rU")), **TRUTH)
-    own = parts(noisy(recorded("kvlcc2", truth, 800), 0, 0.01), believed)
+    """Hull and all devices: what the recording does not tell stays as it is nominal to be."""
+    nominal = vessel("kvlcc2")
+    truth = changed(mistaken(nominal, ("vU", "rU")), **TRUTH)
+    own = parts(noisy(recorded("kvlcc2", truth, 800), 0, 0.01), nominal)
     result = joint(
-        "least_squares", own, free("table", *RUDDER, *PROPELLER), "identifier.horizon=100",
+        "output_error", own, free("table", *RUDDER, *PROPELLER), "identifier.horizon=100",
         "identifier.horizons=[]",
     )  # fmt: skip
     before, after = (
         prediction(model, own.validation, None).over("free_run").rmse[3:]
-        for model in (believed, result.model)
+        for model in (nominal, result.model)
     )
     assert np.all(after < 0.2 * before)
-    assert value(result.model, "rudder.l_R") == value(believed, "rudder.l_R")
+    assert value(result.model, "rudder.l_R") == value(nominal, "rudder.l_R")
 
 
 def test_candidates_in_packs_have_their_own_devices() -> None:
     """Errors of many candidates at once are those of one at a time."""
-    believed = vessel("kvlcc2")
-    own = parts(recorded("kvlcc2", believed, 200), believed)
+    nominal = vessel("kvlcc2")
+    own = parts(recorded("kvlcc2", nominal, 200), nominal)
     predictor = option("nsga2", free(*HULL, *RUDDER)).predictor(own)
     rng = np.random.default_rng(0)
     size = rng.uniform(0.8, 1.2, (40, len(predictor.free)))
@@ -143,9 +143,9 @@ def test_candidates_in_packs_have_their_own_devices() -> None:
 
 
 def test_the_search_finds_parameters_of_devices() -> None:
-    believed = vessel("kvlcc2")
-    truth = changed(believed, rudder__a_H=1.3, propeller__w_P0=1.15)
-    own = parts(recorded("kvlcc2", truth, 600), believed)
+    nominal = vessel("kvlcc2")
+    truth = changed(nominal, rudder__a_H=1.3, propeller__w_P0=1.15)
+    own = parts(recorded("kvlcc2", truth, 600), nominal)
     result = joint(
         "nsga2", own, free("rudder.a_H", "propeller.w_P0"), "identifier.population=40",
         "identifier.generations=15", "identifier.polish=null", "identifier.decision=ideal",
@@ -161,14 +161,14 @@ def test_names_of_free_parameters() -> None:
     both = with_devices(table, ["rudder.gamma_R_*"])
     assert both.labels == ("rudder.gamma_R_plus", "rudder.gamma_R_minus")
     assert len(with_devices(table, ["rudder.*"])) == len(ship.devices["rudder"].PARAMETERS)
-    added = option("least_squares", free("table", "yaw.n^2", "rudder.neutral_rad")).unknowns(ship)
+    added = option("output_error", free("table", "yaw.n^2", "rudder.neutral_rad")).unknowns(ship)
     assert added.labels[-2:] == ("yaw.n^2", "rudder.neutral_rad")
     assert added.units[-1] == "rad"
     with pytest.raises(ConfigurationError, match=r"identifier\.free: got 'rudder\.gamma'"):
         with_devices(table, ["rudder.gamma"])
     with pytest.raises(ConfigurationError, match="nothing to identify"):
-        option("least_squares", "identifier.free=[]").unknowns(ship)
-    chosen = option("least_squares", "++identifier.deviations={rudder.a_H: 0.1}")
+        option("output_error", "identifier.free=[]").unknowns(ship)
+    chosen = option("output_error", "++identifier.deviations={rudder.a_H: 0.1}")
     free_of_devices, short = chosen.unknowns(ship), recorded("kvlcc2", ship, 50)
     with pytest.raises(ConfigurationError, match=r"deviations\.rudder\.a_H: not a parameter"):
         chosen.prior_of(free_of_devices, short)
@@ -176,7 +176,7 @@ def test_names_of_free_parameters() -> None:
 
 def test_bounds_of_devices_are_their_plausible_ranges() -> None:
     ship = vessel("kvlcc2")
-    chosen = option("least_squares", free("rudder.a_H", "rudder.neutral_rad"))
+    chosen = option("output_error", free("rudder.a_H", "rudder.neutral_rad"))
     lower, upper = chosen.box(chosen.unknowns(ship), recorded("kvlcc2", ship, 50))
     np.testing.assert_array_equal(lower, [-0.5, -0.2])
     np.testing.assert_array_equal(upper, [1.0, 0.2])

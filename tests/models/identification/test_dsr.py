@@ -63,7 +63,7 @@ def problem_of(recording: Recording) -> Problem:
     half = np.arange(len(recording)) < len(recording) // 2
     terms = basis.terms([*(f"{v}_dot" for v in "uvw"), "|u|u"])
     theta = np.vstack([2.0 * np.diag(np.diag(INERTIA)), np.full((1, 3), 7.0)])
-    nominal = Vessel("believed", recording.dofs, terms, theta)
+    nominal = Vessel("nominal", recording.dofs, terms, theta)
     if recording.dofs == PLANAR:
         nominal = 2.0 * linear_vessel()
     return Problem(recording.part(half), recording.part(~half), nominal, None)
@@ -71,7 +71,7 @@ def problem_of(recording: Recording) -> Problem:
 
 def value(found: Identified, name: str, dof: str = "all", **where: Any) -> float:
     (one,) = [
-        f for f in found.findings
+        f for f in found.diagnostics
         if (f.name, f.dof) == (name, dof) and all(getattr(f, k) == v for k, v in where.items())
     ]  # fmt: skip
     return one.value
@@ -108,7 +108,7 @@ def test_the_state_space_model_is_in_pose_and_velocity(
         ("x", "y", "z"),
     )
     assert all(part is not None for part in (model.K, model.F, model.x0))
-    names = {f.name for f in found.findings}
+    names = {f.name for f in found.diagnostics}
     assert names >= {"singular_value", "markov"}
     assert names >= {"eigenvalue_real", "eigenvalue_imag", "selected_order"}
     assert value(found, "markov", "sway", i=3, j=2) == pytest.approx(model.markov(4)[3, 1, 1])
@@ -123,10 +123,10 @@ def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) 
         true = np.diag(sailed.truth.inertia)
         np.testing.assert_allclose(np.diag(found.model.inertia), true, rtol=0.06)
         assert value(found, "predictor_radius") < 1.0
-        assert [f.label for f in found.findings if f.name == "variant"] == ["closed"]
+        assert [f.label for f in found.diagnostics if f.name == "variant"] == ["closed"]
         assert all(value(found, "fit_one_step", dof) > 95.0 for dof in PLANAR)
         assert all(0.5 < value(found, "delay", dof) < 1.0 for dof in PLANAR)  # the lag's 0.8 s
-        values = [f.value for f in found.findings if f.name == "singular_value"]
+        values = [f.value for f in found.diagnostics if f.name == "singular_value"]
         assert values[5] > 10.0 * values[6]
 
 
@@ -263,11 +263,11 @@ def test_the_velocity_alone_needs_one_state_an_axis(
     np.testing.assert_allclose(model.markov(20), velocity.markov(20), atol=1e-9)
     np.testing.assert_array_equal(found.model.theta, problem.nominal.theta)
     assert found.control_model is None
-    (reason,) = [f.label for f in found.findings if f.name == "physical_form"]
+    (reason,) = [f.label for f in found.diagnostics if f.name == "physical_form"]
     assert reason == (
         "no physical form: it needs all forces as the first inputs and the whole pose as output"
     )
-    names = [f.label for f in found.findings if f.name == "fit_free_run"]
+    names = [f.label for f in found.diagnostics if f.name == "fit_free_run"]
     assert names == ["u", "v", "w"]
     assert value(found, "markov", "sway", i=1, label="v of tau_sway") == model.markov(2)[1, 1, 1]
 
@@ -317,7 +317,7 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(
     np.testing.assert_array_equal(kept.model.theta, truth.theta)
     assert kept.control_model is None
     assert kept.state_space is not None
-    (reason,) = [f.label for f in kept.findings if f.name == "physical_form"]
+    (reason,) = [f.label for f in kept.diagnostics if f.name == "physical_form"]
     assert str(reason).startswith("the nominal model is kept: over predictions of 30 s")
     better = dsr.identify(problem, rng)
     assert value(better, "physical_form") == 1.0
@@ -346,7 +346,7 @@ def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one
     assert value(found, "spectral_radius") < 1.0 + 1e-6
     assert value(found, "predictor_radius") < 1.0
     assert restart_error(found.model, problem) <= restart_error(problem.nominal, problem)
-    (form,) = [f for f in found.findings if f.name == "physical_form"]
+    (form,) = [f for f in found.diagnostics if f.name == "physical_form"]
     assert form.value == 1.0 or form.label
     assert form.value == 1.0 or found.control_model is None
 
@@ -418,7 +418,7 @@ def test_without_a_physical_form_the_state_space_model_can_be_kept(
     assert found.std_error is None
     assert found.state_space is not None
     assert found.state_space.order == 7
-    (reason,) = [f.label for f in found.findings if f.name == "physical_form"]
+    (reason,) = [f.label for f in found.diagnostics if f.name == "physical_form"]
     assert reason is not None
     assert reason.startswith("no physical form: got 7 states")
     with pytest.raises(IdentificationError, match="no physical form: got 7 states"):

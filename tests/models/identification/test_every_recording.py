@@ -20,7 +20,7 @@ APART = {"command"}  # runs a program
 IDENTIFIERS = sorted({*options("identifier")} - APART)
 SMALL = {
     "dsr": ["L=3", "J=6", "bootstrap=20"],
-    "least_squares": ["horizons=[30]", "horizon=100"],
+    "output_error": ["horizons=[30]", "horizon=100"],
     "nsga2": ["population=8", "generations=2", "polish=null"],
     "plsr": ["bootstrap=null"],
     "surface_plsr": ["bootstrap=null", "folds=2"],
@@ -32,7 +32,7 @@ REASONS = {
     "dsr": "windows of|physical form|inertia|pose and velocity|order",
     "iv": "instruments",
     "ls": "does not distinguish",
-    "least_squares": "does not determine|does not distinguish|hardly positive definite",
+    "output_error": "does not determine|does not distinguish|hardly positive definite",
 }
 
 pytestmark = pytest.mark.data
@@ -95,10 +95,10 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
         ("iv", ["wind_measurement=true"], "wind_measurement needs a vessel in surge, sway, yaw"),
         ("ls", ["ned_force=true"], "ned_force needs a vessel in surge, sway, yaw"),
         ("ls", ["force=actual"], "force: got actual, but it is not recorded"),
-        ("least_squares", ["force=filtered"], "force: got filtered, but surge_linear has no"),
+        ("output_error", ["force=filtered"], "force: got filtered, but surge_linear has no"),
         ("plsr", ["force=filtered"], "force=filtered: surge_linear has no known thruster lag"),
         ("ls", ["basis=[u_dot,v]"], "term v has v, but surge_linear moves in surge"),
-        ("least_squares", ["parameters=[sway.v]"], "expected one of the degrees of freedom surge"),
+        ("output_error", ["parameters=[sway.v]"], "expected one of the degrees of freedom surge"),
         ("nsga2", ["bound_factor=null"], "bounds.surge.u_dot: got none"),
         ("dsr", ["order=7"], "but surge_linear has 2 states"),
         ("ls", ["lowpass_hz=9"], "lowpass_hz must lie between 0 and 5"),

@@ -8,17 +8,22 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.findings import Finding
-from seatrial.models.identification.gaussian_process import cubic_terms, projection_warnings
-from seatrial.models.identification.kernel_posterior import Base, Prior, ProcessData
+from seatrial.models.identification.gaussian_process import (
+    ParametricTerms,
+    Prior,
+    ProcessData,
+    cubic_terms,
+    projection_warnings,
+)
 from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.validation import prediction
 from seatrial.models.vessel import basis
 
 
 def values(found, name: str) -> dict:
-    return {f.label or f.dof: f.value for f in found.findings if f.name == name}
+    return {f.label or f.dof: f.value for f in found.diagnostics if f.name == name}
 
 
 @pytest.fixture(scope="session")
@@ -44,9 +49,7 @@ def test_all_products_of_three_velocities() -> None:
 
 
 @pytest.mark.parametrize("kernel", ["rbf", "matern"])
-def test_calm_water_is_predicted_far_better_than_by_the_nominal_model(
-    calm, fitted, kernel
-) -> None:
+def test_calm_water_is_predicted_far_better_than_by_the_nominal_model(calm, fitted, kernel) -> None:
     found = fitted("calm", kernel=kernel)
     none = free_run(calm.problem, calm.problem.nominal)
     assert np.all(free_run(calm.problem, found.model) < 0.01 * none)
@@ -92,7 +95,7 @@ def test_the_posterior_mean_is_that_of_scikit_learn() -> None:
     kernel, noise = ConstantKernel(2.0) * RBF([0.7, 0.9]), 0.09
     data = samples_of(nu, y)
     prior = Prior(kernel, np.ones(2), 1.0, noise)
-    found = data.posterior(prior, Base([], np.zeros(0)), 0, 2)
+    found = data.posterior(prior, ParametricTerms([], np.zeros(0)), 0, 2)
     at = rng.uniform(-2.0, 2.0, (50, 2))
     mean = prior.covariance(at, nu) @ found.weights[:, 0]
     exact = GaussianProcessRegressor(kernel, alpha=found.noise, optimizer=None).fit(nu, y)
@@ -105,7 +108,7 @@ def test_far_from_the_recording_the_process_is_nothing() -> None:
     nu = rng.uniform(-1.0, 1.0, (80, 2))
     data = samples_of(nu, 5.0 + nu[:, 0])
     prior = Prior(ConstantKernel(25.0) * RBF([1.0, 1.0]), np.ones(2), 1.0, 0.01)
-    weights = data.posterior(prior, Base([], np.zeros(0)), 0, 2).weights[:, 0]
+    weights = data.posterior(prior, ParametricTerms([], np.zeros(0)), 0, 2).weights[:, 0]
     near, far = prior.covariance(np.array([[0.0, 0.0], [20.0, 0.0]]), nu) @ weights
     assert near == pytest.approx(5.0, rel=0.05)
     assert abs(far) < 1e-6
@@ -126,7 +129,7 @@ def test_few_terms_cannot_follow_and_it_says_so(calm, identifier, fitted, rng) -
 
 def test_a_poor_projection_is_a_warning_of_one_line() -> None:
     (warning,) = projection_warnings(
-        [Finding("projection_r2", "surge", 0.95), Finding("projection_r2", "sway", 0.42)]
+        [Diagnostic("projection_r2", "surge", 0.95), Diagnostic("projection_r2", "sway", 0.42)]
     )
     assert warning.startswith("sway: the terms follow")
     assert "R^2 = 0.42, expected at least 0.9" in warning

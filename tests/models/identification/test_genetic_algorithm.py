@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification.genetic_algorithm import (
+from seatrial.models.identification.multiobjective_search import (
     Nsga2Search,
     Operators,
     Population,

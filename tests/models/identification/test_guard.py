@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.blocked_free_run import Blocks
-from seatrial.models.identification.guard import guarded, mixed_table
+from seatrial.models.identification.blocked_free_run import Blocks, guarded, mixed_table
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.vessel.table import Vessel
@@ -20,7 +19,7 @@ def identified(model: Vessel, nominal: Vessel) -> Identified:
 
 
 def kept(result: Identified) -> list[str]:
-    return [f.dof for f in result.findings if f.name == "worse_than_nominal"]
+    return [f.dof for f in result.diagnostics if f.name == "worse_than_nominal"]
 
 
 def braked(table: Vessel, axis: int, factor: float) -> Vessel:
@@ -45,15 +44,15 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
     own = [k for k, dof in enumerate(nominal.dofs) if dof not in kept(again)]
     assert own
     assert axis not in own
-    theta, believed, truth = (t.on(nominal.terms).theta for t in (again.model, nominal, calm.truth))
-    np.testing.assert_allclose(theta[:, axis], believed[:, axis])
+    theta, before, truth = (t.on(nominal.terms).theta for t in (again.model, nominal, calm.truth))
+    np.testing.assert_allclose(theta[:, axis], before[:, axis])
     np.testing.assert_allclose(theta[:, own], truth[:, own])
     assert again.std_error is not None
     assert np.all(np.isnan(again.std_error[:, axis]))
     assert unphysical(again.model, nominal, calm.problem.training.nu) is None
 
 
-def test_what_cannot_be_identified_without_a_block_is_not_believed(calm) -> None:
+def test_what_cannot_be_identified_without_a_block_is_not_trusted(calm) -> None:
     def fails(part: Problem) -> Vessel:
         raise IdentificationError("too short")
 
@@ -75,7 +74,7 @@ def test_a_mixed_table_has_each_equation_of_one_model(milliampere) -> None:
 def test_a_regression_that_fails_is_not_the_result(
     calm, identifier, rng, monkeypatch, options: dict[str, object]
 ) -> None:
-    """Whatever was fitted, each axis is at least as good as it is believed to be, unless asked."""
+    """Whatever was fitted, each axis is at least as good as its nominal equation, unless asked."""
     nominal, axis = calm.problem.nominal, 2
     factor = 5.0 if options else -5.0  # a mass below zero, where blocks judge: it runs away
     wrong = identified(braked(calm.truth, axis, factor), nominal)

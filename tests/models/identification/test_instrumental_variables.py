@@ -304,8 +304,8 @@ class Experiment:
         )  # fmt: skip
         recording = recording_of(voyage, weather)
         wanted = effective(truth)
-        believed = wanted * rng.uniform(0.8, 1.2, wanted.shape)
-        nominal = Vessel("nominal", vessel.dofs, basis.terms(TERMS), believed)
+        assumed = wanted * rng.uniform(0.8, 1.2, wanted.shape)
+        nominal = Vessel("nominal", vessel.dofs, basis.terms(TERMS), assumed)
         return Problem(recording, recording, nominal, None), wanted
 
 
@@ -365,7 +365,7 @@ def test_the_experiment_keeps_the_signs_of_its_velocities() -> None:
     problem, _ = Experiment(SLOW_WIND).run(2000, 0)
     assert isinstance(problem.training, Recording)
     found = predictor("IV2").identify(problem, np.random.default_rng(0))
-    share = {f.dof: f.value for f in found.findings if f.name == "same_sign"}
+    share = {f.dof: f.value for f in found.diagnostics if f.name == "same_sign"}
     assert min(share[dof] for dof in AXES) > 0.95
     assert found.std_error is not None
     assert np.all(np.isfinite(found.std_error))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.auto import Auto
 from seatrial.models.identification.problem import Identified, Identifier, Problem, with_interval
 from tests.trials import composed
@@ -35,7 +35,7 @@ class Covering(Biased):
 
 
 def said(identified: Identified) -> list[float | None]:
-    return [f.value for f in identified.findings if f.name == INTERVAL_OF_ESTIMATE]
+    return [f.value for f in identified.diagnostics if f.name == INTERVAL_OF_ESTIMATE]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_a_selection_says_what_its_choice_says(calm: Any, identifier: Identifier
     [
         (("identifier=iv",), True),
         (("identifier=iv", "identifier.instruments=none"), False),  # least squares
-        (("identifier=least_squares",), True),
+        (("identifier=output_error",), True),
         *(((f"identifier={name}",), False) for name in BIASED),
     ],
 )

@@ -48,7 +48,7 @@ def test_condition_number_is_that_of_the_standardised_columns(calm, identifier, 
     samples = ls.samples(calm.problem.training, calm.problem.nominal, calm.thruster)
     columns = samples.phi[:, samples.varying]
     columns = (columns - columns.mean(axis=0)) / columns.std(axis=0)
-    reported = {f.dof: f.value for f in found.findings if f.name == "condition_number"}
+    reported = {f.dof: f.value for f in found.diagnostics if f.name == "condition_number"}
     assert reported == pytest.approx(dict.fromkeys(AXES, np.linalg.cond(columns)))
 
 
@@ -56,7 +56,7 @@ def test_a_term_that_does_not_vary_gets_zero_and_is_named(calm, identifier, rng)
     ls = identifier("ls", basis="physical", extra_terms=["1", "cos(theta)"])
     found = ls.identify(calm.problem, rng)
     assert not np.any(found.residual.row("cos(theta)"))
-    assert [f.label for f in found.findings if f.name == "dropped_term"] == ["cos(theta)"]
+    assert [f.label for f in found.diagnostics if f.name == "dropped_term"] == ["cos(theta)"]
     assert found.std_error is not None
     row = [str(one) for one in found.residual.terms].index("cos(theta)")
     assert np.all(np.isnan(found.std_error[row]))
@@ -99,8 +99,8 @@ def test_a_combination_that_cannot_work_is_refused(identifier, calm) -> None:
         identifier("ls", extra_terms=["w"]).check(nominal, calm.thruster, False)
 
 
-def findings(found, name: str) -> list:
-    return [f for f in found.findings if f.name == name]
+def diagnostics(found, name: str) -> list:
+    return [f for f in found.diagnostics if f.name == name]
 
 
 def relative_error(found, truth) -> float:
@@ -114,7 +114,7 @@ def relative_error(found, truth) -> float:
 @pytest.mark.parametrize("name", ["ls", "ridge"])
 def test_a_constant_ned_force_is_found_exactly(constant, identifier, rng, name, basis) -> None:
     found = identifier(name, ned_force=True, basis=basis).identify(constant.problem, rng)
-    force = {f.label: f.value for f in findings(found, "ned_force")}
+    force = {f.label: f.value for f in diagnostics(found, "ned_force")}
     assert force["north"] == pytest.approx(200.0, abs=1e-6)
     assert force["east"] == pytest.approx(100.0, abs=1e-6)
     assert relative_error(found, constant.residual) < 1e-6
@@ -128,8 +128,8 @@ def test_without_its_columns_a_constant_force_spoils_the_inertia(constant, ident
 def test_a_ned_force_is_told_from_noise(lap, identifier, rng) -> None:
     ls = identifier("ls", ned_force=True, lowpass_hz=0.5)
     found = [ls.identify(lap("noise", seed).problem, rng) for seed in range(10)]
-    force = np.array([[f.value for f in findings(one, "ned_force")] for one in found])
-    error = np.array([[f.value for f in findings(one, "ned_force_std_error")] for one in found])
+    force = np.array([[f.value for f in diagnostics(one, "ned_force")] for one in found])
+    error = np.array([[f.value for f in diagnostics(one, "ned_force_std_error")] for one in found])
     assert np.all(np.abs(force) < 4.0 * error)
     assert np.all(error < 2.0)
 
@@ -140,16 +140,16 @@ def test_the_thruster_lag_is_found_from_the_recording(lap, identifier, rng, dist
     problem = lap(disturbance).problem
     blind = type(problem)(problem.training, problem.validation, problem.nominal, None)
     found = ls.identify(blind, rng)
-    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, abs=1e-3)
-    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, abs=1e-3)
+    assert diagnostics(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, abs=1e-3)
+    assert diagnostics(found, "thruster_damping")[0].value == pytest.approx(0.8, abs=1e-3)
     assert relative_error(found, lap(disturbance).residual) < 1e-3
 
 
 def test_the_thruster_lag_is_found_under_noise(lap, identifier, rng) -> None:
     ls = identifier("ls", thruster="estimated", lowpass_hz=0.5, basis="physical")
     found = ls.identify(lap("noise", 0).problem, rng)
-    assert findings(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, rel=0.05)
-    assert findings(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
+    assert diagnostics(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, rel=0.05)
+    assert diagnostics(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
 
 
 def test_without_a_thruster_the_command_is_taken(calm, identifier, rng) -> None:
@@ -250,7 +250,7 @@ def test_the_penalty_minimises_generalised_cross_validation(lap, identifier, rng
         rest = y[:, k] - x @ (solve @ y[:, k])
         return n * np.sum(rest**2) / (n - 1.0 - np.sum(solve.T * x)) ** 2
 
-    for k, chosen in enumerate(f.value for f in findings(found, "ridge_penalty")):
+    for k, chosen in enumerate(f.value for f in diagnostics(found, "ridge_penalty")):
         assert gcv(chosen, k) <= min(gcv(p, k) for p in np.geomspace(1e-9, 1.0, 46)) * (1 + 1e-9)
 
 

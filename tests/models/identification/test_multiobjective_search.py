@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification.genetic_algorithm import Nsga2Search, Operators
 from seatrial.models.identification.multiobjective_search import (
+    Nsga2Search,
+    Operators,
+    ParameterSpace,
     RunningMetric,
-    Space,
     change,
     nondominated,
     search,
 )
 
-BOX = Space(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
+BOX = ParameterSpace(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
 
 
 def convex(points):
@@ -105,7 +106,7 @@ def test_nondominated_points_and_one_of_equals():
 
 
 def test_logarithmic_parameters():
-    space = Space(np.array([1.0, -40.0]), np.array([100.0, -10.0]), np.array([True, True]))
+    space = ParameterSpace(np.array([1.0, -40.0]), np.array([100.0, -10.0]), np.array([True, True]))
     half = space.points(np.full((1, 2), 0.5))[0]
     np.testing.assert_allclose(half, [10.0, -20.0])
     np.testing.assert_allclose(space.points(np.array([[0.0, 1.0]]))[0], [1.0, -10.0])

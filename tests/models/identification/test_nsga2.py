@@ -34,7 +34,9 @@ def relative(identified, truth):
 
 
 def values_of(found, name):
-    return np.array([finding.value for finding in found.findings if finding.name == name])
+    return np.array(
+        [diagnostic.value for diagnostic in found.diagnostics if diagnostic.name == name]
+    )
 
 
 def front_of(found, m):
@@ -155,19 +157,19 @@ def test_front_choice_and_history_are_stored(identifier, make, signal):
     np.testing.assert_allclose(objectives(points), front, rtol=1e-12)
     better = np.all(front[:, None] <= front, axis=2) & np.any(front[:, None] < front, axis=2)
     assert not np.any(better)
-    chosen = next(one for one in found.findings if one.name == "pareto_chosen")
+    chosen = next(one for one in found.diagnostics if one.name == "pareto_chosen")
     assert (chosen.i, chosen.label) == choose(front, "knee", None)
     np.testing.assert_allclose(found.model.theta[:, 0], points[chosen.i])
-    one = [f for f in found.findings if f.name == "pareto_parameter" and f.i == 0]
+    one = [f for f in found.diagnostics if f.name == "pareto_parameter" and f.i == 0]
     assert [(f.j, f.label, f.unit, f.dof) for f in one] == [
         (0, "surge.u_dot", "kg", "surge"),
         (1, "surge.u", "kg/s", "surge"),
         (2, "surge.|u|u", "kg/m", "surge"),
     ]
-    two = [f for f in found.findings if f.name == "pareto_objective" and f.i == 0]
+    two = [f for f in found.diagnostics if f.name == "pareto_objective" and f.i == 0]
     assert [(f.label, f.unit) for f in two] == [("x", "m"), ("u", "m/s")]
-    ended = next(one for one in found.findings if one.name == "generations")
-    history = [f for f in found.findings if f.name == "running_metric"]
+    ended = next(one for one in found.diagnostics if one.name == "generations")
+    history = [f for f in found.diagnostics if f.name == "running_metric"]
     assert len(history) == 3 * (ended.value - 1)
     assert [(f.i, f.j, f.label) for f in history[:3]] == [
         (2, 0, "ideal"),
@@ -177,12 +179,12 @@ def test_front_choice_and_history_are_stored(identifier, make, signal):
 
 
 def test_residual_is_identified_minus_nominal(identifier, make, signal):
-    truth, believed = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
-    problem = make.problem(truth, believed, signal("many_sine"))
+    truth, nominal = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
+    problem = make.problem(truth, nominal, signal("many_sine"))
     option = identifier("nsga2", population=40, generations=20, integrator="euler")
     found = option.identify(problem, np.random.default_rng(0))
     np.testing.assert_allclose(found.residual.theta[:, 0], [-40.0, -10.0], rtol=1e-6)
-    np.testing.assert_allclose((believed + found.residual).theta, found.model.theta)
+    np.testing.assert_allclose((nominal + found.residual).theta, found.model.theta)
 
 
 def test_the_generator_decides(identifier, make, signal):
@@ -273,7 +275,7 @@ def test_eighteen_parameters_alone_and_polished(identifier, make, capsys):
     waves = [np.sin(2.0 * np.pi * t / periods + phase).sum(axis=1) for phase in phases]
     tau = np.array([30.0, 40.0, 50.0, 1.0, 1.2, 0.8]) * np.stack(waves, axis=1)
     problem = make.problem(truth, truth, tau)
-    for change in ({}, {"grouped": True}, {"polish": "least_squares"}):
+    for change in ({}, {"grouped": True}, {"polish": "output_error"}):
         option = identifier("nsga2", **(THESIS | change))
         found = option.identify(problem, np.random.default_rng(0))
         errors = np.abs(found.model.theta[theta != 0.0] / theta[theta != 0.0] - 1.0)
@@ -289,7 +291,7 @@ def test_ferry(identifier, lap, disturbance, capsys):
     one = lap(disturbance, 0)
     held_out = one.problem.validation
     force = held_out.force(None)
-    for polish in (None, "least_squares"):
+    for polish in (None, "output_error"):
         found = identifier("nsga2", polish=polish).identify(one.problem, np.random.default_rng(0))
         fitted = found.model.inverse(held_out.nu_dot, held_out.nu, held_out.attitude)
         mse = np.mean((force - fitted) ** 2, axis=0)
@@ -312,7 +314,7 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"weights": [1.0, 0.0]}, r"weights\[1\] must be positive"),
         ({"weights": [1.0]}, "expected 2"),
         ({"bootstrap": 5}, "bootstrap must be at least 20"),
-        ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=least_squares"),
+        ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=output_error"),
         ({"bound_factor": None}, "bounds.surge.u_dot: got none"),
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.findings import INTERVAL_OF_ESTIMATE
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.output_error import fit_through
 from seatrial.models.identification.prediction_fit import (
     Misfit,
     Uncertainty,
-    covariance_findings,
+    covariance_diagnostics,
 )
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
@@ -40,7 +40,7 @@ def test_noise_free_surge_is_exact(identifier, make, signal, term, tau, integrat
         start = make.surge(*(np.array([60.0, 20.0]) * 4.0 ** rng.uniform(-1.0, 1.0, 2)),
                            term, 2.0 * 4.0 ** rng.uniform(-1.0, 1.0))  # fmt: skip
         problem = make.problem(truth, start, signal(tau), integrator=integrator)
-        found = identifier("least_squares", integrator=integrator).identify(problem, rng)
+        found = identifier("output_error", integrator=integrator).identify(problem, rng)
         np.testing.assert_allclose(relative(found, truth), 0.0, atol=1e-9)
         assert not np.any(np.isnan(found.std_error[truth.theta != 0.0]))
 
@@ -50,7 +50,7 @@ def test_spread_of_noisy_estimates_is_the_predicted_one(identifier, make, signal
     """Noise of 0.05 m and 0.05 m/s: within 1 % on 20 of 20 seeds, errors within a factor of 2."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     start = make.surge(90.0, 12.0, "|u|u", 3.0)
-    option = identifier("least_squares", **EULER)
+    option = identifier("output_error", **EULER)
     found = [
         option.identify(make.problem(truth, start, signal(tau), noise=0.05, seed=seed), None)
         for seed in range(20)
@@ -68,7 +68,7 @@ def test_a_noisy_first_sample_spoils_predictions_that_begin_with_it(identifier, 
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     worst = {}
     for state in ("measured", "estimated"):
-        option = identifier("least_squares", initial_state=state, **EULER)
+        option = identifier("output_error", initial_state=state, **EULER)
         errors = [
             relative(
                 option.identify(
@@ -87,8 +87,8 @@ def test_a_noisy_first_sample_spoils_predictions_that_begin_with_it(identifier, 
 def test_kinds_of_standard_errors_agree_for_white_noise(identifier, make, signal, errors):
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("many_sine"), noise=0.05)
-    found = identifier("least_squares", errors=errors, **EULER).identify(problem, None)
-    white = identifier("least_squares", errors="white", **EULER).identify(problem, None)
+    found = identifier("output_error", errors=errors, **EULER).identify(problem, None)
+    white = identifier("output_error", errors="white", **EULER).identify(problem, None)
     free = truth.theta != 0.0
     ratio = found.std_error[free] / white.std_error[free]
     assert np.all((ratio > 0.6) & (ratio < 1.6))
@@ -98,7 +98,7 @@ def test_autocorrelated_noise_has_larger_standard_errors(identifier, make, signa
     """A first-order autoregression of 0.95: the white formula reports a quarter of the spread."""
     truth = make.surge(60.0, 20.0)
     option = {
-        kind: identifier("least_squares", errors=kind, **EULER) for kind in ("white", "stationary")
+        kind: identifier("output_error", errors=kind, **EULER) for kind in ("white", "stationary")
     }
     found = {kind: [] for kind in option}
     for seed in range(20):
@@ -125,10 +125,10 @@ def test_an_interval_is_of_the_coefficient_only_if_the_residual_is_noise(
     identifier, make, signal, term, values
 ):
     """A drag that the model does not have leaves a slow residual, and biases the rest."""
-    truth, believed = make.surge(60.0, 20.0, term, 30.0 if term else 0.0), make.surge(50.0, 15.0)
-    problem = make.problem(truth, believed, signal("many_sine"), noise=0.01)
-    found = identifier("least_squares", **EULER).identify(problem, None)
-    assert [f.value for f in found.findings if f.name == INTERVAL_OF_ESTIMATE] == values
+    truth, nominal = make.surge(60.0, 20.0, term, 30.0 if term else 0.0), make.surge(50.0, 15.0)
+    problem = make.problem(truth, nominal, signal("many_sine"), noise=0.01)
+    found = identifier("output_error", **EULER).identify(problem, None)
+    assert [f.value for f in found.diagnostics if f.name == INTERVAL_OF_ESTIMATE] == values
 
 
 def six(coefficients):
@@ -163,7 +163,7 @@ def starts(count):
 @pytest.mark.parametrize("start", range(2))
 def test_eighteen_parameters_from_afar(identifier, make, shaken, start):
     problem = make.problem(six(SIX), starts(2)[start], shaken)
-    found = identifier("least_squares", **EULER).identify(problem, None)
+    found = identifier("output_error", **EULER).identify(problem, None)
     np.testing.assert_allclose(relative(found, six(SIX)), 0.0, atol=1e-6)
 
 
@@ -173,7 +173,7 @@ def test_eighteen_parameters_from_thirty_random_starts(identifier, make, shaken,
     truth = six(SIX)
     done = {}
     for name, horizons in (("growing", [30, 100, 300, 1000]), ("full", [])):
-        option = identifier("least_squares", horizons=horizons, **EULER)
+        option = identifier("output_error", horizons=horizons, **EULER)
         worst = []
         for start in starts(30 if name == "growing" else 10):
             _, found = option.fitted(make.problem(truth, start, shaken))
@@ -185,8 +185,8 @@ def test_eighteen_parameters_from_thirty_random_starts(identifier, make, shaken,
 
 
 def test_ferry_noise_free(identifier, calm):
-    """21 parameters of half the believed vessel, from the believed one."""
-    found = identifier("least_squares").identify(calm.problem, None)
+    """21 parameters of half the nominal vessel, from the nominal one."""
+    found = identifier("output_error").identify(calm.problem, None)
     np.testing.assert_allclose(relative(found, calm.truth), 0.0, atol=2e-3)
     inertia = np.diag(found.model.inertia) / np.diag(calm.truth.inertia) - 1.0
     np.testing.assert_allclose(inertia, 0.0, atol=1e-6)
@@ -196,7 +196,7 @@ def test_ferry_noise_free(identifier, calm):
 @pytest.mark.slow
 def test_ferry_with_noise(identifier, lap, capsys):
     """Table 4.14 noise: what regression on accelerations cannot tell (ERRATA, Jervan 8)."""
-    option = identifier("least_squares")
+    option = identifier("output_error")
     errors, reported = [], []
     for seed in range(6):
         one = lap("noise", seed)
@@ -226,7 +226,7 @@ def test_ferry_with_noise(identifier, lap, capsys):
 
 @pytest.mark.slow
 def test_ferry_in_a_constant_force(identifier, constant):
-    found = identifier("least_squares").identify(constant.problem, None)
+    found = identifier("output_error").identify(constant.problem, None)
     force = found.model.row("cos(psi)")
     np.testing.assert_allclose(force[:2], [-200.0, -100.0], rtol=1e-3)
     np.testing.assert_allclose(relative(found, constant.truth), 0.0, atol=5e-3)
@@ -245,7 +245,7 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
     eta, nu = np.split(states, 2, axis=1)
     recording = replace(blown, eta=eta, nu=nu)
     option = identifier(
-        "least_squares", parameters=["surge.V_qu_q", "sway.V_qv_q", "surge.u_dot"], ned_force=False
+        "output_error", parameters=["surge.V_qu_q", "sway.V_qv_q", "surge.u_dot"], ned_force=False
     )
     problem = type(make.problem(make.surge(60, 20), make.surge(60, 20), np.ones(9)))(
         recording, recording, ship, None
@@ -270,7 +270,7 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
 def test_a_constant_force_is_free_where_it_is_asked_for_and_in_the_plane(
     identifier, vessel, name, option, forces
 ):
-    free = identifier("least_squares", ned_force=option).unknowns(vessel(name))
+    free = identifier("output_error", ned_force=option).unknowns(vessel(name))
     assert {label for label in free.labels if "." not in label} == forces
 
 
@@ -278,7 +278,7 @@ def test_jacobian_without_what_the_initial_states_explain(identifier, make, sign
     """Against scipy's finite differences of the residual from the best initial states."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("many_sine"), noise=0.01)
-    predictor = identifier("least_squares", **EULER).predictor(problem, 250)
+    predictor = identifier("output_error", **EULER).predictor(problem, 250)
     misfit = Misfit(predictor, predictor.free.values, predictor.spread, estimated=True)
     x = np.array([1.05, 0.95, 1.1])
     misfit.start, rest = misfit.best(x)
@@ -291,7 +291,7 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
     """Where predictions are linear in the parameters: drag and a constant force of a still hull."""
     truth = make.surge(60.0, 20.0)
     problem = make.problem(truth, truth, signal("many_sine"), noise=0.02)
-    option = identifier("least_squares", parameters=["surge.1"], errors="white",
+    option = identifier("output_error", parameters=["surge.1"], errors="white",
                         initial_state="measured", sigma=[0.02, 0.02], **EULER)  # fmt: skip
     predictor, found = fit_through(
         option, problem, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0)), (),
@@ -300,7 +300,7 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
     unit = (predictor.predict(np.ones(1)) - predictor.predict(np.zeros(1))) / 0.02
     expected = 1.0 / np.sqrt(np.sum(unit**2))
     reported, _, matrix = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
-    covariance = covariance_findings(predictor.free, matrix)
+    covariance = covariance_diagnostics(predictor.free, matrix)
     assert reported[-1, 0] == pytest.approx(expected, rel=0.05)
     assert np.all(np.isnan(reported[:-1]))
     assert [(one.i, one.j, one.label) for one in covariance] == [(1, 1, "surge.1 surge.1")]
@@ -311,13 +311,13 @@ def test_standard_errors_are_those_of_linear_regression(identifier, make, signal
 def test_covariance_is_that_of_the_estimates(identifier, make, signal):
     """Correlations over 40 noisy recordings; the bootstrap's errors are those of the formula."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
-    option = identifier("least_squares", **EULER)
+    option = identifier("output_error", **EULER)
     problems = [
         make.problem(truth, truth, signal("triple_ramp"), noise=0.05, seed=s) for s in range(40)
     ]
     found = [option.identify(one, None) for one in problems]
     observed = np.cov([one.model.theta[truth.theta != 0.0] for one in found], rowvar=False)
-    rows = [one for one in found[0].findings if one.name == "covariance"]
+    rows = [one for one in found[0].diagnostics if one.name == "covariance"]
     reported = np.zeros((3, 3))
     for one in rows:
         reported[one.i - 1, one.j - 1] = reported[one.j - 1, one.i - 1] = one.value
@@ -326,7 +326,7 @@ def test_covariance_is_that_of_the_estimates(identifier, make, signal):
     correlation = reported / np.outer(deviation, deviation)
     spread = np.sqrt(np.diag(observed))
     np.testing.assert_allclose(correlation, observed / np.outer(spread, spread), atol=0.25)
-    drawn = identifier("least_squares", bootstrap=200, **EULER)
+    drawn = identifier("output_error", bootstrap=200, **EULER)
     again = drawn.identify(problems[0], np.random.default_rng(0)).std_error[truth.theta != 0.0]
     assert np.all((again / deviation > 0.7) & (again / deviation < 1.4))
 
@@ -339,7 +339,7 @@ def test_what_does_not_move_is_not_determined(identifier, make, vessel):
     problem = type(make.problem(make.surge(60, 20), make.surge(60, 20), np.ones(9)))(
         recording, recording, ferry, None
     )
-    option = identifier("least_squares", parameters=["surge.u", "sway.v", "yaw.|r|r"])
+    option = identifier("output_error", parameters=["surge.u", "sway.v", "yaw.|r|r"])
     with pytest.raises(IdentificationError, match=r"does not determine sway.v, yaw.\|r\|r"):
         option.identify(problem, None)
 
@@ -348,7 +348,7 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
     """|u|u and u^2 of a vehicle that only goes ahead."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("triple_ramp"))
-    option = identifier("least_squares", parameters=["surge.|u|u", "surge.u^2"], **EULER)
+    option = identifier("output_error", parameters=["surge.|u|u", "surge.u^2"], **EULER)
     with pytest.raises(IdentificationError, match=r"does not distinguish surge.\|u\|u, surge.u\^2"):
         option.identify(problem, None)
 
@@ -371,17 +371,17 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
 )
 def test_wrong_options_are_refused(identifier, make, change, message):
     with pytest.raises(ConfigurationError, match=message):
-        identifier("least_squares", **change).check(make.surge(60.0, 20.0), None, False)
+        identifier("output_error", **change).check(make.surge(60.0, 20.0), None, False)
 
 
-def test_bounds_hold_and_are_findings(identifier, make, signal):
-    truth, believed = make.surge(60.0, 20.0), make.surge(100.0, 20.0)
+def test_bounds_hold_and_are_diagnostics(identifier, make, signal):
+    truth, nominal = make.surge(60.0, 20.0), make.surge(100.0, 20.0)
     option = identifier(
-        "least_squares", bounds={"surge.u_dot": [80.0, 300.0]}, bound_factor=1.5, **EULER
+        "output_error", bounds={"surge.u_dot": [80.0, 300.0]}, bound_factor=1.5, **EULER
     )
-    free = free_parameters(believed, None, "tied", False)
+    free = free_parameters(nominal, None, "tied", False)
     np.testing.assert_allclose(option.box(free), [[80.0, 0.0], [300.0, 100.0]])
-    found = option.identify(make.problem(truth, believed, signal("many_sine")), None)
+    found = option.identify(make.problem(truth, nominal, signal("many_sine")), None)
     assert found.model.coefficient("surge", "u_dot") == pytest.approx(80.0)
-    active = [one for one in found.findings if one.name == "active_bound"]
+    active = [one for one in found.diagnostics if one.name == "active_bound"]
     assert [(one.dof, one.label, one.unit) for one in active] == [("surge", "surge.u_dot", "kg")]

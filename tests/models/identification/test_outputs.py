@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.file_bootstrap import file_bootstrap
-from seatrial.models.identification.outputs import outputs_of
+from seatrial.models.identification.output_error import file_bootstrap
 from seatrial.models.identification.prediction_fit import Fit, smoothed_starts
+from seatrial.models.identification.predictor import outputs_of
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
@@ -47,16 +47,16 @@ def test_the_thrust_of_a_propeller() -> None:
 
 def test_thrust_tells_the_wake_from_the_thrust_deduction() -> None:
     """Both scale the force on the hull; only with the thrust measured are both found."""
-    believed = vessel("kvlcc2")
-    truth = changed(believed, propeller__w_P0=0.9, propeller__t_P=1.2)
+    nominal = vessel("kvlcc2")
+    truth = changed(nominal, propeller__w_P0=0.9, propeller__t_P=1.2)
     recording = with_thrust(truth, recorded("kvlcc2", truth, 600))
-    own = Problem(recording, recording, believed, None)
+    own = Problem(recording, recording, nominal, None)
     labels = free("propeller.w_P0", "propeller.t_P")
     common = (labels, OUTPUTS, "identifier.prior=null", "identifier.horizon=100")
-    result = joint("least_squares", own, *common, "identifier.horizons=[]")
+    result = joint("output_error", own, *common, "identifier.horizons=[]")
     for label in ("propeller.w_P0", "propeller.t_P"):
         assert value(result.model, label) == pytest.approx(value(truth, label), rel=1e-6)
-    names = {f.label for f in result.findings if f.name == "prediction_rms"}
+    names = {f.label for f in result.diagnostics if f.name == "prediction_rms"}
     assert names == set(WEIGHTS)
 
 
@@ -86,7 +86,7 @@ def test_every_file_and_output_counts_alike() -> None:
     ],
 )
 def test_outputs_that_are_refused(outputs: str, message: str) -> None:
-    identifier = option("least_squares", f"identifier.outputs={outputs}")
+    identifier = option("output_error", f"identifier.outputs={outputs}")
     with pytest.raises(ConfigurationError, match=message):
         identifier.check(vessel("kvlcc2"), None, measured=False)
 
@@ -97,13 +97,13 @@ def test_smoothed_starts_are_nearer_to_the_motion() -> None:
     recording = recorded("kvlcc2", ship, 400)
     noise = 0.02 * np.random.default_rng(0).standard_normal((400, 3))
     noisy = replace(recording, nu=recording.nu + noise)
-    predictor = option("least_squares").predictor(Problem(noisy, noisy, ship, None), 50)
+    predictor = option("output_error").predictor(Problem(noisy, noisy, ship, None), 50)
     offset = smoothed_starts(predictor.course, noisy.piece_starts)[:, 3:]
     restart = predictor.course.restart
     assert np.std(noise[restart] + offset) < 0.6 * np.std(noise[restart])
     t = recording.t[:, None] - 40.0
     cubic = replace(recording, nu=1e-5 * t**3 * [1.0, -2.0, 0.5], eta=0.0 * recording.eta)
-    course = option("least_squares").predictor(Problem(cubic, cubic, ship, None), 50).course
+    course = option("output_error").predictor(Problem(cubic, cubic, ship, None), 50).course
     np.testing.assert_allclose(smoothed_starts(course, cubic.piece_starts), 0.0, atol=1e-10)
 
 

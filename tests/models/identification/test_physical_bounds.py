@@ -5,7 +5,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import free_parameters
-from seatrial.models.identification.physical_bounds import active_bounds
+from seatrial.models.identification.predictor import active_bounds
 
 EULER = {"integrator": "euler"}
 
@@ -14,18 +14,18 @@ def bounds_of(option, free, recording):
     return dict(zip(free.labels, np.transpose(option.box(free, recording)), strict=True))
 
 
-@pytest.mark.parametrize("name", ["least_squares", "nsga2"])
+@pytest.mark.parametrize("name", ["output_error", "nsga2"])
 def test_inertia_within_a_factor_and_damping_of_one_sign(identifier, calm, name) -> None:
     option, recording = identifier(name), calm.problem.training
     free = option.unknowns(calm.problem.nominal)
     bounds = bounds_of(option, free, recording)
-    believed = dict(zip(free.labels, free.values, strict=True))
+    nominal = dict(zip(free.labels, free.values, strict=True))
     for label in ("surge.u_dot", "sway.v_dot", "yaw.r_dot"):
-        np.testing.assert_allclose(bounds[label], np.array([0.2, 5.0]) * believed[label])
+        np.testing.assert_allclose(bounds[label], np.array([0.2, 5.0]) * nominal[label])
     M = calm.problem.nominal.inertia
     np.testing.assert_allclose(bounds["sway.r_dot"], np.array([-1, 1]) * np.sqrt(M[1, 1] * M[2, 2]))
     for label in ("surge.u", "surge.|u|u", "surge.u^3", "sway.v", "yaw.r", "yaw.|r|r"):
-        np.testing.assert_allclose(bounds[label], [0.0, 5.0 * believed[label]])
+        np.testing.assert_allclose(bounds[label], [0.0, 5.0 * nominal[label]])
     assert bounds["yaw.v"][0] < 0.0 < bounds["yaw.v"][1]  # of another axis: either sign
     assert bounds["yaw.|v|v"][0] < 0.0 < bounds["yaw.|v|v"][1]
     assert np.all(np.isfinite(list(bounds.values())))
@@ -34,7 +34,7 @@ def test_inertia_within_a_factor_and_damping_of_one_sign(identifier, calm, name)
 def test_off_diagonal_inertia_leaves_every_two_axes_positive_definite(identifier, vessel) -> None:
     nominal = vessel("beluga_full")
     free = free_parameters(nominal, None, "tied", False)
-    lower, upper = identifier("least_squares").box(free)
+    lower, upper = identifier("output_error").box(free)
     M = nominal.inertia
     for label, low, high in zip(free.labels, lower, upper, strict=True):
         dof, _, term = label.partition(".")
@@ -47,12 +47,12 @@ def test_off_diagonal_inertia_leaves_every_two_axes_positive_definite(identifier
                 assert np.linalg.eigvalsh(pair)[0] > -1e-9 * np.max(pair)
 
 
-def test_a_parameter_believed_zero_is_bounded_by_the_force_it_would_explain(
+def test_a_parameter_nominal_zero_is_bounded_by_the_force_it_would_explain(
     identifier, make, signal
 ) -> None:
     truth = make.surge(60.0, 20.0)
     problem = make.problem(truth, truth, signal("many_sine"))
-    option = identifier("least_squares", parameters=["surge.u", "surge.u^2"], **EULER)
+    option = identifier("output_error", parameters=["surge.u", "surge.u^2"], **EULER)
     free = option.unknowns(truth)
     training = problem.training
     size = np.std(training.tau) / np.sqrt(np.mean(training.nu**4))
@@ -64,17 +64,17 @@ def test_a_parameter_believed_zero_is_bounded_by_the_force_it_would_explain(
 def test_a_drag_that_creates_energy_stops_at_zero_and_no_bounds_let_it_pass(
     identifier, make, signal
 ) -> None:
-    """A plant whose drag pushes: bounded, the coefficient is 0, a finding; unbounded, the truth."""
-    truth, believed = make.surge(60.0, -1.0), make.surge(50.0, 20.0)
-    problem = make.problem(truth, believed, signal("many_sine"))
+    """A plant whose drag pushes: bounded, the coefficient is 0; unbounded, the truth."""
+    truth, nominal = make.surge(60.0, -1.0), make.surge(50.0, 20.0)
+    problem = make.problem(truth, nominal, signal("many_sine"))
     far = EULER | {"derivative_limit": 1e3}
-    bounded = identifier("least_squares", **far).identify(problem, None)
+    bounded = identifier("output_error", **far).identify(problem, None)
     assert bounded.model.coefficient("surge", "u") == pytest.approx(0.0, abs=1e-3)
-    active = [one.label for one in bounded.findings if one.name == "active_bound"]
+    active = [one.label for one in bounded.diagnostics if one.name == "active_bound"]
     assert "surge.u" in active
-    free = identifier("least_squares", bound_factor=None, **far).identify(problem, None)
+    free = identifier("output_error", bound_factor=None, **far).identify(problem, None)
     assert free.model.coefficient("surge", "u") == pytest.approx(-1.0, rel=1e-6)
-    assert not [one for one in free.findings if one.name == "active_bound"]
+    assert not [one for one in free.diagnostics if one.name == "active_bound"]
 
 
 def test_active_bounds_are_those_reached(make) -> None:

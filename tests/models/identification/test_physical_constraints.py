@@ -8,7 +8,7 @@ import scipy
 
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.physical_constraints import (
-    TOLERANCE,
+    ROW_TOLERANCE,
     PhysicalConstraints,
     dissipated,
     largest_velocities,
@@ -25,7 +25,7 @@ FACTOR = 5.0
 
 
 def constraints_of(problem: Problem, tie: str = "tied") -> PhysicalConstraints:
-    """The constraints on every coefficient of the believed model."""
+    """The constraints on every coefficient of the nominal model."""
     free = free_parameters(problem.nominal, None, tie, False, symmetric=True)
     return constraints_on(free, problem.training.nu)
 
@@ -51,9 +51,9 @@ def model_of(constraints: PhysicalConstraints, change: np.ndarray) -> Vessel:
     return free.nominal + free.residual(free.values + change)
 
 
-def inertia_ratios(model: Vessel, believed: Vessel) -> np.ndarray:
-    """Eigenvalues of the symmetric inertia over the believed one."""
-    M, M_0 = (0.5 * (table.inertia + table.inertia.T) for table in (model, believed))
+def inertia_ratios(model: Vessel, nominal: Vessel) -> np.ndarray:
+    """Eigenvalues of the symmetric inertia over the nominal one."""
+    M, M_0 = (0.5 * (table.inertia + table.inertia.T) for table in (model, nominal))
     return np.asarray(scipy.linalg.eigvalsh(M, M_0))
 
 
@@ -65,7 +65,7 @@ def changed(table: Vessel, dof: str, term: str, value: float) -> Vessel:
 
 @pytest.mark.parametrize("tie", ["tied", "free"])
 def test_where_nothing_binds_the_solution_is_the_unconstrained_one(calm, rng, tie: str) -> None:
-    """Every coefficient within 5 % of the believed one is far from any constraint."""
+    """Every coefficient within 5 % of the nominal one is far from any constraint."""
     constraints = constraints_of(calm.problem, tie)
     H = hessian(constraints, rng)
     target = 0.05 * rng.uniform(-1.0, 1.0, len(constraints.scale)) * constraints.scale
@@ -82,7 +82,7 @@ def test_where_nothing_binds_the_solution_is_the_unconstrained_one(calm, rng, ti
 @pytest.mark.parametrize("seed", range(4))
 def test_whatever_the_data_say_the_solution_is_physical(calm, tie: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    constraints, believed = constraints_of(calm.problem, tie), calm.problem.nominal
+    constraints, nominal = constraints_of(calm.problem, tie), calm.problem.nominal
     H, m = hessian(constraints, rng), len(constraints.free)
     target = 3.0 * rng.standard_normal(m) * constraints.scale
     assert constraints.violated(target)
@@ -91,9 +91,11 @@ def test_whatever_the_data_say_the_solution_is_physical(calm, tie: str, seed: in
     assert active
     assert constraints.violated(at + step) == ()
     model = model_of(constraints, at + step)
-    ratios = inertia_ratios(model, believed)
-    assert np.all((ratios > 1.0 / FACTOR - 2.0 * TOLERANCE) & (ratios < FACTOR + 2.0 * TOLERANCE))
-    power, largest = (dissipated(table, constraints.velocities) for table in (model, believed))
+    ratios = inertia_ratios(model, nominal)
+    assert np.all(
+        (ratios > 1.0 / FACTOR - 2.0 * ROW_TOLERANCE) & (ratios < FACTOR + 2.0 * ROW_TOLERANCE)
+    )
+    power, largest = (dissipated(table, constraints.velocities) for table in (model, nominal))
     assert np.all(power >= -1e-5 * largest)
 
 
@@ -112,7 +114,7 @@ def test_the_solution_is_optimal(calm, rng) -> None:
     assert left < 1e-3 * np.linalg.norm(gradient)
 
 
-def test_the_believed_model_is_always_feasible(calm, vessel) -> None:
+def test_the_nominal_model_is_always_feasible(calm, vessel) -> None:
     rng = np.random.default_rng(0)
     for name in ("milliampere", "beluga_linear", "beluga_diagonal", "beluga_full"):
         table = vessel(name)
@@ -149,8 +151,8 @@ def test_a_table_fitted_to_noise_becomes_physical(calm, identifier, name: str, s
     nu = problem.training.nu
     assert unphysical(raw.model, nominal, nu) is not None
     assert unphysical(fitted.model, nominal, nu) is None
-    assert [one for one in raw.findings if one.name == "active_constraint"] == []
-    assert [one for one in fitted.findings if one.name == "active_constraint"]
+    assert [one for one in raw.diagnostics if one.name == "active_constraint"] == []
+    assert [one for one in fitted.diagnostics if one.name == "active_constraint"]
     ratios = inertia_ratios(fitted.model, nominal)
     assert np.all((ratios > 1.0 / FACTOR - 1e-5) & (ratios < FACTOR + 1e-5))
     sampled = sampled_velocities(nu, nominal.inertia)

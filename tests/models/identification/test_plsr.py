@@ -19,8 +19,8 @@ def identifier(identifier):
     return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
-def findings(found, name: str) -> list:
-    return [f for f in found.findings if f.name == name]
+def diagnostics(found, name: str) -> list:
+    return [f for f in found.diagnostics if f.name == name]
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +44,12 @@ def test_its_feedforward_reaches_the_thesis(thesis, replay) -> None:
 def test_the_order_is_the_minimum_on_the_test_part(calm, thesis) -> None:
     rest = lack_of_fit(calm.problem.validation, thesis[1].model, "commanded")
     for k, dof in enumerate(calm.problem.nominal.dofs):
-        mse = {f.i: f.value for f in findings(thesis[1], "order_mse") if f.dof == dof}
-        (order,) = [f.value for f in findings(thesis[1], "selected_order") if f.dof == dof]
+        mse = {f.i: f.value for f in diagnostics(thesis[1], "order_mse") if f.dof == dof}
+        (order,) = [f.value for f in diagnostics(thesis[1], "selected_order") if f.dof == dof]
         assert sorted(mse) == list(range(1, 31))
         assert min(mse, key=mse.get) == order
         assert mse[int(order)] == pytest.approx(np.mean(rest[:, k] ** 2), rel=1e-9)
-    assert {f.label for f in thesis[1].findings} == {"test"}
+    assert {f.label for f in thesis[1].diagnostics} == {"test"}
 
 
 @pytest.mark.parametrize("joint", [True, False])
@@ -63,7 +63,7 @@ def test_coefficients_equal_scikit_learn(calm, identifier, rng, joint) -> None:
     x /= x.std(axis=0) * beta
     y = (samples.epsilon - samples.epsilon.mean(axis=0)) / samples.epsilon.std(axis=0)
     predicted = samples.phi @ found.residual.theta
-    for k, f in enumerate(findings(found, "selected_order")):
+    for k, f in enumerate(diagnostics(found, "selected_order")):
         peer = PLSRegression(int(f.value), scale=False, tol=1e-20, max_iter=100_000)
         peer.fit(x, y if joint else y[:, k])
         expected = peer.predict(x).reshape(len(x), -1)[:, k if joint else 0]
@@ -78,7 +78,7 @@ def test_filtered_force_makes_it_exact(calm, identifier, rng, selection) -> None
     truth = calm.residual.on(found.residual.terms).theta
     real = truth != 0.0
     assert np.max(np.abs(found.residual.theta[real] / truth[real] - 1.0)) < 1e-6
-    assert [f.label for f in findings(found, "selected_order")] == [selection] * 3
+    assert [f.label for f in diagnostics(found, "selected_order")] == [selection] * 3
 
 
 def test_columns_of_the_heading_make_it_exact_under_a_constant_force(

@@ -23,7 +23,7 @@ from tests.trials import excited
 
 SEGMENT_S = 30.0
 DIAGONAL = ("surge.u_dot", "sway.v_dot", "heave.w_dot", "roll.p_dot", "pitch.q_dot", "yaw.r_dot")
-WIDE = 100.0  # standard deviation of the prior, over the believed size: hardly any prior
+WIDE = 100.0  # standard deviation of the prior, over the nominal size: hardly any prior
 
 
 def parameters(problem) -> FreeParameters:
@@ -49,8 +49,8 @@ def test_without_noise_the_truth_returns_from_a_perturbed_table(calm, seed: int)
     np.testing.assert_allclose(refined.change[inertia], truth[inertia], rtol=1e-3)
 
 
-def test_a_start_from_where_the_believed_model_is_better_is_ignored(calm) -> None:
-    """An inertia of almost zero runs away; the believed model is the start then."""
+def test_a_start_from_where_the_nominal_model_is_better_is_ignored(calm) -> None:
+    """An inertia of almost zero runs away; the nominal model is the start then."""
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)
@@ -63,7 +63,7 @@ def test_a_start_from_where_the_believed_model_is_better_is_ignored(calm) -> Non
 
 
 def test_constraints_hold_after_every_step(calm) -> None:
-    """The truth has half the believed inertia; a factor of 1.5 does not let it pass."""
+    """The truth has half the nominal inertia; a factor of 1.5 does not let it pass."""
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)

@@ -14,7 +14,7 @@ SWEPT = ("excitation=multisine", "controller=none", "plant.scale=0.8")
 
 
 def chosen(found: Identified) -> str:
-    (name,) = [f.label for f in found.findings if f.name == "chosen" and f.value == 1.0]
+    (name,) = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
     return name
 
 
@@ -53,7 +53,7 @@ def test_a_wind_is_chosen_and_recovered(identifier) -> None:
 
 
 @pytest.mark.parametrize("share", [0.02, 1.0])
-def test_an_axis_that_other_forces_moved_keeps_the_believed_equation(
+def test_an_axis_that_other_forces_moved_keeps_the_nominal_equation(
     make, calm, identifier, rng, share: float
 ) -> None:
     """Where most of the yaw moment is not recorded, no moment fits best: an inertia near zero."""
@@ -66,7 +66,7 @@ def test_an_axis_that_other_forces_moved_keeps_the_believed_equation(
     problem = Problem(recording, recording, calm.problem.nominal, None)
     options = {"disturbance": "none", "refinement": "none", "inertia_factor": None}
     found = identifier("robust", **options).identify(problem, rng)
-    assert {f.dof for f in found.findings if f.name == "not_excited"} == (
+    assert {f.dof for f in found.diagnostics if f.name == "not_excited"} == (
         {"yaw"} if share < 0.1 else set()
     )
 
@@ -83,7 +83,7 @@ def test_without_refinement_it_is_the_regression(calm, identifier) -> None:
     options = {"refinement": "none", "disturbance": "none"}
     found = identifier("robust", **options).identify(calm.problem, np.random.default_rng(0))
     assert found.std_error is None
-    assert not [f for f in found.findings if f.name == "evaluations"]
+    assert not [f for f in found.diagnostics if f.name == "evaluations"]
     inertia, truth = np.diag(found.model.inertia), np.diag(calm.truth.inertia)
     np.testing.assert_allclose(inertia, truth, rtol=1e-3)
 

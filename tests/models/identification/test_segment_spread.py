@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification.segment_spread import SegmentSpread
+from seatrial.models.identification.uncertainty import SegmentSpread
 
 SEGMENTS, LENGTH, TRIALS = 60, 50, 400
 BEGIN = np.arange(0, SEGMENTS * LENGTH, LENGTH)

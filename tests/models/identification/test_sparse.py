@@ -57,11 +57,11 @@ def test_what_predicts_worse_than_the_nominal_model_is_left_out(lap, identifier,
     option = identifier("sparse", **EXACT, threshold=0.0)
     blocks, nominal = Blocks(problem), problem.nominal
     raw, guarded = option.fitted(problem).model, option.identify(problem, rng).model
-    own, kept, believed = (
+    own, kept, reference = (
         blocks.runs(model, problem.validation).error for model in (raw, guarded, nominal)
     )
-    assert own > 1.1 * believed
-    assert kept <= believed
+    assert own > 1.1 * reference
+    assert kept <= reference
 
 
 def test_more_is_left_out_with_a_larger_threshold(lap, identifier, rng) -> None:
@@ -95,7 +95,7 @@ def test_the_sparsest_choice_within_a_standard_error() -> None:
 
 def test_every_choice_is_stored(calm, identifier, rng) -> None:
     found = identifier("sparse").identify(calm.problem, rng)
-    mse = [f for f in found.findings if f.name == "threshold_mse"]
+    mse = [f for f in found.diagnostics if f.name == "threshold_mse"]
     assert len(mse) == 3 * len(CHOICES)
     assert all(f.value > 0.0 for f in mse if f.label == "no terms")
 

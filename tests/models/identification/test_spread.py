@@ -56,13 +56,11 @@ def test_drawn_coefficients_have_the_errors_and_correlations_of_the_fit(identifi
 @pytest.mark.slow
 def test_drawn_devices_have_the_errors_of_the_fit() -> None:
     """Rudder and hull are drawn together."""
-    believed = vessel("kvlcc2")
-    own = parts(
-        noisy(recorded("kvlcc2", changed(believed, rudder__a_H=1.2), 600), 0, 0.05), believed
-    )
+    nominal = vessel("kvlcc2")
+    own = parts(noisy(recorded("kvlcc2", changed(nominal, rudder__a_H=1.2), 600), 0, 0.05), nominal)
     labels = "identifier.free=[rudder.a_H,yaw.rU]"
     result = joint(
-        "least_squares", own, labels, "identifier.horizon=100", "identifier.horizons=[]",
+        "output_error", own, labels, "identifier.horizon=100", "identifier.horizons=[]",
         "identifier.prior=null",
     )  # fmt: skip
     assert isinstance(result.spread, ParameterSpread)

@@ -61,11 +61,11 @@ def recorded(name: str, model: Vessel, n: int = 2400, seed: int = 1) -> Recordin
     return steered(model, helm(n, period, seed), speed, period, *rest)
 
 
-def problem(name: str, truth: Vessel, believed: Vessel) -> Problem:
+def problem(name: str, truth: Vessel, nominal: Vessel) -> Problem:
     whole = recorded(name, truth)
     half = len(whole) // 2
     training, rest = whole.part(slice(0, half)), whole.part(slice(half, None))
-    return Problem(training, rest, believed, None)
+    return Problem(training, rest, nominal, None)
 
 
 def mistaken(truth: Vessel, terms: tuple[str, ...]) -> Vessel:
@@ -132,8 +132,8 @@ def test_a_table_of_manoeuvring_terms_is_found_whole() -> None:
     fitted, *_ = np.linalg.lstsq(basis.evaluate(terms, x), force, rcond=1e-10)
     rows = basis.terms(ship.accelerations)
     truth = replace(ship, terms=rows + terms, theta=np.vstack([inertial.T, fitted]))
-    believed = replace(truth, theta=np.vstack([inertial.T, 0.8 * fitted]))
-    own = problem("mariner", truth, believed)
+    nominal = replace(truth, theta=np.vstack([inertial.T, 0.8 * fitted]))
+    own = problem("mariner", truth, nominal)
     result = identified("ls", own, "identifier.lowpass_hz=null")
     predicted = prediction(result.model, own.validation, None).over("free_run")
     assert not predicted.diverged

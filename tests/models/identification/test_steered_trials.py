@@ -1,7 +1,7 @@
 """Simulated manoeuvring trials with noise: what turning circle the identified models predict.
 
-The truth is KVLCC2 by the method of MMG. The believed coefficients are off by up to 20 %, so that
-the believed turning circle is too. `make manoeuvring` does the same over more seeds.
+The truth is KVLCC2 by the method of MMG. The nominal coefficients are off by up to 20 %, so that
+the nominal turning circle is too. `make manoeuvring` does the same over more seeds.
 """
 
 import numpy as np
@@ -10,9 +10,9 @@ import pytest
 from docs.manoeuvring_trials import (
     HELMS_DEG,
     Circle,
-    believed_ship,
     circles,
     identified,
+    nominal_ship,
     polynomial,
     shown,
     tactical_diameter,
@@ -21,7 +21,7 @@ from seatrial.models.vessel.table import Vessel
 from tests.models.identification.test_steered import vessel
 
 
-def believed_errors(model: Vessel, truth: Vessel) -> np.ndarray:
+def nominal_errors(model: Vessel, truth: Vessel) -> np.ndarray:
     """Relative errors of the tactical diameter to both sides."""
     return np.array(
         [tactical_diameter(model, h) / tactical_diameter(truth, h) - 1.0 for h in HELMS_DEG]
@@ -31,14 +31,14 @@ def believed_errors(model: Vessel, truth: Vessel) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_abkowitz_by_instruments_turns_as_the_ship(seed: int) -> None:
-    """Tactical diameter within 2 % of the truth, where what is believed misses it by 10 %."""
+    """Tactical diameter within 2 % of the truth, where the nominal one misses it by 10 %."""
     truth = vessel("kvlcc2")
-    believed = believed_errors(polynomial(believed_ship(truth, 0.2)), truth)
-    assert np.max(np.abs(believed)) > 0.1
+    nominal = nominal_errors(polynomial(nominal_ship(truth, 0.2)), truth)
+    assert np.max(np.abs(nominal)) > 0.1
     for found in circles(identified("iv", seed, truth), truth):
         assert abs(found.ratio - 1.0) < 0.02
         assert found.low < found.ratio < found.high
-        assert found.high - found.low < np.max(np.abs(believed))  # it says more than is believed
+        assert found.high - found.low < np.max(np.abs(nominal))  # it says more than is nominal
 
 
 @pytest.mark.slow
@@ -56,8 +56,8 @@ def test_abkowitz_by_auto_turns_as_the_ship_and_says_how_well() -> None:
 def test_mmg_by_joint_least_squares_turns_as_the_ship(seed: int) -> None:
     """From zig-zags alone: no turning circle is among the trials."""
     truth = vessel("kvlcc2")
-    assert np.max(np.abs(believed_errors(believed_ship(truth, 0.2), truth))) > 0.05
-    for found in circles(identified("least_squares", seed, truth), truth):
+    assert np.max(np.abs(nominal_errors(nominal_ship(truth, 0.2), truth))) > 0.05
+    for found in circles(identified("output_error", seed, truth), truth):
         assert abs(found.ratio - 1.0) < 0.02
         assert found.low < found.ratio < found.high
 

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification import linear
-from seatrial.models.identification.stable_predictor import (
+from seatrial.models.identification.subspace import (
+    identify_innovations,
+    largest_gap,
     observer_gain,
     onto_unit_circle,
     with_gain,
 )
-from seatrial.models.identification.subspace import identify_innovations, largest_gap
 from seatrial.models.simulation.statespace import StateSpace
 
 LAGS = 20

@@ -22,8 +22,8 @@ def identifier(identifier):
     return partial(identifier, lowpass_hz=None, inertia_factor=None)
 
 
-def findings(found, name: str) -> list:
-    return [f for f in found.findings if f.name == name]
+def diagnostics(found, name: str) -> list:
+    return [f for f in found.diagnostics if f.name == name]
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_thirty_terms_make_464_models() -> None:
 
 def test_the_whole_surface_is_stored(thesis) -> None:
     for dof in ("surge", "sway", "yaw"):
-        points = {(f.i, f.j) for f in findings(thesis, "surface_mse") if f.dof == dof}
+        points = {(f.i, f.j) for f in diagnostics(thesis, "surface_mse") if f.dof == dof}
         assert len(points) == 464
         assert points == {(i, j) for i in range(1, 31) for j in range(max(2, i), 31)}
 
@@ -48,12 +48,12 @@ def test_reaches_the_thesis(calm, thesis) -> None:
     mse = np.mean(rest**2, axis=0)
     assert np.all(mse <= THESIS_MSE)
     for k, dof in enumerate(("surge", "sway", "yaw")):
-        surface = [f.value for f in findings(thesis, "surface_mse") if f.dof == dof]
+        surface = [f.value for f in diagnostics(thesis, "surface_mse") if f.dof == dof]
         assert min(surface) == pytest.approx(mse[k], rel=1e-9)
 
 
 def test_the_number_of_terms_is_that_of_the_table(thesis) -> None:
-    counts = [f.value for f in findings(thesis, "selected_variables")]
+    counts = [f.value for f in diagnostics(thesis, "selected_variables")]
     np.testing.assert_array_equal(np.count_nonzero(thesis.residual.theta[1:], axis=0), counts)
 
 
@@ -65,9 +65,9 @@ def test_parsimony_costs_at_most_a_tenth(calm, identifier, thesis, rng) -> None:
     rest = lack_of_fit(calm.problem.validation, sparing.model, "commanded")
     assert np.all(np.mean(rest**2, axis=0) <= SELECTED_MSE)
     for dof in ("surge", "sway", "yaw"):
-        on_terms = [f.value for f in findings(sparing, "order_mse") if f.dof == dof]
-        order = next(f.value for f in findings(sparing, "selected_order") if f.dof == dof)
-        least = next(f.value for f in findings(thesis, "selected_order") if f.dof == dof)
+        on_terms = [f.value for f in diagnostics(sparing, "order_mse") if f.dof == dof]
+        order = next(f.value for f in diagnostics(sparing, "selected_order") if f.dof == dof)
+        least = next(f.value for f in diagnostics(thesis, "selected_order") if f.dof == dof)
         assert order <= least
         assert on_terms[int(order) - 1] <= 1.1 * min(on_terms)
         assert all(value > 1.1 * min(on_terms) for value in on_terms[: int(order) - 1])
@@ -155,13 +155,13 @@ def test_stages_add_up_and_never_make_it_worse(calm, identifier, thesis, rng) ->
         for one in (thesis, staged)
     ]
     assert np.all(mse[1] <= mse[0] * (1.0 + 1e-9))
-    stored = [f for f in findings(staged, "stage_coefficient") if f.i == 1 and f.dof == "surge"]
+    stored = [f for f in diagnostics(staged, "stage_coefficient") if f.i == 1 and f.dof == "surge"]
     assert {f.label for f in stored} == {
         str(one)
         for one, row in zip(staged.stages[0].terms, staged.stages[0].theta, strict=True)
         if row[0]
     }
-    training = [f.value for f in findings(staged, "stage_mse") if f.dof == "surge"]
+    training = [f.value for f in diagnostics(staged, "stage_mse") if f.dof == "surge"]
     rest = lack_of_fit(calm.problem.training, staged.model, "commanded")
     assert training[-1] == pytest.approx(np.mean(rest[:, 0] ** 2), rel=1e-9)
 
@@ -178,7 +178,7 @@ def test_nothing_to_learn_adds_nothing(lap, identifier, rng) -> None:
     object.__setattr__(training, "tau_actual", fitted + noise)
     problem = type(problem)(training, problem.validation, sailed.truth, None)
     found = identifier("surface_plsr", force="actual", bootstrap=None).identify(problem, rng)
-    assert [f.value for f in findings(found, "selected_order")].count(0.0) >= 2
+    assert [f.value for f in diagnostics(found, "selected_order")].count(0.0) >= 2
 
 
 def test_bootstrap_errors_are_of_the_terms_that_stay(lap, identifier, rng) -> None:

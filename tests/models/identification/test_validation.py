@@ -29,16 +29,16 @@ def test_the_truth_predicts_the_ferry(lap, disturbance):
     one = lap(disturbance, 0)
     held_out = one.problem.validation
     true = errors(one.truth, held_out, one.thruster)
-    believed = errors(one.problem.nominal, held_out, one.thruster)
+    nominal = errors(one.problem.nominal, held_out, one.thruster)
     for name in HORIZONS:
         assert true[name].limited == 0.0
-        assert np.all(true[name].rmse < 0.05 * believed[name].rmse), name
+        assert np.all(true[name].rmse < 0.05 * nominal[name].rmse), name
     assert np.max(true["ten_step"].rmse) < 1e-3
 
 
 def test_ten_steps_are_ten_steps(make, signal):
     """By hand, from every measured state: Euler there, RK4 here, so with small steps of force."""
-    truth, believed = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
+    truth, nominal = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
     recording = make.driven(truth, signal("many_sine"), integrator="rk4")
     decay = np.exp(-30.0 / 100.0 * 0.1)  # the exact solution of a linear model over a sample
     reached, rest = 10, []
@@ -48,7 +48,7 @@ def test_ten_steps_are_ten_steps(make, signal):
             u = decay * u + (1.0 - decay) * recording.tau[i, 0] / 30.0
         rest.append(u - recording.nu[k + reached, 0])
     expected = np.sqrt(np.mean(np.square(rest)))
-    assert errors(believed, recording)["ten_step"].rmse[1] == pytest.approx(expected, rel=1e-6)
+    assert errors(nominal, recording)["ten_step"].rmse[1] == pytest.approx(expected, rel=1e-6)
     assert errors(truth, recording)["ten_step"].rmse[1] < 1e-12
 
 

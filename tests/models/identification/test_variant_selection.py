@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seatrial.models.identification.variant_selection import (
-    SIGNIFICANT,
+from seatrial.models.identification.state_space_diagnostics import (
+    FEEDBACK_P,
     feedback_p_value,
     select_variant,
 )
@@ -34,7 +34,7 @@ def one_stretch(y: np.ndarray) -> np.ndarray:
 def test_feedback_is_found_and_takes_the_closed_variant(seed: int) -> None:
     y, u, _ = closed_loop(seed, 1000)
     selection = select_variant(y, u, 6, 20, 6)
-    assert selection.p_value < SIGNIFICANT
+    assert selection.p_value < FEEDBACK_P
     assert (selection.variant, selection.feedthrough) == ("closed", False)
 
 
@@ -44,14 +44,14 @@ def test_a_direct_term_is_estimated_where_there_is_one(seed: int) -> None:
     direct = bool(seed % 2)
     y, u, _ = open_loop(noisy_plant(rng, direct), 1000, 0.5, rng)
     selection = select_variant(y, u, 6, 20, 6)
-    assert selection.p_value > SIGNIFICANT
+    assert selection.p_value > FEEDBACK_P
     assert selection.feedthrough == direct
     assert selection.variant == "open" or not direct
-    findings = selection.findings()
-    assert {f.label for f in findings if f.name == "variant_error"} == {
+    diagnostics = selection.diagnostics()
+    assert {f.label for f in diagnostics if f.name == "variant_error"} == {
         "closed", "open", "open with D",
     }  # fmt: skip
-    (feedback,) = [f for f in findings if f.name == "feedback"]
+    (feedback,) = [f for f in diagnostics if f.name == "feedback"]
     assert (feedback.value, feedback.label) == (0.0, "judged by simulations")
 
 
@@ -86,4 +86,4 @@ def test_without_noise_there_is_no_feedback_to_find(rng: np.random.Generator) ->
     t = np.arange(600)[:, None]
     sines = np.sin(0.3 * t * [1.0, 1.7, 2.3]) + np.sin(0.9 * t * [1.0, 1.3, 0.7])
     y = plant.simulate(sines) + 0.1 * rng.standard_normal((600, 3))
-    assert feedback_p_value(y, sines, 10, one_stretch(u)) > SIGNIFICANT
+    assert feedback_p_value(y, sines, 10, one_stretch(u)) > FEEDBACK_P

@@ -11,10 +11,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.a_star import UNREACHED, heuristic
-from seatrial.models.planning.lattice import HEADINGS, Pace, Primitive
-from seatrial.models.planning.planner import MOST_STATES, Plan, Setting, Task, plan, set_up
-from seatrial.models.planning.waters import Waters
+from seatrial.models.planning.lattice import HEADINGS, UNREACHED, Pace, Primitive, Waters, heuristic
+from seatrial.models.planning.planner import (
+    MOST_STATES,
+    PlannedPath,
+    PlanningTask,
+    Setting,
+    plan,
+    set_up,
+)
 from tests.models.planning.test_waters import AREA, QUAY, WALL, triangles
 
 PACE = Pace(0.5, 0.5, 0.1)
@@ -27,22 +32,22 @@ LOOP = Primitive(
 BACK = Primitive("back", np.column_stack([-5 * T, -3 * T, -2 * T]), True)
 
 
-def task(counts: dict[str, int], waters: Waters, **changes: object) -> Task:
+def task(counts: dict[str, int], waters: Waters, **changes: object) -> PlanningTask:
     options: dict[str, object] = {
         "start": np.array([5.0, 5.0, 0.3]),
         "goal": np.array([54.0, 34.5, 1.5]),
         "cell_m": 2.0,
     } | changes
-    return Task(waters, (ZIG, LOOP, BACK), counts, pace=PACE, hold=3, **options)  # type: ignore[arg-type]
+    return PlanningTask(waters, (ZIG, LOOP, BACK), counts, pace=PACE, hold=3, **options)  # type: ignore[arg-type]
 
 
-def dense(found: Plan) -> np.ndarray:
+def dense(found: PlannedPath) -> np.ndarray:
     """Positions along a plan, at most 2 cm apart, (N, 2)."""
     line = shapely.LineString(found.poses[:, :2])
     return shapely.get_coordinates(line.segmentize(0.02))
 
 
-def assert_sound(asked: Task, found: Plan) -> None:
+def assert_sound(asked: PlanningTask, found: PlannedPath) -> None:
     """What holds of every plan."""
     sailed = Counter(leg.name for leg in found.legs if leg.informative)
     assert sailed == Counter({name: n for name, n in asked.counts.items() if n})

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.waters import Waters, clear, inside, simplified
+from seatrial.models.planning.lattice import Waters, clear, inside, simplified
 
 AREA = ((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0))
 QUAY = ((15.0, 10.0), (30.0, 10.0), (30.0, 20.0), (15.0, 20.0))

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from seatrial.models.recording.agreement import Agreement, lag
 from seatrial.models.recording.consistency import consistency
-from seatrial.models.recording.diagnosis import Problem
+from seatrial.models.recording.diagnosis import RecordingDefect
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
@@ -119,7 +119,7 @@ MUTILATIONS: dict[str, tuple[Mutilation, str, tuple[str, ...], str]] = {
 }  # fmt: skip
 
 
-def found(path: Path) -> tuple[Problem, ...]:
+def found(path: Path) -> tuple[RecordingDefect, ...]:
     examination = recorded(path).examine(ALL)
     assert examination is not None
     return examination.problems

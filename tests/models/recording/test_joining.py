@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.joining import Channel, Grid, join_channels
+from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
 
 
 def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
     rng = np.random.default_rng(4)
     one, two = (np.sort(rng.uniform(a, b, 200)) for a, b in ((0.0, 9.0), (1.0, 10.0)))
     channels = {"x": Channel(one, 3.0 * one), "y": (two, 1.0 - two, False)}
-    t, values = join_channels(channels, Grid(10.0, 1.0))
+    t, values = join_channels(channels, TimeGrid(10.0, 1.0))
     assert t[0] == two[0]
     assert one[-1] - 0.1 < t[-1] <= one[-1]
     np.testing.assert_allclose(np.diff(t), 0.1)
@@ -21,7 +21,7 @@ def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
 
 def test_samples_that_are_on_the_grid_are_kept() -> None:
     t = 0.1 * np.arange(1001)
-    grid, values = join_channels({"x": Channel(t, np.sin(t))}, Grid(10.0, 1.0))
+    grid, values = join_channels({"x": Channel(t, np.sin(t))}, TimeGrid(10.0, 1.0))
     assert len(grid) == 1001
     np.testing.assert_allclose(values["x"], np.sin(t), atol=1e-12)
 
@@ -30,13 +30,13 @@ def test_channels_that_do_not_overlap() -> None:
     early, late = np.linspace(0.0, 1.0, 5), np.linspace(2.0, 3.0, 5)
     channels = {"a": Channel(early, early), "b": Channel(late, late)}
     with pytest.raises(RecordingError, match="b begins at 2 s, a ends at 1 s"):
-        join_channels(channels, Grid(10.0, 1.0))
+        join_channels(channels, TimeGrid(10.0, 1.0))
 
 
 def test_a_command_is_held_until_the_next_and_a_state_is_interpolated() -> None:
     t = np.array([0.0, 1.0, 2.0])
     channels = {"held": Channel(t, t, True), "state": Channel(t, t)}
-    joined = join_channels(channels, Grid(10.0, 2.0))
+    joined = join_channels(channels, TimeGrid(10.0, 2.0))
     np.testing.assert_allclose(joined.columns["state"], joined.t)
     np.testing.assert_array_equal(joined.columns["held"], np.floor(joined.t + 1e-9))
 
@@ -47,7 +47,7 @@ def test_no_sample_lies_in_a_gap_and_none_is_made_from_both_its_sides() -> None:
     x = t + 100.0 * (t > 7.0)
     other = np.arange(0.0, 15.0, 0.01)
     channels = {"x": Channel(t, x), "other": Channel(other, -other)}
-    joined = join_channels(channels, Grid(10.0, 0.5, "split"))
+    joined = join_channels(channels, TimeGrid(10.0, 0.5, "split"))
     last, first = t[t < 7.0][-1], t[t > 7.0][0]
     assert not np.any((joined.t > last) & (joined.t < first))
     np.testing.assert_allclose(joined.columns["x"], joined.t + 100.0 * (joined.t > 7.0))
@@ -56,14 +56,14 @@ def test_no_sample_lies_in_a_gap_and_none_is_made_from_both_its_sides() -> None:
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert np.count_nonzero(steps > 1.5) == 1
     with pytest.raises(RecordingError, match=r"x: got no sample for 4\.\d+ s after 4\.94 s"):
-        join_channels(channels, Grid(10.0, 0.5))
+        join_channels(channels, TimeGrid(10.0, 0.5))
 
 
 def test_an_old_command_is_a_gap() -> None:
     t = np.array([0.0, 1.0, 6.0, 7.0])
     clock = np.arange(0.0, 7.0, 0.1)
     channels = {"command": Channel(t, t, True), "x": Channel(clock, clock)}
-    joined = join_channels(channels, Grid(10.0, 1.5, "split"))
+    joined = join_channels(channels, TimeGrid(10.0, 1.5, "split"))
     age = joined.t - t[np.searchsorted(t, joined.t + 1e-9) - 1]
     assert np.max(age) <= 1.5 + 1e-6
     assert np.count_nonzero(np.diff(joined.t) > 0.15) == 1
@@ -82,11 +82,11 @@ def test_an_old_command_is_a_gap() -> None:
 )
 def test_clocks_that_cannot_be_joined(t: list[float], message: str) -> None:
     with pytest.raises(RecordingError) as caught:
-        join_channels({"x": Channel(np.array(t), np.zeros(len(t)))}, Grid(1.0, 1.0))
+        join_channels({"x": Channel(np.array(t), np.zeros(len(t)))}, TimeGrid(1.0, 1.0))
     assert str(caught.value) == message
 
 
 def test_a_rate_far_above_that_of_the_samples_is_refused() -> None:
     t = np.arange(10.0)
     with pytest.raises(RecordingError, match="expected at most 100 times as many"):
-        join_channels({"x": Channel(t, t)}, Grid(1e4, 2.0))
+        join_channels({"x": Channel(t, t)}, TimeGrid(1e4, 2.0))

@@ -447,7 +447,7 @@ def test_sample_time_is_checked_where_it_is_stated(tmp_path: Path) -> None:
 
 
 def test_text_and_holes_in_columns_not_in_use_do_no_harm(tmp_path: Path) -> None:
-    columns = surge_columns() | {"remark": ["windy", *[""] * 19]}
+    columns = surge_columns() | {"note": ["windy", *[""] * 19]}
     assert len(excitation(write(tmp_path / "a.csv", columns)).read(("surge",))) == 20
 
 

@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from seatrial.models.recording.smoothing import (
-    HIGHEST,
+    MAX_CUTOFF,
     derivative_response,
     lowpass,
     noise_floor,
@@ -86,7 +86,7 @@ def test_the_longest_piece_counts(rng: np.random.Generator) -> None:
 
 def test_the_stages_are_two_and_three_quarters_of_the_cut_off() -> None:
     assert smoothing_for(0.4, PERIOD_S) == pytest.approx((0.8, 0.3))
-    highest = HIGHEST * NYQUIST_HZ
+    highest = MAX_CUTOFF * NYQUIST_HZ
     assert smoothing_for(4.0, PERIOD_S) == pytest.approx((highest, 3.0))
     assert smoothing_for(NYQUIST_HZ, PERIOD_S)[1] == pytest.approx(0.75 * NYQUIST_HZ)
 

@@ -4,17 +4,23 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.simulation.manoeuvre_measures import Track, stop, williamson
+from seatrial.models.simulation.manoeuvre_measures import (
+    Spiral,
+    Track,
+    reverse_spiral,
+    spiral,
+    stop,
+    williamson,
+)
 from seatrial.models.simulation.manoeuvre_sheet import (
-    SHARE,
-    Entry,
+    DEVIATION_SHARE,
+    SheetEntry,
     interval,
     intervals,
     manoeuvre_of,
     overshoot_limits,
     sheet,
 )
-from seatrial.models.simulation.spiral_measures import Spiral, reverse_spiral, spiral
 from seatrial.models.vessel.basis import Array
 
 
@@ -48,10 +54,10 @@ def test_limits_of_the_overshoot_over_the_ratio_of_length_to_speed() -> None:
 
 
 def test_a_value_on_its_limit_passes_and_one_not_reached_has_no_verdict() -> None:
-    assert Entry("advance", 4.5, "L", 4.5).passed is True
-    assert Entry("advance", 4.51, "L", 4.5).passed is False
-    assert Entry("advance", np.nan, "L", 4.5).passed is None
-    assert Entry("advance", 1.0, "L").passed is None
+    assert SheetEntry("advance", 4.5, "L", 4.5).passed is True
+    assert SheetEntry("advance", 4.51, "L", 4.5).passed is False
+    assert SheetEntry("advance", np.nan, "L", 4.5).passed is None
+    assert SheetEntry("advance", 1.0, "L").passed is None
 
 
 def test_the_scale_of_a_model_enters_the_ratio_by_its_root() -> None:
@@ -140,11 +146,11 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
     def sail(rate: float) -> Track:
         return track(t, np.maximum(t - 10.0, 0.0) * rate, np.radians(35.0) * (t > 9.95))
 
-    draws = [sail(0.1 + SHARE * deviation) for deviation in deviations]
+    draws = [sail(0.1 + DEVIATION_SHARE * deviation) for deviation in deviations]
     low, high = intervals(sail(0.1), draws, "turn")["steady diameter"]
     diameter = 2.0 * 2.0 / 0.1 / 10.0
-    drawn = 2.0 * 2.0 / (0.1 + SHARE * deviations) / 10.0
-    expected = diameter + np.quantile(drawn - diameter, [0.05, 0.95]) / SHARE
+    drawn = 2.0 * 2.0 / (0.1 + DEVIATION_SHARE * deviations) / 10.0
+    expected = diameter + np.quantile(drawn - diameter, [0.05, 0.95]) / DEVIATION_SHARE
     np.testing.assert_allclose((low, high), expected, rtol=1e-3)
     first_order = diameter * (1.0 - np.quantile(deviations, [0.95, 0.05]) / 0.1)
     np.testing.assert_allclose((low, high), first_order, rtol=2e-2)

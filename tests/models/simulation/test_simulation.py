@@ -150,8 +150,8 @@ def test_the_log_equals_the_readable_equations(milliampere: Vessel) -> None:
     log = voyage.log
     attitude = np.zeros((len(log.eta), 3))
     attitude[:, 2] = log.eta[:, 2]
-    believed = plant + wind.table(PLANAR)
-    force = believed.inverse(log.nu_dot, log.nu, attitude)
+    nominal = plant + wind.table(PLANAR)
+    force = nominal.inverse(log.nu_dot, log.nu, attitude)
     np.testing.assert_allclose(force, log.tau_actual, atol=1e-8)
     recording = recording_of(voyage, wind.realise(len(log.eta), PLANAR, np.random.default_rng(0)))
     np.testing.assert_allclose(

@@ -10,23 +10,35 @@ from scipy.optimize import linprog
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.vessel.allocation import Allocation, Thruster, reached, voltage_factors
+from seatrial.models.vessel.allocation import (
+    Allocation,
+    PositionedThruster,
+    reached,
+    voltage_factors,
+)
 from seatrial.models.vessel.basis import Array
 from tests.trials import composed
 
-FERRY = (Thruster("azimuth", (1.8, 0.0, 0.0), 500.0), Thruster("azimuth", (-1.8, 0.0, 0.0), 500.0))
-SHIP = (
-    Thruster("fixed", (-35.0, -4.0, 0.0), 1.5e5, 1.0e5),
-    Thruster("fixed", (-35.0, 4.0, 0.0), 1.5e5, 1.0e5),
-    Thruster("azimuth", (-25.0, 0.0, 0.0), 2.0e5),
-    Thruster("tunnel", (28.0, 0.0, 0.0), 1.2e5),
-    Thruster("tunnel", (24.0, 0.0, 0.0), 1.2e5),
+FERRY = (
+    PositionedThruster("azimuth", (1.8, 0.0, 0.0), 500.0),
+    PositionedThruster("azimuth", (-1.8, 0.0, 0.0), 500.0),
 )
-BARGE = (*SHIP[:2], *SHIP[3:], Thruster("tunnel", (-30.0, 0.0, 0.0), 8e4, 4e4))  # no azimuth
+SHIP = (
+    PositionedThruster("fixed", (-35.0, -4.0, 0.0), 1.5e5, 1.0e5),
+    PositionedThruster("fixed", (-35.0, 4.0, 0.0), 1.5e5, 1.0e5),
+    PositionedThruster("azimuth", (-25.0, 0.0, 0.0), 2.0e5),
+    PositionedThruster("tunnel", (28.0, 0.0, 0.0), 1.2e5),
+    PositionedThruster("tunnel", (24.0, 0.0, 0.0), 1.2e5),
+)
+BARGE = (
+    *SHIP[:2],
+    *SHIP[3:],
+    PositionedThruster("tunnel", (-30.0, 0.0, 0.0), 8e4, 4e4),
+)  # no azimuth
 METHODS = ("pseudo_inverse", "qp")
 
 
-def reachable(thrusters: tuple[Thruster, ...], count: int, share: float = 0.99) -> Array:
+def reachable(thrusters: tuple[PositionedThruster, ...], count: int, share: float = 0.99) -> Array:
     """Random forces that the thrusters can give, shape (count, n_dof)."""
     rng = np.random.default_rng(0)
     u = []
@@ -42,7 +54,7 @@ def reachable(thrusters: tuple[Thruster, ...], count: int, share: float = 0.99) 
     return np.asarray((T @ np.array(u)).T)
 
 
-def within(thrusters: tuple[Thruster, ...], u: Array) -> bool:
+def within(thrusters: tuple[PositionedThruster, ...], u: Array) -> bool:
     at = 0
     for one in thrusters:
         if one.kind == "azimuth":
@@ -73,7 +85,7 @@ def test_two_azimuths_are_those_of_the_ferry() -> None:
     np.testing.assert_allclose(T @ u, expected)
 
 
-def corners(thrusters: tuple[Thruster, ...], count: int, share: float) -> Array:
+def corners(thrusters: tuple[PositionedThruster, ...], count: int, share: float) -> Array:
     """Forces of thrusters that all stand at a share of their limit, in random directions."""
     rng = np.random.default_rng(1)
     u = []
@@ -89,7 +101,9 @@ def corners(thrusters: tuple[Thruster, ...], count: int, share: float) -> Array:
 
 @pytest.mark.parametrize("thrusters", [FERRY, SHIP, BARGE])
 @pytest.mark.parametrize("method", METHODS)
-def test_what_can_be_reached_is_exact(thrusters: tuple[Thruster, ...], method: Any) -> None:
+def test_what_can_be_reached_is_exact(
+    thrusters: tuple[PositionedThruster, ...], method: Any
+) -> None:
     within_reach = reachable(thrusters, 300, 1.0 - 1e-6)
     tau = np.vstack([within_reach, corners(thrusters, 300, 1.0 - 1e-6)])
     found = Allocation(method, thrusters).allocate(tau, PLANAR)
@@ -100,7 +114,7 @@ def test_what_can_be_reached_is_exact(thrusters: tuple[Thruster, ...], method: A
 
 @pytest.mark.parametrize("thrusters", [FERRY, SHIP, BARGE])
 def test_both_methods_find_the_lightest_forces_and_the_same_share(
-    thrusters: tuple[Thruster, ...],
+    thrusters: tuple[PositionedThruster, ...],
 ) -> None:
     tau = np.vstack([reachable(thrusters, 100), 3.0 * reachable(thrusters, 100, 1.0)])
     one, other = (Allocation(m, thrusters).allocate(tau, PLANAR) for m in METHODS)  # type: ignore[arg-type]
@@ -119,7 +133,7 @@ def test_both_methods_find_the_lightest_forces_and_the_same_share(
 @pytest.mark.parametrize("thrusters", [FERRY, SHIP, BARGE])
 @pytest.mark.parametrize("method", METHODS)
 def test_what_cannot_be_reached_keeps_its_direction(
-    thrusters: tuple[Thruster, ...], method: Any
+    thrusters: tuple[PositionedThruster, ...], method: Any
 ) -> None:
     tau = 4.0 * reachable(thrusters, 200, 1.0)
     found = Allocation(method, thrusters).allocate(tau, PLANAR)
@@ -162,7 +176,11 @@ def test_the_pseudo_inverse_is_the_lightest_where_nothing_is_at_its_limit(way: l
 
 def test_a_heavy_weight_spares_a_thruster() -> None:
     tau = np.array([[0.0, 1e5, 0.0]])
-    spared = (*SHIP[:3], Thruster("tunnel", (28.0, 0.0, 0.0), 1.2e5, weight=100.0), SHIP[4])
+    spared = (
+        *SHIP[:3],
+        PositionedThruster("tunnel", (28.0, 0.0, 0.0), 1.2e5, weight=100.0),
+        SHIP[4],
+    )
     for method in METHODS:
         even = Allocation(method, SHIP).allocate(tau, PLANAR).u[0]
         uneven = Allocation(method, spared).allocate(tau, PLANAR).u[0]
@@ -170,8 +188,14 @@ def test_a_heavy_weight_spares_a_thruster() -> None:
 
 
 def test_the_others_take_over_what_a_thruster_at_its_limit_leaves() -> None:
-    weak = (Thruster("tunnel", (10.0, 0.0, 0.0), 1.0), Thruster("tunnel", (10.0, 0.0, 0.0), 9.0))
-    others = (Thruster("tunnel", (-10.0, 0.0, 0.0), 9.0), Thruster("fixed", (0.0, 0.0, 0.0), 9.0))
+    weak = (
+        PositionedThruster("tunnel", (10.0, 0.0, 0.0), 1.0),
+        PositionedThruster("tunnel", (10.0, 0.0, 0.0), 9.0),
+    )
+    others = (
+        PositionedThruster("tunnel", (-10.0, 0.0, 0.0), 9.0),
+        PositionedThruster("fixed", (0.0, 0.0, 0.0), 9.0),
+    )
     found = Allocation("pseudo_inverse", weak + others).allocate(
         np.array([[0.0, 10.0, 0.0]]), PLANAR
     )
@@ -237,11 +261,14 @@ def test_the_allocation_stands_between_controller_and_vessel(method: str) -> Non
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Thruster("fixed", (0.0, 0.0, 0.0), 0.0), "ahead_n"),
-        (lambda: Thruster("azimuth", (0.0, 0.0, 0.0), 1.0, 1.0), "astern_n"),
-        (lambda: Thruster("fixed", (0.0, 0.0, 0.0), 1.0, -1.0), "astern_n"),
-        (lambda: Thruster("fixed", (0.0, 0.0, 0.0), 1.0, None, (0.0, 0.0, 0.0)), "direction"),
-        (lambda: Thruster("fixed", (0.0, 0.0, 0.0), 1.0, weight=0.0), "weight"),
+        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 0.0), "ahead_n"),
+        (lambda: PositionedThruster("azimuth", (0.0, 0.0, 0.0), 1.0, 1.0), "astern_n"),
+        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, -1.0), "astern_n"),
+        (
+            lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, None, (0.0, 0.0, 0.0)),
+            "direction",
+        ),
+        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, weight=0.0), "weight"),
         (lambda: Allocation("qp", ()), "thrusters: got none"),
         (lambda: Allocation("qp", SHIP[:2]).matrix(PLANAR), "2 independent directions"),
         (lambda: Allocation("none", SHIP).allocate(np.zeros((1, 3)), PLANAR), "method: got none"),

@@ -121,7 +121,7 @@ def test_the_integral_controllers_of_own_vessels_are_stable(name: str) -> None:
     vessel = completed(replace(parameters_of(name), tuning=Tuning()), 0.1)
     control, nominal = vessel.tuning.control, vessel.nominal()
     pid = PidFeedforward(*(tuple(number(vessel, f"pid.{gain}")) for gain in ("kp", "ki", "kd")))
-    (radius,) = pid.remarks(nominal, 0.1)
+    (radius,) = pid.diagnostics(nominal, 0.1)
     assert 0.9 < radius.value < 1.0
     design = design_model(nominal, vessel.force_limits or (), control.period_s or 0.0)
     assert design.model.controllable_order == 6

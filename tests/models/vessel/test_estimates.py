@@ -8,8 +8,7 @@ import pytest
 from docs.vessels import parameters_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.physical_constraints import dissipated
-from seatrial.models.vessel.estimates import Hull, derivatives, hull, model, rigid_body
-from seatrial.models.vessel.scales import WATER
+from seatrial.models.vessel.scales import WATER, Hull, derivatives, hull, model, rigid_body
 from tests.data import DATA
 
 # Length, beam, draught [m] and mass [kg] as published, and the factors within which inertia and

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from docs.vessels import parameters_of
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.open_loop import open_loop
+from seatrial.models.excitation.missions import open_loop
 from seatrial.models.identification.physical_constraints import dissipated
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from seatrial.runner.compare.__main__ import run as run_program
-from seatrial.runner.compare.results import Results, open_results
-from seatrial.runner.database import Logbook
+from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import start_browser
 
 
-def _filled(folder: Path, fill: Callable[[Logbook], None]) -> Path:
+def _filled(folder: Path, fill: Callable[[LogbookWriter], None]) -> Path:
     """The folder, with a logbook that was filled."""
     with stored.logbook_at(folder) as logbook:
         fill(logbook)
@@ -38,13 +38,13 @@ def folder(plain: Path) -> Path:
 
 
 @pytest.fixture
-def results(folder: Path) -> Iterator[Results]:
+def results(folder: Path) -> Iterator[Queries]:
     with open_results(f"sqlite:///{folder}/results.db") as opened:
         yield opened
 
 
 @pytest.fixture
-def logbook(tmp_path: Path) -> Iterator[Logbook]:
+def logbook(tmp_path: Path) -> Iterator[LogbookWriter]:
     """An empty logbook in `tmp_path`, for a test to fill."""
     with stored.logbook_at(tmp_path) as opened:
         yield opened

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.cells import cells
 from seatrial.runner.compare.benchmark.task import task_of
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 from seatrial.runner.vocabulary import Stream
@@ -19,8 +19,8 @@ PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
 
 
-def logbook_at(folder: Path) -> Logbook:
-    return Logbook.open(f"sqlite:///{folder}/results.db", results_dir=folder)
+def logbook_at(folder: Path) -> LogbookWriter:
+    return LogbookWriter.open(f"sqlite:///{folder}/results.db", results_dir=folder)
 
 
 def start(
@@ -95,11 +95,11 @@ def coefficient(
 
 
 def finish(
-    logbook: Logbook,
+    logbook: LogbookWriter,
     begin: RunStart,
     metrics: Sequence[Metric] = (),
     coefficients: Sequence[Coefficient] = (),
-    diagnostics: Sequence[Finding] = (),
+    diagnostics: Sequence[Diagnostic] = (),
     series: Sequence[Series] = (),
     rerun: bool = False,
     drawn: Sequence[Stream] | None = None,
@@ -112,18 +112,20 @@ def finish(
     return begun.run_id
 
 
-def fail(logbook: Logbook, begin: RunStart, status: Any = "failed", error: str = "broken") -> int:
+def fail(
+    logbook: LogbookWriter, begin: RunStart, status: Any = "failed", error: str = "broken"
+) -> int:
     begun = logbook.begin_run(begin)
     assert begun.state == "new"
     logbook.fail_run(begun.run_id, status, "ValueError", error, "Traceback: here\nValueError")
     return begun.run_id
 
 
-def interval(of_estimate: bool) -> Finding:
-    return Finding("interval_of_estimate", "all", float(of_estimate))
+def interval(of_estimate: bool) -> Diagnostic:
+    return Diagnostic("interval_of_estimate", "all", float(of_estimate))
 
 
-def fill_plain(logbook: Logbook) -> None:
+def fill_plain(logbook: LogbookWriter) -> None:
     """What `conftest.plain` describes."""
     calm = {"none": (100.0, 102.0, 104.0), "ls": (50.0, 51.0, 55.0), "plsr": (40.0, 41.0, 42.0)}
     for identifier, values in calm.items():
@@ -144,7 +146,7 @@ def fill_plain(logbook: Logbook) -> None:
     finish(logbook, start("plsr", "noise", 1), [force_mse(float("nan"))])
 
 
-def fill_sailed(logbook: Logbook) -> None:
+def fill_sailed(logbook: LogbookWriter) -> None:
     """Nine runs of a search, with everything that a figure can show."""
     overrides = [
         "search.metric=force_mse:surge,force_mse:yaw",
@@ -188,22 +190,22 @@ def fill_sailed(logbook: Logbook) -> None:
             Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", value, "L")
         ],
         diagnostics=[
-            Finding(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
+            Diagnostic(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
             for name, bound in zip(("low", "high"), bounds, strict=True)
         ],
     )  # fmt: skip
 
 
-def _excitation() -> list[Finding]:
+def _excitation() -> list[Diagnostic]:
     """Of surge one pair of terms cannot be told apart."""
     numbers = {"regressor_rank": (2.0, 2.0), "regressor_unknowns": (3.0, 2.0)}
     numbers["spectral_lines"] = (1.0, 1.0)
     found = [
-        Finding(name, dof, value)
+        Diagnostic(name, dof, value)
         for name, values in numbers.items()
         for dof, value in zip(("surge", "yaw"), values, strict=True)
     ]
-    return [*found, Finding("inseparable_terms", "surge", 2.0, i=0, label="u |u|u")]
+    return [*found, Diagnostic("inseparable_terms", "surge", 2.0, i=0, label="u |u|u")]
 
 
 def circle(radius_m: float = 30.0, speed_m_s: float = 2.0) -> Series:
@@ -245,14 +247,14 @@ def _coefficients(seed: int) -> list[Coefficient]:
     ]
 
 
-def _orders(seed: int) -> list[Finding]:
+def _orders(seed: int) -> list[Diagnostic]:
     found = []
     for dof in ("surge", "yaw"):
         unit = "N^2" if dof == "surge" else "(Nm)^2"
         for order in range(1, 9):
             value = 3000.0 / order + 10.0 * (order - 4) ** 2 + seed
-            found.append(Finding("order_mse", dof, value, unit, i=order, label="blocked"))
-        found.append(Finding("selected_order", dof, 4.0 + seed, label="blocked"))
+            found.append(Diagnostic("order_mse", dof, value, unit, i=order, label="blocked"))
+        found.append(Diagnostic("selected_order", dof, 4.0 + seed, label="blocked"))
     return found
 
 
@@ -307,36 +309,38 @@ def _voyage(model: str, error: float) -> Series:
     return Series(f"deployment_{model}", columns, units)
 
 
-def _pareto() -> list[Finding]:
-    found = [Finding("pareto_chosen", "all", 1.0, i=7)]
+def _pareto() -> list[Diagnostic]:
+    found = [Diagnostic("pareto_chosen", "all", 1.0, i=7)]
     for point in range(20):
         for j, (name, unit) in enumerate((("position MAE", "m"), ("velocity MAE", "m/s"))):
             value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
-            found.append(Finding("pareto_objective", "all", value, unit, i=point, j=j, label=name))
+            found.append(
+                Diagnostic("pareto_objective", "all", value, unit, i=point, j=j, label=name)
+            )
     return found
 
 
-def _surface() -> list[Finding]:
+def _surface() -> list[Diagnostic]:
     found = [
-        Finding("selected_order", "surge", 3.0),
-        Finding("selected_variables", "surge", 6.0),
+        Diagnostic("selected_order", "surge", 3.0),
+        Diagnostic("selected_variables", "surge", 6.0),
     ]
     for order in range(1, 9):
         for variables in range(order, 9):
             value = 100.0 + 1e4 / order + 50.0 * (variables - 6) ** 2
-            found.append(Finding("surface_mse", "surge", value, "N^2", i=order, j=variables))
+            found.append(Diagnostic("surface_mse", "surge", value, "N^2", i=order, j=variables))
     return found
 
 
-def _mix() -> list[Finding]:
+def _mix() -> list[Diagnostic]:
     """Two manoeuvres that are sailed, one that is not, and how the plan was kept to."""
     counts = {"zigzag_10": 2.0, "circle": 0.0, "multisine": 1.0}
     found = [
-        Finding("mix_count", "all", n, i=i, label=name)
+        Diagnostic("mix_count", "all", n, i=i, label=name)
         for i, (name, n) in enumerate(counts.items())
     ]
     kept = {"plan_deviation": 0.25, "sailed_clearance": 1.5}
-    return found + [Finding(k, "all", v, "m") for k, v in kept.items()]
+    return found + [Diagnostic(k, "all", v, "m") for k, v in kept.items()]
 
 
 def _planned() -> list[Series]:
@@ -358,18 +362,18 @@ def _planned() -> list[Series]:
     ]
 
 
-def _spectrum() -> list[Finding]:
-    found = [Finding("selected_order", "all", 3.0)]
+def _spectrum() -> list[Diagnostic]:
+    found = [Diagnostic("selected_order", "all", 3.0)]
     for k in range(1, 9):
         value = float(np.exp(-k)) if k <= 3 else 0.01 / k
-        found.append(Finding("singular_value", "all", value, i=k))
+        found.append(Diagnostic("singular_value", "all", value, i=k))
     for k, z in enumerate((0.9 + 0.2j, 0.9 - 0.2j, 0.5 + 0.0j)):
-        found.append(Finding("eigenvalue_real", "all", z.real, i=k))
-        found.append(Finding("eigenvalue_imag", "all", z.imag, i=k))
+        found.append(Diagnostic("eigenvalue_real", "all", z.real, i=k))
+        found.append(Diagnostic("eigenvalue_imag", "all", z.imag, i=k))
     return found
 
 
-def fill_benchmark(logbook: Logbook) -> None:
+def fill_benchmark(logbook: LogbookWriter) -> None:
     """Free runs of three entrants in the first weather of the task ferry_simulated."""
     task, rng = task_of("ferry_simulated"), np.random.default_rng(0)
     sweep = logbook.begin_sweep("benchmark_ferry_simulated", "seatrial benchmark", [], 3)

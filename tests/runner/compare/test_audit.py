@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.audit import HEADERS, audit, ranges
-from seatrial.runner.compare.grid import Grid, Scalar
-from seatrial.runner.compare.results import Results
-from seatrial.runner.database import Logbook
+from seatrial.runner.compare.grid import Scalar, TextTable
+from seatrial.runner.compare.results import Queries
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 
@@ -19,23 +19,25 @@ Program = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def folder(logbook: Logbook, tmp_path: Path) -> Path:
+def folder(logbook: LogbookWriter, tmp_path: Path) -> Path:
     """What a test stores in `logbook` before it asks."""
     return tmp_path
 
 
-def store(logbook: Logbook, *more: Any, drawn: Sequence[Any] = ("noise",), **choices: Any) -> int:
+def store(
+    logbook: LogbookWriter, *more: Any, drawn: Sequence[Any] = ("noise",), **choices: Any
+) -> int:
     """Store a run of `choices` with metrics, coefficients and diagnostics; returns its number."""
     metrics, *others = more or ([],)
     rows = [stored.force_mse(1.0), *metrics]
     return stored.finish(logbook, stored.start(**choices), rows, *others, drawn=drawn)
 
 
-def entries(grid: Grid) -> list[tuple[Scalar, ...]]:
+def entries(grid: TextTable) -> list[tuple[Scalar, ...]]:
     return [tuple(row[name] for name in HEADERS[:3]) for row in grid.as_records()]
 
 
-def found(results: Results) -> list[tuple[Scalar, ...]]:
+def found(results: Queries) -> list[tuple[Scalar, ...]]:
     return entries(audit(results, None, None))
 
 
@@ -43,7 +45,9 @@ def validation(name: str, value: float | None, model: str = "identified") -> Met
     return Metric("validation", model, "all", name, value, "")
 
 
-def test_replicates_in_one_cell_are_nothing_to_find(logbook: Logbook, results: Results) -> None:
+def test_replicates_in_one_cell_are_nothing_to_find(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     for identifier in ("ls", "iv"):
         for seed in range(5):
             fine = [validation("held_free_run", 360.0), validation("limited_share_free_run", 0.0)]
@@ -55,7 +59,7 @@ def test_replicates_in_one_cell_are_nothing_to_find(logbook: Logbook, results: R
     assert (entries(grid), grid.title) == ([], "checked 10 runs: nothing found")
 
 
-def test_runs_that_a_cell_would_average_are_named(logbook: Logbook, results: Results) -> None:
+def test_runs_that_a_cell_would_average_are_named(logbook: LogbookWriter, results: Queries) -> None:
     for vessel, scale in (("milliampere", 0.5), ("milliampere", 0.7), ("supply_vessel", 0.5)):
         store(logbook, vessel=vessel, config={"plant": {"scale": scale}})
     store(logbook, identifier="iv")
@@ -64,7 +68,7 @@ def test_runs_that_a_cell_would_average_are_named(logbook: Logbook, results: Res
 
 
 def test_what_differs_in_the_deployment_alone_is_found_there(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for evaluation in ("replay", "waypoints"):
         store(logbook, [stored.deployed("tau_mean_abs", 1.0)], evaluation=evaluation)
@@ -77,14 +81,16 @@ def test_what_differs_in_the_deployment_alone_is_found_there(
     )  # fmt: skip
 
 
-def test_versions_of_the_code_are_named(logbook: Logbook, results: Results) -> None:
+def test_versions_of_the_code_are_named(logbook: LogbookWriter, results: Queries) -> None:
     for seed, code in enumerate(("0" * 16, "1" * 16, "1" * 16)):
         store(logbook, seed=seed, code=code)
     what = "identifier=ls, disturbance=calm: computed by 2 versions of the code"
     assert found(results) == [("code", "1-3", what)]
 
 
-def test_what_does_not_depend_on_its_seed_is_named(logbook: Logbook, results: Results) -> None:
+def test_what_does_not_depend_on_its_seed_is_named(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     for seed in range(3):
         store(logbook, drawn=(), seed=seed)
         store(logbook, drawn=(), seed=seed, config={"lap": False})
@@ -95,7 +101,7 @@ def test_what_does_not_depend_on_its_seed_is_named(logbook: Logbook, results: Re
     assert str(replicates[2]).startswith(what)
 
 
-def test_a_model_below_the_true_one_is_named(logbook: Logbook, results: Results) -> None:
+def test_a_model_below_the_true_one_is_named(logbook: LogbookWriter, results: Queries) -> None:
     for seed, dofs in enumerate((("yaw",), (), ("surge", "yaw"))):
         flags = [stored.below(float(dof in dofs), dof) for dof in ("surge", "sway", "yaw")]
         store(logbook, flags, identifier="plsr", seed=seed)
@@ -104,7 +110,7 @@ def test_a_model_below_the_true_one_is_named(logbook: Logbook, results: Results)
 
 
 def test_a_diverged_validation_is_named_with_the_time_it_held(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed, (limited, held_s) in enumerate(((0.4, 35.0), (0.0, 360.0), (0.9, 5.0))):
         rows = [validation(f"limited_share_{name}", limited) for name in ("restarts", "free_run")]
@@ -115,18 +121,22 @@ def test_a_diverged_validation_is_named_with_the_time_it_held(
 
 
 def test_an_inertia_that_is_not_positive_definite_is_named(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     """A model that cannot predict for another reason has no share of limited rates."""
     for seed, (limited, reason) in enumerate(((1.0, "the inertia"), (None, "the heading"))):
         rows = [validation("limited_share_free_run", limited), validation("held_free_run", 0.0)]
-        why = Finding("no_prediction", "all", 1.0, label=f"identified model: {reason} of the model")
+        why = Diagnostic(
+            "no_prediction", "all", 1.0, label=f"identified model: {reason} of the model"
+        )
         store(logbook, rows, [], [why], seed=seed)
     what = "identifier=ls, identified model: its inertia is not positive definite"
     assert found(results) == [("inertia", "1", what)]
 
 
-def test_intervals_of_the_estimate_alone_are_named(logbook: Logbook, results: Results) -> None:
+def test_intervals_of_the_estimate_alone_are_named(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     estimate, bare = (stored.coefficient("u_dot", 1.0, error, 1.0) for error in (0.1, None))
     store(logbook, [], [estimate], [stored.interval(False)], identifier="iv")
     store(logbook, [], [estimate], [stored.interval(True)], identifier="ridge")
@@ -135,7 +145,7 @@ def test_intervals_of_the_estimate_alone_are_named(logbook: Logbook, results: Re
     assert [entry[:2] for entry in found(results)] == [("coverage", "2"), ("coverage", "4")]
 
 
-def test_lost_runs_are_named_by_their_reason(logbook: Logbook, results: Results) -> None:
+def test_lost_runs_are_named_by_their_reason(logbook: LogbookWriter, results: Queries) -> None:
     store(logbook, seed=9)
     for seed, error in enumerate(("singular", "singular", "too short")):
         stored.fail(logbook, stored.start(seed=seed), "failed", error)

@@ -13,9 +13,9 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.formats import Format, render
-from seatrial.runner.compare.grid import Grid
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.formats import OutputFormat, render
+from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.compare.selection import request_of
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import Definition
@@ -23,12 +23,12 @@ from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 
 
-def table(results: Results, **options: object) -> Grid:
+def table(results: Queries, **options: object) -> TextTable:
     asked: Any = {"dof": ["surge"], **options}
     return comparison(results, request_of(TableOptions(**asked)))
 
 
-def cells(grid: Grid) -> dict[tuple[str, ...], str]:
+def cells(grid: TextTable) -> dict[tuple[str, ...], str]:
     """Text of every cell by its labels and header; a star for bold."""
     return {
         (*(label.text for label in row[: grid.labels]), header): cell.text + "*" * cell.bold
@@ -37,14 +37,14 @@ def cells(grid: Grid) -> dict[tuple[str, ...], str]:
     }
 
 
-def test_mean_deviation_and_count_over_seeds(results: Results) -> None:
+def test_mean_deviation_and_count_over_seeds(results: Queries) -> None:
     shown = cells(table(results))
     assert shown["none", "calm"] == "102.0 ± 2.0 (n=3)"
     assert shown["ls", "calm"] == "52.00 ± 2.6 (n=3)*"  # deviations -2, -1, 3: sqrt(14 / 2)
     assert shown["none", "noise"] == "210.0 ± 10 (n=3)"
 
 
-def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Results) -> None:
+def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Queries) -> None:
     grid = table(results)
     shown = cells(grid)
     assert shown["ls", "noise"] == "90.00 (n=1, 1 diverged, 1 failed)"
@@ -52,20 +52,20 @@ def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Res
     assert any("1 diverged, 1 failed" in note for note in grid.notes)
 
 
-def test_too_many_cells_are_refused_before_they_are_written(results: Results) -> None:
+def test_too_many_cells_are_refused_before_they_are_written(results: Queries) -> None:
     said = r"--rows identifier: got 3 rows, 6 cells; expected at most 5 cells \(--cells\)"
     with pytest.raises(ConfigurationError, match=said):
         table(results, cells=5)
     assert len(cells(table(results, cells=6))) == 6
 
 
-def test_below_the_true_model_is_marked_and_never_best(results: Results) -> None:
+def test_below_the_true_model_is_marked_and_never_best(results: Queries) -> None:
     grid = table(results)
     assert cells(grid)["plsr", "calm"] == "41.00 ± 1.0 † (n=3)"
     assert any("fits lag or feedback" in note for note in grid.notes)
 
 
-def test_best_is_sought_among_rivals_under_equal_circumstances(results: Results) -> None:
+def test_best_is_sought_among_rivals_under_equal_circumstances(results: Queries) -> None:
     turned = cells(table(results, rows="disturbance", columns="identifier"))
     assert [key for key, text in turned.items() if text.endswith("*")] == [
         ("calm", "ls"),
@@ -75,12 +75,12 @@ def test_best_is_sought_among_rivals_under_equal_circumstances(results: Results)
     assert not any(text.endswith("*") for text in apart.values())
 
 
-def test_a_row_of_failures_alone_is_still_a_row(results: Results) -> None:
+def test_a_row_of_failures_alone_is_still_a_row(results: Queries) -> None:
     grid = table(results, where="disturbance=noise and identifier=ls and seed>0")
     assert cells(grid) == {("ls", "noise"): "– (1 diverged, 1 failed)"}
 
 
-def test_baseline_gives_ratio_wins_and_the_paired_test(results: Results) -> None:
+def test_baseline_gives_ratio_wins_and_the_paired_test(results: Queries) -> None:
     grid = table(results, baseline=["identifier=none"])
     shown = cells(grid)
     assert shown["none", "calm"].endswith("\nbaseline")
@@ -94,7 +94,7 @@ def test_baseline_gives_ratio_wins_and_the_paired_test(results: Results) -> None
     assert math.isnan(float(record["p_value"] or 0.0))  # three pairs are too few
 
 
-def test_a_model_of_the_same_runs_can_be_the_baseline(results: Results) -> None:
+def test_a_model_of_the_same_runs_can_be_the_baseline(results: Queries) -> None:
     grid = table(
         results,
         metric=["e_pos_mae"],
@@ -112,7 +112,7 @@ def test_a_model_of_the_same_runs_can_be_the_baseline(results: Results) -> None:
     assert ("ls", "nominal") not in shown
 
 
-def test_statistics_and_intervals(results: Results) -> None:
+def test_statistics_and_intervals(results: Queries) -> None:
     grid = table(results, statistic=["median,q25,max", "ci"])
     record = grid.as_records()[0]
     assert (record["identifier"], record["median"], record["q25"]) == ("none", 102.0, 101.0)
@@ -125,7 +125,7 @@ def test_statistics_and_intervals(results: Results) -> None:
     assert 100.0 <= low < 102.0
 
 
-def test_rows_and_columns_by_any_name(results: Results) -> None:
+def test_rows_and_columns_by_any_name(results: Queries) -> None:
     axes = {"rows": "vessel, identifier.force", "columns": "seed", "where": "identifier=ls"}
     grid = table(results, **axes, pool=["disturbance"])
     shown = cells(grid)
@@ -139,7 +139,7 @@ def test_rows_and_columns_by_any_name(results: Results) -> None:
     assert cells(pooled)["none", "value"].startswith("156.0")
 
 
-def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Results) -> None:
+def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Queries) -> None:
     grid = table(results, metric=["e_pos_mae,force_mse"], dof=["all"], where="disturbance=calm")
     shown = cells(grid)
     assert grid.headers[:5] == ["metric", "stage", "dof", "identifier", "unit"]
@@ -148,7 +148,7 @@ def test_several_metrics_and_dofs_get_their_own_rows_and_units(results: Results)
     assert grid.rows[0][0].text == "e_pos_mae"  # in the order they were asked for
 
 
-def test_coefficients_with_standard_errors_and_true_values(results: Results) -> None:
+def test_coefficients_with_standard_errors_and_true_values(results: Queries) -> None:
     grid = table(results, coefficient=["u_dot", "u"], where="disturbance=calm")
     shown = cells(grid)
     # none is nearest to 1050 with 1102; ls with 1052 nearer still
@@ -168,10 +168,10 @@ def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwis
 ) -> None:
     found = [stored.coefficient("u_dot", 1000.0, 3.0, 1050.0)]
     with stored.logbook_at(tmp_path) as logbook:
-        for identifier, findings in {
+        for identifier, diagnostics in {
             "iv": [stored.interval(False)], "ridge": [stored.interval(True)], "older": [],
         }.items():  # fmt: skip
-            stored.finish(logbook, stored.start(identifier), (), found, findings)
+            stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
         bare = [stored.coefficient("u_dot", 1000.0, None, 1050.0)]
         stored.finish(logbook, stored.start("none"), (), bare)
     with open_results(f"sqlite:///{tmp_path}/results.db") as results:
@@ -249,7 +249,7 @@ REFUSED: tuple[tuple[dict[str, object], str], ...] = (
 
 
 def test_what_is_not_known_is_refused_in_one_line(
-    results: Results, subtests: pytest.Subtests
+    results: Queries, subtests: pytest.Subtests
 ) -> None:
     for options, expected in REFUSED:
         with subtests.test(expected):
@@ -259,10 +259,10 @@ def test_what_is_not_known_is_refused_in_one_line(
             assert "\n" not in str(refused.value)
 
 
-def test_machine_formats_hold_every_fact_at_full_precision(results: Results) -> None:
+def test_machine_formats_hold_every_fact_at_full_precision(results: Queries) -> None:
     grid = table(results, statistic=["mean", "std", "n"])
-    from_json = json.loads(render(grid, Format.JSON))
-    from_csv = list(csv.DictReader(io.StringIO(render(grid, Format.CSV))))
+    from_json = json.loads(render(grid, OutputFormat.JSON))
+    from_csv = list(csv.DictReader(io.StringIO(render(grid, OutputFormat.CSV))))
     assert len(from_json) == len(from_csv) == 6
     assert from_json[2]["std"] == float(from_csv[2]["std"]) == pytest.approx(math.sqrt(7.0))
     failed = next(r for r in from_json if r["failed"])
@@ -294,11 +294,11 @@ def test_a_design_that_does_not_settle_marks_its_figures(tmp_path: Path) -> None
         flags = {(r["identifier"], r["model"]): r["unsettled"] for r in grid.as_records()}
         assert [key for key, flag in flags.items() if flag] == [("ls", "identified")]
         assert not any("‡" in cell.text for row in table(opened).rows for cell in row)
-        assert r"\ddag{}" in render(grid, Format.LATEX)
+        assert r"\ddag{}" in render(grid, OutputFormat.LATEX)
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Results]:
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Queries]:
     """Metrics of parts from elsewhere: near 95 is good, high is good, and one nothing declares."""
     monkeypatch.setattr(catalogue, "_declared", dict(catalogue._declared))
     catalogue.register(Definition("coverage", ("validation",), "%", 95.0, "Coverage", "", note="N"))
@@ -320,7 +320,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Results]:
         yield opened
 
 
-def test_bold_and_wins_are_what_the_catalogue_says_is_better(own: Results) -> None:
+def test_bold_and_wins_are_what_the_catalogue_says_is_better(own: Queries) -> None:
     """Of plsr against none: coverage 99, 99.5 against 80, 99; VAF 70, 61 against 60, 62."""
     for name, best, won in (
         ("coverage", ["ls"], "won 1/2"), ("vaf", ["ls"], "won 1/2"), ("speed", [], None),

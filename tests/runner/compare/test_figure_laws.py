@@ -11,20 +11,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.recording import consistency
 from seatrial.runner.compare.figures import drawings_of, figures
 from seatrial.runner.compare.plots import paper, quality, style
-from seatrial.runner.compare.plots.force_units import draw_limit, prefixed
-from seatrial.runner.compare.plots.hull import LEAST_SHARE, drawn_length, outline
 from seatrial.runner.compare.plots.request import PlotRequest
-from seatrial.runner.compare.plots.style import Drawing, drawn
+from seatrial.runner.compare.plots.style import Drawing, draw_limit, drawn, prefixed
+from seatrial.runner.compare.plots.track import LEAST_SHARE, drawn_length, outline
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 
-Fill = Callable[[Logbook], None]
+Fill = Callable[[LogbookWriter], None]
 T = np.arange(0.0, 100.0, 0.5)
 
 
@@ -55,7 +54,7 @@ def heading(figure: Figure) -> str:
 
 
 def coefficients_of(vessels: Sequence[str], identifiers: Sequence[str]) -> Fill:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         for vessel in vessels:
             for k, identifier in enumerate(identifiers):
                 far = [stored.coefficient("u", (-1.0) ** k * (90.0 + k), 3.0, 10.0, unit="kg/s")]
@@ -93,7 +92,7 @@ def test_a_panel_of_coefficients_has_one_vessel(
 ) -> None:
     """Also where no mean would mix them: each vessel has an identifier of its own."""
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         coefficients_of(["milliampere"], ["ls"])(logbook)
         coefficients_of(["supply_vessel"], ["plsr"])(logbook)
 
@@ -105,7 +104,7 @@ def test_a_panel_of_coefficients_has_one_vessel(
 
 
 def test_bars_of_two_vessels_are_two_figures(draw: Callable[..., list[Drawing]]) -> None:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         for vessel, identifier in (("milliampere", "ls"), ("supply_vessel", "plsr")):
             run = stored.start(identifier, vessel=vessel)
             stored.finish(logbook, run, [stored.force_mse(4.0)])
@@ -124,7 +123,7 @@ def whiskers(axes: Axes) -> list[tuple[float, float]]:
 def test_one_seed_has_no_whisker_and_no_whisker_reaches_the_floor(
     draw: Callable[..., list[Drawing]],
 ) -> None:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         stored.finish(logbook, stored.start("none"), [stored.force_mse(5000.0)])
         for seed, value in enumerate((1.0, 1.0, 100.0)):  # deviation above the mean
             stored.finish(logbook, stored.start("ls", seed=seed), [stored.force_mse(value)])
@@ -141,7 +140,7 @@ def test_the_residual_shown_is_of_median_improvement(draw: Callable[..., list[Dr
     """The newest run is the worst, and runs without identification are not considered."""
     ratios = {1: 0.2, 2: 0.5, 3: 0.4, 4: 0.9}
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         for seed, ratio in ratios.items():
             metrics = [stored.force_mse(100.0, model="nominal"), stored.force_mse(100.0 * ratio)]
             stored.finish(logbook, stored.start("ls", seed=seed), metrics, (), (), [residual(1.0)])
@@ -162,7 +161,7 @@ def residual(size: float) -> Series:
 def test_values_stand_at_their_lines(draw: Callable[..., list[Drawing]]) -> None:
     """In kN, for the residual is above 10 kN."""
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         stored.finish(logbook, stored.start("ls"), (), (), (), [residual(1e5)])
 
     (drawing,) = draw("residual", fill)
@@ -216,7 +215,7 @@ def voyage(model: str, radius: float) -> Series:
 
 
 def sail(identified: float, limit: float = 2.5e5) -> Fill:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         vessel = {"length_m": 50.0, "dofs": ["surge"], "force_limits": [limit]}
         series = [voyage("nominal", 200.0), voyage("identified", identified)]
         stored.finish(logbook, stored.start(config={"vessel": vessel}), series=series)
@@ -258,7 +257,7 @@ def test_a_track_is_as_tall_as_its_content(
 ) -> None:
     """Whatever the shape of the track, no height between title and note is left unused."""
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         series = [voyage("nominal", 200.0), voyage("identified", 201.0)]
         for one in series:
             one.columns["x"][:] *= stretch  # and so the reference, which is the same array
@@ -300,10 +299,10 @@ def test_units_have_a_prefix_from_ten_thousand_on() -> None:
 def test_orders_show_what_matters(draw: Callable[..., list[Drawing]]) -> None:
     """Selected order 4 of 30, and errors that grow by ten orders of magnitude from 10 on."""
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         mse = [100.0 / k if k < 10 else 10.0**k for k in range(1, 31)]
-        found = [Finding("order_mse", "surge", v, "N^2", i=k + 1) for k, v in enumerate(mse)]
-        found.append(Finding("selected_order", "surge", 4.0))
+        found = [Diagnostic("order_mse", "surge", v, "N^2", i=k + 1) for k, v in enumerate(mse)]
+        found.append(Diagnostic("selected_order", "surge", 4.0))
         stored.finish(logbook, stored.start("plsr"), diagnostics=found)
 
     (drawing,) = draw("orders", fill)
@@ -317,7 +316,7 @@ def test_orders_show_what_matters(draw: Callable[..., list[Drawing]]) -> None:
 def test_spectra_end_where_amplitudes_no_longer_matter(draw: Callable[..., list[Drawing]]) -> None:
     """A sine of 0.05 Hz; the sampling allows 1 Hz."""
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         t = np.arange(0.0, 1000.0, 0.5)
         columns = {"t": t, "tau_surge": np.sin(2.0 * np.pi * 0.05 * t)}
         series = Series("recording", columns, {"t": "s", "tau_surge": "N"})
@@ -329,7 +328,7 @@ def test_spectra_end_where_amplitudes_no_longer_matter(draw: Callable[..., list[
 
 
 def test_inputs_of_a_steered_vessel_have_an_excitation(draw: Callable[..., list[Drawing]]) -> None:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         limit = float(np.radians(35.0))
         inputs = {"delta": {"low": -limit, "high": limit}, "n": {"low": 0.0, "high": 20.0}}
         delta = np.radians(20.0) * np.sign(np.sin(0.2 * T))
@@ -353,7 +352,7 @@ def test_inputs_of_a_steered_vessel_have_an_excitation(draw: Callable[..., list[
 def test_a_steered_vessel_responds_with_heading_and_inputs(
     draw: Callable[..., list[Drawing]],
 ) -> None:
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         limit = float(np.radians(35.0))
         psi = np.radians(170.0 + 40.0 * T / T[-1])  # across 180 degrees
         columns = {"t": T, "x": T, "y": T, "psi": np.angle(np.exp(1j * psi)), "psi_d": psi}
@@ -378,11 +377,11 @@ def test_quality_says_the_threshold_and_the_verdict(draw: Callable[..., list[Dra
     noise = np.random.default_rng(1).normal(0.0, 0.1, len(T))
     noise[[20, 90, 150]] = 5.0
 
-    def fill(logbook: Logbook) -> None:
+    def fill(logbook: LogbookWriter) -> None:
         columns = {"t": T, "x_error": 2.0 * T / T[-1], "u_error": noise}
         errors = Series("quality", columns, {"t": "s", "x_error": "m", "u_error": "m/s"})
         motion = Series("recording", {"t": T, "x": 10.0 * T / T[-1]}, {"t": "s", "x": "m"})
-        found = [Finding("consistency_correlation", "surge", 0.2)]
+        found = [Diagnostic("consistency_correlation", "surge", 0.2)]
         stored.finish(logbook, stored.start(), (), (), found, [errors, motion])
 
     (drawing,) = draw("quality", fill)

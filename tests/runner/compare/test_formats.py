@@ -5,10 +5,10 @@ import io
 import json
 from html.parser import HTMLParser
 
-from seatrial.runner.compare.formats import Format, render
+from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.grid import (
-    Cell,
-    Grid,
+    TableCell,
+    TextTable,
     grid_of,
     number_text,
     one_line,
@@ -17,10 +17,13 @@ from seatrial.runner.compare.grid import (
 )
 
 NASTY = 'a|b & 50 % of $x_1^2$ <b>"{é}\\'
-GRID = Grid(
+GRID = TextTable(
     "about | tables",
     ("term", "value\n[N²]"),
-    [[Cell("|u|u"), Cell("1.2 ± 0.1", bold=True, sort=1.2)], [Cell(NASTY), Cell("†")]],
+    [
+        [TableCell("|u|u"), TableCell("1.2 ± 0.1", bold=True, sort=1.2)],
+        [TableCell(NASTY), TableCell("†")],
+    ],
     notes=["a note <&"],
 )
 
@@ -42,15 +45,15 @@ def test_units_are_printed_as_they_are_read() -> None:
 
 def test_rich_keeps_brackets_and_is_never_cut_in_a_pipe() -> None:
     grid = grid_of("[bold]title", ("a", "b"), [["[red]x" * 40, 1.5]])
-    shown = render(grid, Format.RICH)
+    shown = render(grid, OutputFormat.RICH)
     assert "[bold]title" in shown
     assert "[red]x" * 40 in shown
     assert "\x1b" not in shown
-    assert "\x1b[1m" in render(GRID, Format.RICH, width=100, colour=True)
+    assert "\x1b[1m" in render(GRID, OutputFormat.RICH, width=100, colour=True)
 
 
 def test_markdown_rows_have_the_same_number_of_columns() -> None:
-    lines = [line for line in render(GRID, Format.MD).splitlines() if line.startswith("|")]
+    lines = [line for line in render(GRID, OutputFormat.MD).splitlines() if line.startswith("|")]
     assert {line.replace("\\|", "").count("|") for line in lines} == {3}
     assert "**1.2 ± 0.1**" in lines[2]
     assert r"\|u\|u" in lines[2]
@@ -58,7 +61,7 @@ def test_markdown_rows_have_the_same_number_of_columns() -> None:
 
 
 def test_latex_escapes_what_is_special() -> None:
-    shown = render(GRID, Format.LATEX)
+    shown = render(GRID, OutputFormat.LATEX)
     assert r"\textbf{1.2 $\pm$ 0.1}" in shown
     assert r"\textbar{}u\textbar{}u" in shown
     assert r"50 \% of \$x\_1\textasciicircum{}2\$" in shown
@@ -67,7 +70,7 @@ def test_latex_escapes_what_is_special() -> None:
 
 
 def test_html_is_well_formed_ascii_and_escaped() -> None:
-    shown = render(GRID, Format.HTML)
+    shown = render(GRID, OutputFormat.HTML)
     assert shown.isascii()
     found: list[str] = []
     open_tags: list[str] = []
@@ -91,10 +94,13 @@ def test_html_is_well_formed_ascii_and_escaped() -> None:
 
 def test_csv_and_json_read_back() -> None:
     grid = grid_of("", ("name", "value"), [["a,\nb", 0.1], ["c", None], ["d", float("nan")]])
-    rows = list(csv.reader(io.StringIO(render(grid, Format.CSV))))
+    rows = list(csv.reader(io.StringIO(render(grid, OutputFormat.CSV))))
     assert rows == [["name", "value"], ["a,\nb", "0.1"], ["c", ""], ["d", ""]]
-    assert [r["value"] for r in json.loads(render(grid, Format.JSON))] == [0.1, None, None]
+    assert [r["value"] for r in json.loads(render(grid, OutputFormat.JSON))] == [0.1, None, None]
     empty = grid_of("", ("name", "value"), [])
-    assert render(empty, Format.CSV) == "name,value"
-    assert json.loads(render(empty, Format.JSON)) == []
-    assert json.loads(render(GRID, Format.JSON))[0] == {"term": "|u|u", "value [N²]": "1.2 ± 0.1"}
+    assert render(empty, OutputFormat.CSV) == "name,value"
+    assert json.loads(render(empty, OutputFormat.JSON)) == []
+    assert json.loads(render(GRID, OutputFormat.JSON))[0] == {
+        "term": "|u|u",
+        "value [N²]": "1.2 ± 0.1",
+    }

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.findings import Finding
-from seatrial.runner.database import Logbook
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 from tests.runner.postgres import Postgres
@@ -33,7 +33,7 @@ def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for seed, name in enumerate(NAMES):
             begin = stored.start(name, name, seed, name, {f"odd {name}": name}, overrides=[name])
             terms = [stored.coefficient(name, 1.0, 0.1, 1.0)]
-            warnings = [Finding("warning", "all", None, label=name)]
+            warnings = [Diagnostic("warning", "all", None, label=name)]
             stored.finish(logbook, begin, [stored.force_mse(1.0 + seed)], terms, warnings)
             stored.fail(logbook, stored.start(name, name, 100 + seed, name), error=name)
     return folder / "results.db"
@@ -82,7 +82,7 @@ def test_numbers_beyond_a_column_are_just_not_there(
     url = f"sqlite:///{plain}/results.db"
     if server:
         url = postgres.new_database()
-        with Logbook.open(url, results_dir=tmp_path) as logbook:
+        with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
             stored.fill_plain(logbook)
     for words, expected in (
         (["show", BIG], f"there is no run {BIG}"),

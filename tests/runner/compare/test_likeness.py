@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.grid import Grid, Scalar
-from seatrial.runner.compare.results import Results
-from seatrial.runner.database import Logbook
+from seatrial.runner.compare.grid import Scalar, TextTable
+from seatrial.runner.compare.results import Queries
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
@@ -21,12 +21,12 @@ SEEDS = range(6)
 
 
 @pytest.fixture
-def folder(logbook: Logbook, tmp_path: Path) -> Path:
+def folder(logbook: LogbookWriter, tmp_path: Path) -> Path:
     """What a test stores in `logbook` before it asks."""
     return tmp_path
 
 
-def record(grid: Grid, **levels: str) -> dict[str, Scalar]:
+def record(grid: TextTable, **levels: str) -> dict[str, Scalar]:
     (one,) = (r for r in grid.as_records() if all(r[name] == v for name, v in levels.items()))
     return one
 
@@ -36,13 +36,17 @@ def options(basis: str, lowpass_hz: float) -> dict[str, Any]:
 
 
 def store(
-    logbook: Logbook, begin: RunStart, value: float, drawn: Sequence[Any] = ("noise",), **more: Any
+    logbook: LogbookWriter,
+    begin: RunStart,
+    value: float,
+    drawn: Sequence[Any] = ("noise",),
+    **more: Any,
 ) -> None:
     stored.finish(logbook, begin, [stored.force_mse(value)], drawn=drawn, **more)
 
 
 @pytest.fixture
-def bases(logbook: Logbook) -> dict[tuple[str, str, float], Any]:
+def bases(logbook: LogbookWriter) -> dict[tuple[str, str, float], Any]:
     """Force errors of ls with two bases and two filters, of ridge with one of each."""
     rng = np.random.default_rng(4)
     values = {}
@@ -57,7 +61,7 @@ def bases(logbook: Logbook) -> dict[tuple[str, str, float], Any]:
 
 
 def test_a_baseline_matches_everything_that_it_does_not_fix(
-    results: Results, bases: dict[tuple[str, str, float], Any]
+    results: Queries, bases: dict[tuple[str, str, float], Any]
 ) -> None:
     rows = "identifier,identifier.basis,identifier.lowpass_hz"
     grid = table(results, rows=rows, baseline=["identifier=ls"])
@@ -73,7 +77,7 @@ def test_a_baseline_matches_everything_that_it_does_not_fix(
 
 
 def test_a_baseline_with_several_configurations_needs_all_of_them_named_or_matched(
-    results: Results, bases: dict[tuple[str, str, float], Any]
+    results: Queries, bases: dict[tuple[str, str, float], Any]
 ) -> None:
     one = table(results, baseline=["identifier=ls,identifier.basis=full,identifier.lowpass_hz=0.5"])
     row = record(one, **{"identifier": "ridge", "identifier.basis": "physical"})
@@ -82,7 +86,7 @@ def test_a_baseline_with_several_configurations_needs_all_of_them_named_or_match
 
 
 def test_a_ratio_and_the_mean_beside_it_are_of_the_same_pairs(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed in SEEDS:
         store(logbook, stored.start("plsr", "noise", seed), 10.0 + seed)
@@ -94,7 +98,7 @@ def test_a_ratio_and_the_mean_beside_it_are_of_the_same_pairs(
 
 
 def test_runs_that_do_not_depend_on_the_seed_are_one_experiment(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed in SEEDS:
         store(logbook, stored.start("none", seed=seed), 2919.0, drawn=())
@@ -107,7 +111,7 @@ def test_runs_that_do_not_depend_on_the_seed_are_one_experiment(
 
 
 def test_a_random_identifier_has_replicates_and_its_nominal_model_has_none(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed in SEEDS:
         rows = [stored.force_mse(10.0 + seed), stored.force_mse(20.0, model="nominal")]
@@ -122,7 +126,7 @@ def test_a_random_identifier_has_replicates_and_its_nominal_model_has_none(
 
 
 def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed in SEEDS:
         for evaluation in ("replay", "waypoints"):
@@ -135,7 +139,7 @@ def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
     assert deployed["ls", "waypoints", "noise"].startswith("9.000 ± 0 (n=6, all equal)")
 
 
-def test_a_table_is_of_the_newest_sweep(logbook: Logbook, results: Results) -> None:
+def test_a_table_is_of_the_newest_sweep(logbook: LogbookWriter, results: Queries) -> None:
     for name, vessel in (("first", "milliampere"), ("second", "supply_vessel")):
         sweep = logbook.begin_sweep(name, "command", [], 2)
         for seed in (0, 1):
@@ -156,7 +160,7 @@ def test_a_table_is_of_the_newest_sweep(logbook: Logbook, results: Results) -> N
         table(results, sweep="third")
 
 
-def test_versions_of_the_code_are_not_pooled(logbook: Logbook, results: Results) -> None:
+def test_versions_of_the_code_are_not_pooled(logbook: LogbookWriter, results: Queries) -> None:
     for code in ("0" * 16, "1" * 16):
         store(logbook, stored.start("ls", "noise", code=code), 1.0 + len(code))
     grid = table(results, sweep="all")
@@ -165,7 +169,7 @@ def test_versions_of_the_code_are_not_pooled(logbook: Logbook, results: Results)
 
 
 def test_what_differs_in_too_much_is_refused_with_its_names(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for i, name in enumerate(("a", "b", "c", "d")):
         store(logbook, stored.start("ls", config={name: 1.0, "e": i}), 1.0)
@@ -183,7 +187,7 @@ def test_what_differs_in_too_much_is_refused_with_its_names(
         table(results, pool=["vesel"])
 
 
-def test_bold_is_sought_among_cells_of_one_vessel(logbook: Logbook, results: Results) -> None:
+def test_bold_is_sought_among_cells_of_one_vessel(logbook: LogbookWriter, results: Queries) -> None:
     """A ferry's PID does not beat a supply vessel's MPC."""
     for identifier, vessel, value in (("ls", "milliampere", 1.0), ("plsr", "supply_vessel", 2.0)):
         store(logbook, stored.start(identifier, vessel=vessel), value)
@@ -193,7 +197,7 @@ def test_bold_is_sought_among_cells_of_one_vessel(logbook: Logbook, results: Res
     assert bold == ["plsr"]
 
 
-def test_a_cell_that_lost_experiments_is_not_best(logbook: Logbook, results: Results) -> None:
+def test_a_cell_that_lost_experiments_is_not_best(logbook: LogbookWriter, results: Queries) -> None:
     """What failed may have been the hard part."""
     for seed in SEEDS:
         store(logbook, stored.start("none", "noise", seed), 10.0)
@@ -212,7 +216,7 @@ def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]
 
 
 def test_a_diverged_prediction_is_counted_with_the_time_it_held(
-    logbook: Logbook, results: Results
+    logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed, rows in enumerate(
         (free_run(0.1, 0.0, 360.0), free_run(None, 0.4, 35.0), free_run(None, 0.9, 5.0))
@@ -225,7 +229,7 @@ def test_a_diverged_prediction_is_counted_with_the_time_it_held(
     assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (2, 20.0, 0)
 
 
-def test_scores_are_compared_by_differences(logbook: Logbook, results: Results) -> None:
+def test_scores_are_compared_by_differences(logbook: LogbookWriter, results: Queries) -> None:
     """A FIT of -20 against 40 % is no ratio."""
     for identifier, values in {"none": (40.0, 50.0), "ls": (-20.0, 60.0)}.items():
         for seed, value in enumerate(values):

@@ -16,7 +16,7 @@ from seatrial.runner.compare.figures import drawings_of, figures
 from seatrial.runner.compare.plots import draw, figures_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Queries, open_results
 from tests.runner.compare import stored
 
 # what several panels share stands at one of them
@@ -29,19 +29,19 @@ VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
 
 
 @pytest.fixture
-def voyages(sailed: Path) -> Iterator[Results]:
+def voyages(sailed: Path) -> Iterator[Queries]:
     with open_results(f"sqlite:///{sailed}/results.db") as opened:
         yield opened
 
 
 @pytest.fixture
-def of_kind(voyages: Results, ranked: Path) -> Iterator[Callable[[str], Results]]:
+def of_kind(voyages: Queries, ranked: Path) -> Iterator[Callable[[str], Queries]]:
     """The results that a kind of figure can draw."""
     with open_results(f"sqlite:///{ranked}/results.db") as ranks:
         yield lambda kind: ranks if kind == "critical_difference" else voyages
 
 
-def drawings(kind: str, results: Results, **options: object) -> list[Drawing]:
+def drawings(kind: str, results: Queries, **options: object) -> list[Drawing]:
     with drawn():
         request = PlotRequest(**options)  # type: ignore[arg-type]
         made: list[Drawing] = drawings_of(kind)(results, request)
@@ -50,7 +50,7 @@ def drawings(kind: str, results: Results, **options: object) -> list[Drawing]:
     return made
 
 
-def axes_of(kind: str, results: Results, **options: object) -> list[Axes]:
+def axes_of(kind: str, results: Queries, **options: object) -> list[Axes]:
     (drawing,) = drawings(kind, results, **options)
     return drawing.figure.axes
 
@@ -58,7 +58,7 @@ def axes_of(kind: str, results: Results, **options: object) -> list[Axes]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", figures())
 def test_every_kind_writes_png_and_the_same_svg_twice(
-    of_kind: Callable[[str], Results], tmp_path: Path, kind: str
+    of_kind: Callable[[str], Queries], tmp_path: Path, kind: str
 ) -> None:
     first = draw(kind, of_kind(kind), PlotRequest(), tmp_path / "a" / "b")
     second = draw(kind, of_kind(kind), PlotRequest(), tmp_path / "c")
@@ -69,7 +69,7 @@ def test_every_kind_writes_png_and_the_same_svg_twice(
 
 
 def test_all_axes_are_labelled_and_texts_do_not_overlap(
-    of_kind: Callable[[str], Results], subtests: pytest.Subtests
+    of_kind: Callable[[str], Queries], subtests: pytest.Subtests
 ) -> None:
     for kind in figures():
         for drawing in drawings(kind, of_kind(kind)):
@@ -93,13 +93,13 @@ def check_labels(figure: Figure, everywhere: bool) -> None:
         assert not any(box.overlaps(other) for other in boxes[:i])
 
 
-def test_drawing_leaves_the_settings_of_matplotlib_alone(voyages: Results, tmp_path: Path) -> None:
+def test_drawing_leaves_the_settings_of_matplotlib_alone(voyages: Queries, tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
     draw("bars", voyages, PlotRequest(), tmp_path)
     assert dict(mpl.rcParams) == before
 
 
-def test_bars_are_means_with_deviations_and_points_are_seeds(results: Results) -> None:
+def test_bars_are_means_with_deviations_and_points_are_seeds(results: Queries) -> None:
     surge, yaw = axes_of("bars", results)
     assert surge.get_ylabel() == "Force MSE, surge [N²]"
     assert yaw.get_ylabel() == "Force MSE, yaw [(Nm)²]"
@@ -131,14 +131,14 @@ def test_marks_above_narrow_bars_do_not_overlap(tmp_path: Path) -> None:
         assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
-def test_a_facet_makes_a_figure_each_with_a_safe_name(results: Results) -> None:
+def test_a_facet_makes_a_figure_each_with_a_safe_name(results: Queries) -> None:
     names = [one.name for one in drawings("bars", results, facet="seed", rows="identifier")]
     assert names == ["bars-force_mse-seed-0", "bars-force_mse-seed-1", "bars-force_mse-seed-2"]
     (one,) = drawings("bars", results, facet="identifier._target_", where="identifier=ls")
     assert one.name == "bars-force_mse-identifier._target_-models.ls"
 
 
-def test_orders_mark_what_was_selected(voyages: Results) -> None:
+def test_orders_mark_what_was_selected(voyages: Queries) -> None:
     surge, yaw = axes_of("orders", voyages)
     line, *markers = surge.lines
     assert line.get_ydata()[0] == pytest.approx(3000.0 + 90.0 + 0.5)  # median of two seeds
@@ -146,14 +146,14 @@ def test_orders_mark_what_was_selected(voyages: Results) -> None:
     assert yaw.get_ylabel() == "Force MSE, yaw [(Nm)²]"
 
 
-def test_residual_says_the_error_of_the_held_out_part(voyages: Results) -> None:
+def test_residual_says_the_error_of_the_held_out_part(voyages: Queries) -> None:
     surge, _ = axes_of("residual", voyages, run=1)
     t = np.arange(50.0, 100.0, 0.5)
     rms = 60.0 * np.sqrt(np.mean(np.sin(t / 5.0) ** 2))
     assert surge.texts[0].get_text() == f"rms {rms:.1f} N"
 
 
-def test_track_is_north_up_with_equal_axes(voyages: Results) -> None:
+def test_track_is_north_up_with_equal_axes(voyages: Queries) -> None:
     nominal, identified = axes_of("track", voyages, run=1)
     assert nominal.get_xlabel() == "East [m]"
     assert nominal.get_ylabel() == "North [m]"
@@ -171,7 +171,7 @@ def test_track_is_north_up_with_equal_axes(voyages: Results) -> None:
 
 
 def test_wind_arrows_point_where_it_blows_to_with_their_tips_at_the_vessel(
-    voyages: Results,
+    voyages: Queries,
 ) -> None:
     axes, _ = axes_of("track", voyages, run=1)
     (arrows,) = [one for one in axes.collections if isinstance(one, Quiver)]
@@ -185,7 +185,7 @@ def test_wind_arrows_point_where_it_blows_to_with_their_tips_at_the_vessel(
     assert "wind, up to 8.00 m/s" in [line.get_label() for line in axes.lines]
 
 
-def test_an_excitation_without_a_deployment_has_a_track_too(recorded: Results) -> None:
+def test_an_excitation_without_a_deployment_has_a_track_too(recorded: Queries) -> None:
     (axes,) = axes_of("track", recorded)
     track = next(line for line in axes.lines if line.get_label() == "sailed")
     assert track.get_ydata()[-1] == 199.5  # due north
@@ -193,7 +193,7 @@ def test_an_excitation_without_a_deployment_has_a_track_too(recorded: Results) -
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> Iterator[Results]:
+def recorded(tmp_path: Path) -> Iterator[Queries]:
     """A run with a recording alone."""
     with stored.logbook_at(tmp_path) as logbook:
         stored.finish(logbook, stored.start("none"), series=[stored._recording()])
@@ -201,7 +201,7 @@ def recorded(tmp_path: Path) -> Iterator[Results]:
         yield opened
 
 
-def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Results) -> None:
+def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Queries) -> None:
     speed, direction, surge, yaw = axes_of("wind", recorded)
     np.testing.assert_allclose(speed.lines[0].get_ydata(), 10.0)
     blown = direction.lines[0].get_ydata()
@@ -215,7 +215,7 @@ def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Results) ->
     assert only.get_ylabel() == "Yaw [Nm]"
 
 
-def test_wind_of_a_mission_is_not_that_of_the_recording(voyages: Results) -> None:
+def test_wind_of_a_mission_is_not_that_of_the_recording(voyages: Queries) -> None:
     speed, direction, surge, sway = axes_of("wind", voyages, run=1)
     np.testing.assert_allclose(np.unique(speed.lines[0].get_ydata()), [4.0, 8.0])
     assert sorted(np.unique(direction.lines[0].get_ydata())) == [90.0, 180.0]
@@ -224,12 +224,12 @@ def test_wind_of_a_mission_is_not_that_of_the_recording(voyages: Results) -> Non
     assert labels == [f"force, sailed with {model} model" for model in ("nominal", "identified")]
 
 
-def test_a_run_without_wind_is_refused(results: Results) -> None:
+def test_a_run_without_wind_is_refused(results: Queries) -> None:
     with pytest.raises(ConfigurationError, match="no finished run that matches has a series"):
         drawings("wind", results)
 
 
-def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Results) -> None:
+def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Queries) -> None:
     (drawing,) = drawings("excitation", voyages, run=1)
     surge, spectrum, yaw, _ = drawing.figure.axes
     assert surge.get_title(loc="left") == "peak 90.0 N, 90% of the limit"
@@ -245,7 +245,7 @@ def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Resu
     assert "no force in sway" in note
 
 
-def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Results) -> None:
+def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Queries) -> None:
     for kind in ("track", "excitation"):
         names = [one.name for one in drawings(kind, voyages, facet="seed", where=VOYAGES)]
         assert names == [f"{kind}-run-2", f"{kind}-run-4"]
@@ -253,7 +253,7 @@ def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Results) -
         assert one.name == f"{kind}-run-1"
 
 
-def test_errors_are_in_metres_and_degrees(voyages: Results) -> None:
+def test_errors_are_in_metres_and_degrees(voyages: Queries) -> None:
     position, heading = axes_of("errors", voyages, run=1)
     assert position.get_ylabel() == "Position error [m]"
     assert [text.get_text() for text in position.texts] == ["MAE 0.500 m", "MAE 0.100 m"]
@@ -261,7 +261,7 @@ def test_errors_are_in_metres_and_degrees(voyages: Results) -> None:
     assert line.get_ydata()[0] == pytest.approx(np.degrees(0.05))
 
 
-def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Results) -> None:
+def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Queries) -> None:
     surge, sway = axes_of("coefficients", voyages, where="identifier=ls", run=1)
     ticks = [label.get_text() for label in surge.get_yticklabels()]
     assert ticks == ["u_dot: 1195 kg", "u: 13.80 kg/s", "|u|u: 55.00 kg/m"]  # u^3 is truly zero
@@ -278,8 +278,8 @@ def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path:
     found = [stored.coefficient("u_dot", 1000.0, 30.0, 1195.0)]
     with stored.logbook_at(tmp_path) as logbook:
         for identifier, of_estimate in (("iv", False), ("ridge", True)):
-            findings = [stored.interval(of_estimate)]
-            stored.finish(logbook, stored.start(identifier), (), found, findings)
+            diagnostics = [stored.interval(of_estimate)]
+            stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
     styles, words = {}, {}
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
         for identifier in ("iv", "ridge"):
@@ -302,7 +302,7 @@ def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path:
     assert words == {"iv": [False, False], "ridge": [True, True]}
 
 
-def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Results) -> None:
+def test_a_figure_over_time_takes_the_newest_run_that_has_it(voyages: Queries) -> None:
     (one,) = drawings("track", voyages, where=VOYAGES)
     assert one.name == "track-run-4"
     (one,) = drawings("track", voyages, where="identifier=ls")
@@ -323,13 +323,13 @@ def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
         drawings("residual", damaged)
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(voyages: Results, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_one_line(voyages: Queries, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(LogbookError, match="cannot write the figure"):
         draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")
 
 
-def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) -> None:
+def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Queries) -> None:
     (axes,) = axes_of("plan", voyages)
     _, labels = axes.get_legend_handles_labels()
     assert sorted(labels) == ["goal", "multisine", "passage", "sailed", "start", "zigzag_10"]
@@ -344,7 +344,7 @@ def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Results) ->
     assert "deviated from the plan by at most 0.25 m" in text
 
 
-def test_a_run_without_a_plan_has_no_such_figure(voyages: Results) -> None:
+def test_a_run_without_a_plan_has_no_such_figure(voyages: Queries) -> None:
     with pytest.raises(ConfigurationError, match="plot: run 1 has no series plan"):
         drawings("plan", voyages, run=1)
 
@@ -354,7 +354,7 @@ def sheet() -> Figure:
     return Figure()
 
 
-def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Results, sheet: Figure) -> None:
+def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Queries, sheet: Figure) -> None:
     left, right = sheet.subplots(1, 2)
     right.set_title("mine")
     request = PlotRequest(metric="force_mse", dofs=["surge"], where="disturbance=calm")
@@ -375,7 +375,7 @@ def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Results, sheet:
 
 
 def test_axes_cannot_hold_several_panels_or_figures(
-    results: Results, voyages: Results, sheet: Figure
+    results: Queries, voyages: Queries, sheet: Figure
 ) -> None:
     axes = sheet.subplots()
     with pytest.raises(ConfigurationError, match="ax: got axes for a figure of several panels"):
@@ -385,7 +385,7 @@ def test_axes_cannot_hold_several_panels_or_figures(
     figures_of("bars", voyages, PlotRequest(dofs=["surge"]))  # the axes are forgotten
 
 
-def test_a_figure_saves_itself_as_the_command_does(voyages: Results, tmp_path: Path) -> None:
+def test_a_figure_saves_itself_as_the_command_does(voyages: Queries, tmp_path: Path) -> None:
     png, svg = draw("track", voyages, PlotRequest(), tmp_path)
     (chart,) = figures_of("track", voyages, PlotRequest())
     chart.savefig(tmp_path / "own.png", metadata={"Software": None})

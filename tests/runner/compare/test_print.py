@@ -14,7 +14,7 @@ from seatrial.runner.compare.figures import drawings_of, figures
 from seatrial.runner.compare.plots import draw, paper
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from tests.runner.compare.test_plots import of_kind as of_kind
 from tests.runner.compare.test_plots import voyages as voyages
 
@@ -27,7 +27,7 @@ MM = 72.0 / 25.4  # points
     [*((kind, "column") for kind in figures()), ("coefficients", "page"), ("wind", "page")],
 )
 def test_every_kind_fits_the_paper(
-    of_kind: Callable[[str], Results], tmp_path: Path, kind: str, width: str
+    of_kind: Callable[[str], Queries], tmp_path: Path, kind: str, width: str
 ) -> None:
     """The PDF has the width and TrueType fonts; no text is outside, or other than 8 points."""
     millimetres = paper.width_of(width)
@@ -75,7 +75,7 @@ def apart(labels: list[Text]) -> bool:
     return turned or all(a.x1 <= b.x0 for a, b in pairwise(boxes))
 
 
-def test_a_narrow_paper_shows_the_same_panels(voyages: Results) -> None:
+def test_a_narrow_paper_shows_the_same_panels(voyages: Queries) -> None:
     counts = []
     for width in (None, 60.0):
         with drawn(width_mm=width):
@@ -85,7 +85,7 @@ def test_a_narrow_paper_shows_the_same_panels(voyages: Results) -> None:
     assert len(counts[0]) > 3
 
 
-def test_the_screen_is_as_before_afterwards(voyages: Results, tmp_path: Path) -> None:
+def test_the_screen_is_as_before_afterwards(voyages: Queries, tmp_path: Path) -> None:
     first = draw("track", voyages, PlotRequest(), tmp_path / "a")
     draw("track", voyages, PlotRequest(), tmp_path / "b", 86.0)
     second = draw("track", voyages, PlotRequest(), tmp_path / "c")

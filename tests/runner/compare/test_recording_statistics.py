@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.__main__ import run
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_start
 
@@ -21,12 +21,12 @@ def database(tmp_path: Path) -> str:
         "force_x": (7961, 3, 9, 2, -30, 29),
     }
     found = [
-        Finding(f"statistic_{name}", "all", float(value), i=i, label=column)
+        Diagnostic(f"statistic_{name}", "all", float(value), i=i, label=column)
         for i, (column, figures) in enumerate(values.items())
         for name, value in zip(NAMES, figures, strict=True)
     ]
     url = f"sqlite:///{tmp_path}/results.db"
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         begun = logbook.begin_run(make_start(1))
         logbook.finish_run(begun.run_id, Results((), (), found, ()))
         begun = logbook.begin_run(make_start(2))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.models.findings import Finding
 from seatrial.runner.compare import page as page_module
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import TABLES, ReportRequest, render_report
@@ -169,7 +169,7 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(program: Program, tmp_
     text = "identified model: the closed loop's spectral radius is 1.0245, expected less than 1"
     with stored.logbook_at(tmp_path) as logbook:
         for seed in range(2):
-            warning = Finding("warning", "all", None, label=text)
+            warning = Diagnostic("warning", "all", None, label=text)
             figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
             stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
@@ -274,13 +274,13 @@ def test_a_thinned_line_has_the_extremes_of_the_line() -> None:
     (line,) = figure.subplots().plot(t, y)
     page_module.thin(figure)
     x, thinned = line.get_data()
-    assert len(x) <= 2 * page_module.COLUMNS + 2
+    assert len(x) <= 2 * page_module.THINNED_COLUMNS + 2
     assert (x[0], x[-1]) == (t[0], t[-1])
     assert np.all(np.diff(x) > 0.0)
     np.testing.assert_array_equal(thinned, y[np.asarray(x, dtype=int)])
     assert (np.max(thinned), np.min(thinned)) == (40.0, -40.0)
-    width = t[-1] / page_module.COLUMNS
-    for k in range(0, page_module.COLUMNS, 97):  # the envelope of any column of pixels
+    width = t[-1] / page_module.THINNED_COLUMNS
+    for k in range(0, page_module.THINNED_COLUMNS, 97):  # the envelope of any column of pixels
         inside = (t >= k * width) & (t < (k + 1) * width)
         shown = (x >= k * width) & (x < (k + 1) * width)
         assert np.max(thinned[shown]) == pytest.approx(np.max(y[inside]), abs=1e-12)

@@ -13,8 +13,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.plots import controllers, response
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Results
-from seatrial.runner.database import Logbook
+from seatrial.runner.compare.results import Queries
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -39,7 +39,12 @@ def voyage(model: str, lag_s: float, *, wind: bool = True, reference: float = 1.
 
 
 def sail(
-    logbook: Logbook, controller: str, lag_s: float, seed: int, preview: str = "none", **kind: Any
+    logbook: LogbookWriter,
+    controller: str,
+    lag_s: float,
+    seed: int,
+    preview: str = "none",
+    **kind: Any,
 ) -> None:
     config = {"controller": {"_target_": controller, "preview": preview}}
     begin = stored.start("none", "wind", seed, config=config)
@@ -63,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def axes_of(module: Any, results: Results, **options: Any) -> list[Axes]:
+def axes_of(module: Any, results: Queries, **options: Any) -> list[Axes]:
     with drawn():
         (made,) = module.drawings(results, PlotRequest(**options))
         made.figure.draw_without_rendering()
@@ -78,7 +83,7 @@ def labels(axes: Axes) -> list[str]:
     return [str(one.get_label()) for one in axes.lines]
 
 
-def test_response_has_three_panels_an_axis(results: Results) -> None:
+def test_response_has_three_panels_an_axis(results: Queries) -> None:
     axes = axes_of(response, results, run=1)
     assert [one.get_ylabel() for one in axes] == [
         "North [m]", "East [m]", "Heading [deg]",
@@ -94,12 +99,12 @@ def test_response_has_three_panels_an_axis(results: Results) -> None:
     assert set(line(axes[6], "wind")) == {7.0}
 
 
-def test_without_identification_there_is_one_line(results: Results) -> None:
+def test_without_identification_there_is_one_line(results: Queries) -> None:
     assert labels(axes_of(response, results, run=1)[0]) == ["set-point", "nominal model"]
 
 
 def test_without_wind_there_are_two_panels_and_a_reference_of_its_own_is_shown(
-    results: Results,
+    results: Queries,
 ) -> None:
     axes = axes_of(response, results)  # the newest
     assert len(axes) == 6
@@ -107,13 +112,13 @@ def test_without_wind_there_are_two_panels_and_a_reference_of_its_own_is_shown(
     assert line(axes[0], "set-point").max() == pytest.approx(10.0)
 
 
-def test_one_axis_alone(results: Results) -> None:
+def test_one_axis_alone(results: Queries) -> None:
     assert len(axes_of(response, results, run=1, dofs=("yaw",))) == 3
     with pytest.raises(ConfigurationError, match="run 1 has no response of these degrees"):
         axes_of(response, results, run=1, dofs=("heave",))
 
 
-def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Results) -> None:
+def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Queries) -> None:
     """Seed 0: its newest run of each level, and never one of another seed."""
     axes = axes_of(controllers, results, rows="controller", where="seed=0")
     assert labels(axes[0]) == ["set-point", "lqi", "mpc_integral"]
@@ -122,7 +127,7 @@ def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Resul
     assert labels(axes[6]) == ["wind"]
 
 
-def test_rows_are_any_factors(results: Results) -> None:
+def test_rows_are_any_factors(results: Queries) -> None:
     rows = "controller, controller.preview"
     axes = axes_of(controllers, results, rows=rows, where="seed=0")
     expected = ["set-point", "lqi, none", "mpc_integral, none", "mpc_integral, setpoint"]
@@ -131,14 +136,14 @@ def test_rows_are_any_factors(results: Results) -> None:
     assert labels(axes[0]) == ["set-point", "none", "setpoint"]  # of mpc_integral alone
 
 
-def test_a_facet_without_rivals_is_left_out(results: Results) -> None:
+def test_a_facet_without_rivals_is_left_out(results: Queries) -> None:
     with drawn():
         request = PlotRequest(rows="controller", facet="seed")
         (made,) = controllers.drawings(results, request)
     assert made.name == "controllers-seed-0"
 
 
-def test_one_controller_is_nothing_to_compare(results: Results) -> None:
+def test_one_controller_is_nothing_to_compare(results: Queries) -> None:
     with pytest.raises(ConfigurationError, match="no two finished runs that differ in controller"):
         axes_of(controllers, results, rows="controller", where="seed=1")
     with pytest.raises(ConfigurationError, match="sailed with the adaptive model"):

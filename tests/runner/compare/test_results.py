@@ -9,21 +9,21 @@ import pytest
 from sqlalchemy import event, func, select
 
 from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.results import Results
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.database import Logbook
-from seatrial.runner.database.tables import Metric
+from seatrial.runner.database import LogbookWriter
+from seatrial.runner.database.tables import MetricRow
 from tests.runner.database.samples import make_results, make_start
 
-ASKED: dict[str, Callable[[Logbook], object]] = {
+ASKED: dict[str, Callable[[LogbookWriter], object]] = {
     "a table of a metric": lambda logbook: comparison(
-        Results(logbook), TableRequest(("force_mse",), dofs=("surge",), stages=("validation",))
+        Queries(logbook), TableRequest(("force_mse",), dofs=("surge",), stages=("validation",))
     ),
     "a table of a coefficient": lambda logbook: comparison(
-        Results(logbook), TableRequest(("term1",), of_coefficients=True)
+        Queries(logbook), TableRequest(("term1",), of_coefficients=True)
     ),
     "a table of some runs": lambda logbook: comparison(
-        Results(logbook), TableRequest(("force_mse",), where="identifier=ls")
+        Queries(logbook), TableRequest(("force_mse",), where="identifier=ls")
     ),
     "the metrics of a run": lambda logbook: logbook.metrics(2),
     "the diagnostics of a run": lambda logbook: logbook.diagnostics(2),
@@ -35,8 +35,8 @@ ONE_RUN = ("the run of a trial", "the start of a trial", "how far a sweep is")
 
 
 @pytest.fixture
-def filled(tmp_path: Path) -> Iterator[Logbook]:
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+def filled(tmp_path: Path) -> Iterator[LogbookWriter]:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         logbook.begin_sweep("sweep", "command", [], 3)
         for trial in range(3):
             run = logbook.begin_run(make_start(trial), 1).run_id
@@ -45,7 +45,7 @@ def filled(tmp_path: Path) -> Iterator[Logbook]:
 
 
 @contextmanager
-def plans(logbook: Logbook) -> Iterator[list[str]]:
+def plans(logbook: LogbookWriter) -> Iterator[list[str]]:
     """The steps of SQLite's plans of every query in the block."""
     steps: list[str] = []
 
@@ -65,7 +65,7 @@ def plans(logbook: Logbook) -> Iterator[list[str]]:
 
 
 @pytest.mark.parametrize("asked", ASKED)
-def test_no_query_reads_a_whole_table_of_figures(filled: Logbook, asked: str) -> None:
+def test_no_query_reads_a_whole_table_of_figures(filled: LogbookWriter, asked: str) -> None:
     with plans(filled) as steps:
         ASKED[asked](filled)
     read = [step for step in steps if step.startswith("SCAN")]
@@ -76,7 +76,7 @@ def test_no_query_reads_a_whole_table_of_figures(filled: Logbook, asked: str) ->
         assert not [step for step in read if " run" in step], steps
 
 
-def test_a_plan_without_an_index_is_seen(filled: Logbook) -> None:
+def test_a_plan_without_an_index_is_seen(filled: LogbookWriter) -> None:
     with plans(filled) as steps:
-        filled.select(select(func.sum(Metric.value)).where(Metric.unit == "N^2"))
+        filled.select(select(func.sum(MetricRow.value)).where(MetricRow.unit == "N^2"))
     assert steps == ["SCAN metric"]

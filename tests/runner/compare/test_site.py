@@ -17,7 +17,7 @@ from seatrial.runner.compare.site import contents, write_site
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.scripts import metric_script, script_of
 from seatrial.runner.compare.site.static_folder import assets
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints
 from tests.runner.compare.conftest import Program
@@ -327,7 +327,7 @@ def test_postgresql_tells_the_same(postgres: Postgres, tmp_path: Path) -> None:
     lite, other = tmp_path / "lite", tmp_path / "other"
     lite.mkdir()
     for url, folder in (f"sqlite:///{lite}/results.db", lite), (postgres.new_database(), other):
-        with Logbook.open(url, results_dir=folder) as logbook:
+        with LogbookWriter.open(url, results_dir=folder) as logbook:
             stored.fill_plain(logbook)
             stored.fill_sailed(logbook)
         with open_results(url, folder) as results:

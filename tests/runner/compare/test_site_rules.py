@@ -17,7 +17,7 @@ from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.site import write_site
 from seatrial.runner.compare.site.thinned_series import STRETCHES, extremes
 from seatrial.runner.compare.statistics import paired_test
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Coefficient, Metric
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -34,7 +34,7 @@ MEASURES = (
 )
 FACTORS = (
     *("identifier", "disturbance", "evaluation", "plant.scale", "lap", "lowpass_hz", "seed"),
-    *("remark", "identifier.force", "plant.change", "status"),
+    *("note", "identifier.force", "plant.change", "status"),
 )
 SAME = ("mean", "std", "ci_low", "ci_high", "held_s", "ratio", "p_value", "difference")
 OF_COEFFICIENTS = ("std_error", "true_value")
@@ -44,7 +44,7 @@ EQUAL = (
 )
 
 
-def fill_random(logbook: Logbook, number: int, draw: random.Random) -> None:
+def fill_random(logbook: LogbookWriter, number: int, draw: random.Random) -> None:
     """Runs that differ in everything that a table may or may not average over."""
     sweep = None
     for i in range(number):
@@ -57,7 +57,7 @@ def fill_random(logbook: Logbook, number: int, draw: random.Random) -> None:
         if draw.random() < 0.15:
             config["plant"]["change"] = draw.choice(["x", [1, 2.5]])
         if draw.random() < 0.15:
-            config["remark"] = "a \"b\" 'c', d"
+            config["note"] = "a \"b\" 'c', d"
         begin = stored.start(
             draw.choice(["none", "ls", "plsr"]), draw.choice(["calm", "noise"]), draw.randrange(8),
             config=config, evaluation=draw.choice(["replay", "replay", "none"]),
@@ -71,10 +71,10 @@ def fill_random(logbook: Logbook, number: int, draw: random.Random) -> None:
             logbook.fail_run(begun.run_id, status, "ValueError", "broken", "Traceback")
             continue
         streams: Any = draw.choice([None, ("noise",), ("noise",), (), ("identifier",)])
-        findings = [stored.interval(of_estimate=draw.random() < 0.5)] * (draw.random() < 0.7)
+        diagnostics = [stored.interval(of_estimate=draw.random() < 0.5)] * (draw.random() < 0.7)
         logbook.finish_run(
             begun.run_id,
-            stored.Results(_metrics(draw), _coefficients(draw), findings, [], drawn=streams),
+            stored.Results(_metrics(draw), _coefficients(draw), diagnostics, [], drawn=streams),
         )
 
 
@@ -134,7 +134,7 @@ def hashes(number: int, draw: random.Random) -> list[str]:
             if name != rows and draw.random() < 0.6:
                 words.append((f"where.{name}", level))
         if draw.random() < 0.3:
-            words += [("where.remark", "a \"b\" 'c', d"), ("where.remark", "none")]
+            words += [("where.note", "a \"b\" 'c', d"), ("where.note", "none")]
         if draw.random() < 0.2:
             words += [("where.plant.change", "[1,2.5]"), ("where.plant.change", "none")]
         if draw.random() < 0.5:

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.results import Results, open_results
+from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Among, Comparison, Joined, Not, parse
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.postgres import Postgres
 
@@ -68,7 +68,7 @@ def test_values_have_the_type_they_look_like() -> None:
 
 
 def test_anything_but_comparisons_of_known_names_is_refused(
-    results: Results, subtests: pytest.Subtests
+    results: Queries, subtests: pytest.Subtests
 ) -> None:
     for text in INJECTIONS:
         with subtests.test(text):
@@ -89,7 +89,7 @@ def test_deep_nesting_is_refused_and_not_a_crash() -> None:
             parse(text)
 
 
-def test_a_value_that_looks_like_sql_is_only_a_value(results: Results) -> None:
+def test_a_value_that_looks_like_sql_is_only_a_value(results: Queries) -> None:
     with pytest.raises(ConfigurationError, match="no runs match"):
         results.runs(results.where("identifier = \"ls' OR '1'='1\""))
 
@@ -119,7 +119,7 @@ SELECTIONS = (
 )
 
 
-def test_conditions_select_by_hand_counted_numbers(results: Results) -> None:
+def test_conditions_select_by_hand_counted_numbers(results: Queries) -> None:
     assert {text: _selected(results, text) for text, _ in SELECTIONS} == dict(SELECTIONS)
 
 
@@ -128,7 +128,7 @@ def test_conditions_mean_the_same_on_postgresql(
     tmp_path: Path,
 ) -> None:
     url = postgres.new_database()
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         stored.fill_plain(logbook)
     with open_results(url, tmp_path) as results:
         found = {text: _selected(results, text) for text, _ in SELECTIONS}
@@ -139,7 +139,7 @@ def test_conditions_mean_the_same_on_postgresql(
     assert [row[1].text for row in shown.rows] == ["filtered", "filtered"]  # surge and yaw
 
 
-def _selected(results: Results, text: str) -> int:
+def _selected(results: Queries, text: str) -> int:
     try:
         return len(results.runs(results.where(text)))
     except ConfigurationError as none:
@@ -149,7 +149,7 @@ def _selected(results: Results, text: str) -> int:
 
 
 def test_a_name_or_a_value_that_is_wrong_is_answered_with_what_is_expected(
-    results: Results,
+    results: Queries,
 ) -> None:
     for text, expected in (
         ("identifer=ls", r"--where: 'identifer' is not known; expected id"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.postgres import Postgres
 
 
@@ -24,6 +24,6 @@ def results_dir(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def logbook(url: str, results_dir: Path) -> Iterator[Logbook]:
-    with Logbook.open(url, results_dir=results_dir) as opened:
+def logbook(url: str, results_dir: Path) -> Iterator[LogbookWriter]:
+    with LogbookWriter.open(url, results_dir=results_dir) as opened:
         yield opened

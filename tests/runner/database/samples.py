@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.database import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 
@@ -43,7 +43,7 @@ def make_results(scale: float = 1.0) -> Results:
             for dof in ("surge", "sway")
             for k in range(50)
         ],
-        diagnostics=[Finding("order_mse", "surge", scale / i, "N^2", i=i) for i in (1, 2, 3)],
+        diagnostics=[Diagnostic("order_mse", "surge", scale / i, "N^2", i=i) for i in (1, 2, 3)],
         series=[Series("recording", {"t": t, "u": scale * np.sin(t)}, {"t": "s", "u": "m/s"})],
         note="deployment skipped",
     )

@@ -13,7 +13,7 @@ import seatrial as st
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import file_url, parse
 from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.tables import Base
@@ -43,7 +43,7 @@ def test_urls_that_name_no_logbook_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, url: str, match: str
 ) -> None:
     monkeypatch.setenv("SEATRIAL_DATABASE", "postgresql://host/db?password=secret")
-    for use in (Logbook.read, lambda url: Logbook.open(url, results_dir=tmp_path)):
+    for use in (LogbookWriter.read, lambda url: LogbookWriter.open(url, results_dir=tmp_path)):
         with pytest.raises((LogbookError, ConfigurationError), match=match) as caught:
             use(url)  # type: ignore[operator]
         assert "secret" not in str(caught.value)
@@ -57,7 +57,7 @@ def test_a_folder_with_any_name_holds_its_own_database(tmp_path: Path, folder: s
     place = tmp_path / folder
     url = file_url(place / "results.db")
     assert make_url(url) == URL.create("sqlite", database=f"{place}/results.db")
-    with Logbook.open(url, results_dir=place) as logbook:
+    with LogbookWriter.open(url, results_dir=place) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     assert [path.name for path in tmp_path.iterdir()] == [folder]
     assert sorted(path.name for path in place.iterdir()) == ["results.db", "series"]
@@ -91,7 +91,7 @@ def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
         probe.bind(("127.0.0.1", 0))  # bound but not listening: refuses
         url = f"postgresql://me@127.0.0.1:{probe.getsockname()[1]}/db"
         with pytest.raises(LogbookError, match=r"^postgresql://me@127.*refused") as caught:
-            Logbook.open(url, results_dir=tmp_path)
+            LogbookWriter.open(url, results_dir=tmp_path)
     assert "\n" not in str(caught.value)
     assert "come back" not in str(caught.value)  # told at once: it was never there
 
@@ -101,10 +101,10 @@ def test_a_server_that_refuses_is_told_in_one_line(
 ) -> None:
     url = postgres.new_database()
     with pytest.raises(LogbookError, match=r"^postgresql://sailor@[^\n]* does not exist$"):
-        Logbook.read(url.replace("/sea", "/lake"))
+        LogbookWriter.read(url.replace("/sea", "/lake"))
     monkeypatch.setenv("SEATRIAL_DATABASE", url.replace("sailor", "sailor:wr0ng"))
     with pytest.raises(LogbookError, match=r"password authentication failed[^\n]*$") as caught:
-        Logbook.read("SEATRIAL_DATABASE")
+        LogbookWriter.read("SEATRIAL_DATABASE")
     assert str(caught.value).startswith("postgresql://sailor:***@127")
     assert "wr0ng" not in str(caught.value)
 
@@ -225,7 +225,7 @@ def test_a_password_in_the_environment_works_and_goes_nowhere(
     (line,) = capsys.readouterr().out.splitlines()
     assert shlex.split(line) == ["python", "-m", "runner", "seed=2", "database=postgresql"]
     assert st.open("SEATRIAL_DATABASE").runs()["seed"].tolist() == [3, 2]
-    with Logbook.read("SEATRIAL_DATABASE") as logbook:
+    with LogbookWriter.read("SEATRIAL_DATABASE") as logbook:
         tables = Base.metadata.tables.values()
         stored = repr([logbook.select(table.select()) for table in tables])
     assert PASSWORD not in repr((answers, printed, line, stored))

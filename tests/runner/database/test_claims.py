@@ -13,9 +13,9 @@ import pytest
 from sqlalchemy import update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, claims, engine, liveness
+from seatrial.runner.database import LogbookWriter, claims, engine, liveness
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import Run
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_start
 from tests.runner.postgres import Postgres
@@ -25,7 +25,7 @@ def pretend(url: str, run_id: int, **values: object) -> None:
     """Change what the row of a run says."""
     writer = engine.writer(parse(url))
     with writer.begin() as connection:
-        connection.execute(update(Run).where(Run.id == run_id).values(**values))
+        connection.execute(update(RunRow).where(RunRow.id == run_id).values(**values))
     writer.dispose()
 
 
@@ -34,14 +34,14 @@ def ago(seconds: float) -> datetime:
 
 
 @pytest.fixture
-def elsewhere(logbook: Logbook, url: str) -> int:
+def elsewhere(logbook: LogbookWriter, url: str) -> int:
     """A run that a process on another machine is doing."""
     run = logbook.begin_run(make_start(1)).run_id
     pretend(url, run, process="another boot/pid:[1]/1/1", host="island")
     return run
 
 
-def test_a_run_with_a_fresh_heartbeat_is_busy(logbook: Logbook, elsewhere: int) -> None:
+def test_a_run_with_a_fresh_heartbeat_is_busy(logbook: LogbookWriter, elsewhere: int) -> None:
     begun = logbook.begin_run(make_start(1))
     assert (begun.state, begun.run_id) == ("busy", elsewhere)
     assert logbook.run(elsewhere).summary.status == "running"
@@ -49,7 +49,7 @@ def test_a_run_with_a_fresh_heartbeat_is_busy(logbook: Logbook, elsewhere: int) 
 
 @pytest.mark.parametrize("silent", [True, False])
 def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
-    logbook: Logbook, url: str, elsewhere: int, silent: bool
+    logbook: LogbookWriter, url: str, elsewhere: int, silent: bool
 ) -> None:
     # The tests' PostgreSQL has just started, which gives younger beats a minute: test_outage.py.
     age_s = liveness.STALE_AFTER_S * (1.0 if parse(url).sqlite else 3.0) + 5.0
@@ -65,12 +65,14 @@ def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
         logbook.finish_run(elsewhere, Results())
 
 
-def test_a_run_almost_stale_is_left_alone(logbook: Logbook, url: str, elsewhere: int) -> None:
+def test_a_run_almost_stale_is_left_alone(logbook: LogbookWriter, url: str, elsewhere: int) -> None:
     pretend(url, elsewhere, heartbeat_at=ago(liveness.STALE_AFTER_S - 10))
     assert logbook.begin_run(make_start(1)).state == "busy"
 
 
-def test_a_process_that_is_gone_from_here_is_not_waited_for(logbook: Logbook, url: str) -> None:
+def test_a_process_that_is_gone_from_here_is_not_waited_for(
+    logbook: LogbookWriter, url: str
+) -> None:
     run = logbook.begin_run(make_start(1)).run_id
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     pretend(url, run, process=liveness.identity(child.pid), pid=child.pid)
@@ -89,7 +91,7 @@ def test_a_run_that_ends_while_it_is_taken_for_lost_is_not_done_again(
 ) -> None:
     """On SQLite this cannot be: nobody else writes during a claim."""
     url = postgres.new_database()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start(1)).run_id
         gone = sign == "its process is gone"
         if not gone:
@@ -121,7 +123,7 @@ def test_a_run_under_way_keeps_its_heart_beating(
     url: str, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start()).run_id
         pretend(url, run, heartbeat_at=ago(1000))
         assert _stirs(logbook, run)
@@ -130,7 +132,7 @@ def test_a_run_under_way_keeps_its_heart_beating(
         assert not _stirs(logbook, run, patience_s=0.2)
 
 
-def _stirs(logbook: Logbook, run: int, patience_s: float = 10.0) -> bool:
+def _stirs(logbook: LogbookWriter, run: int, patience_s: float = 10.0) -> bool:
     until = time.monotonic() + patience_s
     while time.monotonic() < until:
         beat = logbook.run(run).heartbeat_at
@@ -146,7 +148,7 @@ def test_a_heartbeat_that_fails_does_not_end_the_run(
     monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
     monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 0.05)
     path = tmp_path / "results.db"
-    with Logbook.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
         run = logbook.begin_run(make_start()).run_id
         with closing(sqlite3.connect(path, isolation_level=None, timeout=30)) as other:
             other.execute("BEGIN IMMEDIATE")
@@ -167,7 +169,7 @@ def _complains(caplog: pytest.LogCaptureFixture, patience_s: float = 30.0) -> bo
 
 def test_a_database_that_vanishes_is_not_made_anew(tmp_path: Path) -> None:
     path = tmp_path / "results.db"
-    with Logbook.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:
         path.unlink()
         with pytest.raises(LogbookError, match=r"results\.db: cannot open the database file"):
             logbook.begin_run(make_start())

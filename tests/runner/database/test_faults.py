@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from tests.runner.database.samples import make_results, make_start
 
 NOBODY = 65534
@@ -30,7 +30,7 @@ def shared() -> Iterator[Path]:
 
 def fill(folder: Path) -> str:
     url = f"sqlite:///{folder}/results.db"
-    with Logbook.open(url, results_dir=folder) as logbook:
+    with LogbookWriter.open(url, results_dir=folder) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     return url
 
@@ -62,13 +62,15 @@ def _as_nobody(task: Callable[[str], object], url: str, to: Connection) -> None:
 
 
 def read_statuses(url: str) -> list[str]:
-    with Logbook.read(url) as reader:
+    with LogbookWriter.read(url) as reader:
         reader.series(1, "recording")
         return [run.status for run in reader.runs()]
 
 
 def write_a_run(url: str) -> None:
-    with Logbook.open(url, results_dir=Path(url.removeprefix("sqlite:///")).parent) as logbook:
+    with LogbookWriter.open(
+        url, results_dir=Path(url.removeprefix("sqlite:///")).parent
+    ) as logbook:
         logbook.finish_run(logbook.begin_run(make_start(2)).run_id, make_results())
 
 
@@ -87,7 +89,7 @@ def test_a_read_only_folder_can_be_read_and_says_that_it_cannot_be_written(share
 def test_a_reader_who_may_not_write_sees_what_a_writer_has_just_written(shared: Path) -> None:
     url = fill(shared)
     shared.chmod(0o555)
-    with Logbook.open(url, results_dir=shared) as logbook:
+    with LogbookWriter.open(url, results_dir=shared) as logbook:
         logbook.begin_run(make_start(3))
         assert as_nobody(read_statuses, url) == ["finished", "running"]
     shared.chmod(0o755)
@@ -97,7 +99,7 @@ def test_a_series_folder_that_cannot_be_written_leaves_the_run_under_way(shared:
     url = fill(shared)
     (shared / "series").rename(shared / "away")
     (shared / "series").touch()
-    with Logbook.open(url, results_dir=shared) as logbook:
+    with LogbookWriter.open(url, results_dir=shared) as logbook:
         run = logbook.begin_run(make_start(2)).run_id
         with pytest.raises(
             LogbookError, match=r"run-000002-recording-\w+.parquet: cannot be written"
@@ -109,10 +111,10 @@ def test_a_series_folder_that_cannot_be_written_leaves_the_run_under_way(shared:
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogbookError, match=r"file/results.db: cannot create the folder"):
-        Logbook.open(f"sqlite:///{tmp_path}/file/results.db", results_dir=tmp_path)
+        LogbookWriter.open(f"sqlite:///{tmp_path}/file/results.db", results_dir=tmp_path)
     (tmp_path / "folder.db").mkdir()
     with pytest.raises(LogbookError, match=r"folder.db: got a folder, expected a SQLite file"):
-        Logbook.open(f"sqlite:///{tmp_path}/folder.db", results_dir=tmp_path)
+        LogbookWriter.open(f"sqlite:///{tmp_path}/folder.db", results_dir=tmp_path)
 
 
 @pytest.mark.parametrize("page", [1, 5, 20])
@@ -129,7 +131,7 @@ def test_damaged_pages_are_told(tmp_path: Path, page: int) -> None:
 
 
 def read_all(url: str) -> None:
-    with Logbook.read(url) as reader:
+    with LogbookWriter.read(url) as reader:
         found = reader.verify().problems
         reader.runs()
         reader.coefficients(1)
@@ -165,7 +167,7 @@ def test_a_damaged_cell_is_told_by_readers_and_by_verify(
     url = fill(tmp_path)
     with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
         connection.execute(f"UPDATE {change}")
-    with Logbook.read(url) as reader:
+    with LogbookWriter.read(url) as reader:
         table = change.split()[0]
         (problem, unchecked) = reader.verify().problems
         assert problem.where == f"table {table}"
@@ -181,7 +183,7 @@ def test_a_damaged_cell_is_told_by_readers_and_by_verify(
 
 def test_at_rest_a_logbook_is_one_file(tmp_path: Path) -> None:
     url = fill(tmp_path)
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         logbook.begin_run(make_start(2))
         logbook.runs()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["results.db", "series"]

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from sqlalchemy import update
 
-from seatrial.runner.database import Logbook, engine, liveness, series_files
+from seatrial.runner.database import LogbookWriter, engine, liveness, series_files
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import Run
+from seatrial.runner.database.tables import RunRow
 from tests.runner.database.samples import make_results, make_start
 
 
-def killed(logbook: Logbook, url: str, trial: int) -> int:
+def killed(logbook: LogbookWriter, url: str, trial: int) -> int:
     """A run whose process was killed while it wrote its series: all but the last is there."""
     run_id = logbook.begin_run(make_start(trial)).run_id
     child = subprocess.Popen([sys.executable, "-c", ""])
@@ -26,7 +26,7 @@ def killed(logbook: Logbook, url: str, trial: int) -> int:
     path.with_name(f".{path.name}.{child.pid}.tmp").write_bytes(b"half")
     writer = engine.writer(parse(url))
     with writer.begin() as connection:
-        connection.execute(update(Run).where(Run.id == run_id).values(process=gone))
+        connection.execute(update(RunRow).where(RunRow.id == run_id).values(process=gone))
     writer.dispose()
     return run_id
 
@@ -36,7 +36,7 @@ def names(results_dir: Path) -> list[str]:
 
 
 @pytest.fixture
-def busy(logbook: Logbook, url: str, results_dir: Path) -> Logbook:
+def busy(logbook: LogbookWriter, url: str, results_dir: Path) -> LogbookWriter:
     """Run 1 finished, run 2 killed, run 3 under way and about to name its file."""
     logbook.finish_run(logbook.begin_run(make_start(1)).run_id, make_results())
     killed(logbook, url, 2)
@@ -48,18 +48,20 @@ def busy(logbook: Logbook, url: str, results_dir: Path) -> Logbook:
 KEPT = ["run-000001-recording", "run-000003-recording"]
 
 
-def test_they_are_removed_when_a_sweep_starts(busy: Logbook, results_dir: Path) -> None:
+def test_they_are_removed_when_a_sweep_starts(busy: LogbookWriter, results_dir: Path) -> None:
     busy.begin_sweep("s", "c", [], 1)
     assert names(results_dir) == KEPT
     assert busy.verify().leftovers == []
 
 
-def test_they_are_removed_when_their_run_is_given_up(busy: Logbook, results_dir: Path) -> None:
+def test_they_are_removed_when_their_run_is_given_up(
+    busy: LogbookWriter, results_dir: Path
+) -> None:
     assert busy.begin_run(make_start(2)).state == "new"
     assert names(results_dir) == KEPT
 
 
-def test_until_then_they_are_no_damage(busy: Logbook) -> None:
+def test_until_then_they_are_no_damage(busy: LogbookWriter) -> None:
     found = busy.verify()
     assert found.problems == []
     assert len(found.leftovers) == 2
@@ -69,8 +71,8 @@ def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> N
     """Both begin before either has a series; then the numbers of their runs are the same."""
     urls = [f"sqlite:///{tmp_path}/{name}.db" for name in ("one", "two")]
     with (
-        Logbook.open(urls[0], results_dir=tmp_path) as one,
-        Logbook.open(urls[1], results_dir=tmp_path) as two,
+        LogbookWriter.open(urls[0], results_dir=tmp_path) as one,
+        LogbookWriter.open(urls[1], results_dir=tmp_path) as two,
     ):
         one.finish_run(one.begin_run(make_start(1)).run_id, make_results(1.0))
         before = one.series(1, "recording")
@@ -83,7 +85,7 @@ def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> N
 
 
 def test_a_file_of_an_older_version_is_not_removed_by_itself(
-    busy: Logbook, results_dir: Path
+    busy: LogbookWriter, results_dir: Path
 ) -> None:
     old = results_dir / "series" / "run-000002-recording.parquet"
     old.touch()  # without a mark: it might be another logbook's

@@ -10,22 +10,24 @@ import numpy as np
 import pytest
 from sqlalchemy import delete
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.models.findings import Finding
-from seatrial.runner.database import Logbook, Reader
+from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.database.engine import BUSY_TIMEOUT_S
-from seatrial.runner.database.tables import Run
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Metric, Results, Series
 from tests.runner.database.samples import make_results, make_start
 
 
-def test_a_run_comes_back_as_it_was_stored(logbook: Logbook, url: str, results_dir: Path) -> None:
+def test_a_run_comes_back_as_it_was_stored(
+    logbook: LogbookWriter, url: str, results_dir: Path
+) -> None:
     results = make_results()
     begun = logbook.begin_run(make_start(7))
     assert begun.state == "new"
     logbook.finish_run(begun.run_id, results)
 
-    with Logbook.read(url, results_dir=results_dir) as reader:
+    with LogbookWriter.read(url, results_dir=results_dir) as reader:
         assert reader.metrics(begun.run_id) == results.metrics
         assert reader.coefficients(begun.run_id) == results.coefficients
         assert reader.diagnostics(begun.run_id) == results.diagnostics
@@ -44,7 +46,7 @@ def test_a_run_comes_back_as_it_was_stored(logbook: Logbook, url: str, results_d
     assert summary.duration_s >= 0.0
 
 
-def test_not_a_number_is_null_and_infinity_stays(logbook: Logbook) -> None:
+def test_not_a_number_is_null_and_infinity_stays(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     values = (np.float64("nan"), np.float32(2.5), math.inf, None, np.int64(3))
     metrics = [
@@ -55,15 +57,17 @@ def test_not_a_number_is_null_and_infinity_stays(logbook: Logbook) -> None:
     assert [m.value for m in logbook.metrics(run)] == [None, 2.5, math.inf, None, 3.0]
 
 
-def test_numbers_of_numpy_are_stored_as_numbers(logbook: Logbook) -> None:
+def test_numbers_of_numpy_are_stored_as_numbers(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start(seed=np.int64(3))).run_id
-    one = Finding("surface", "yaw", np.float32(0.5), "N^2", i=np.int64(2), j=np.int32(5))  # type: ignore[arg-type]
+    one = Diagnostic("surface", "yaw", np.float32(0.5), "N^2", i=np.int64(2), j=np.int32(5))  # type: ignore[arg-type]
     logbook.finish_run(run, Results(diagnostics=[one]))
-    assert logbook.diagnostics(run) == [Finding("surface", "yaw", 0.5, "N^2", i=2, j=5)]
+    assert logbook.diagnostics(run) == [Diagnostic("surface", "yaw", 0.5, "N^2", i=2, j=5)]
     assert logbook.run(run).summary.seed == 3
 
 
-def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(logbook: Logbook) -> None:
+def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(
+    logbook: LogbookWriter,
+) -> None:
     config = {"a": np.float64(1.5), "b": float("nan"), "c": (1, np.inf), "d": Path("x"), "e": "\0"}
     run = logbook.begin_run(make_start(config=config)).run_id
     logbook.fail_run(run, "failed", "ValueError", "bad \0 \udcff byte", "line 1\nline 2 \0")
@@ -73,14 +77,14 @@ def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(logbook
     assert detail.traceback == "line 1\nline 2 \\x00"
 
 
-def test_a_run_that_diverged_keeps_what_still_holds(logbook: Logbook) -> None:
+def test_a_run_that_diverged_keeps_what_still_holds(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     logbook.fail_run(run, "diverged", "Diverged", "|r| at t = 3 s", None, make_results())
     summary = logbook.run(run).summary
     assert (summary.status, summary.error_type, summary.metrics) == ("diverged", "Diverged", 30)
 
 
-def test_results_and_status_land_together_or_not_at_all(logbook: Logbook) -> None:
+def test_results_and_status_land_together_or_not_at_all(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     results = make_results()
     twice = replace(results, metrics=[*results.metrics, results.metrics[0]])
@@ -92,7 +96,7 @@ def test_results_and_status_land_together_or_not_at_all(logbook: Logbook) -> Non
     logbook.finish_run(run, results)
 
 
-def test_a_run_ends_only_once(logbook: Logbook) -> None:
+def test_a_run_ends_only_once(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     logbook.finish_run(run, Results())
     with pytest.raises(LogbookError, match=r"run 1 cannot be ended: it is finished"):
@@ -101,7 +105,7 @@ def test_a_run_ends_only_once(logbook: Logbook) -> None:
         logbook.finish_run(9, Results())
 
 
-def test_a_finished_trial_is_recognised(logbook: Logbook) -> None:
+def test_a_finished_trial_is_recognised(logbook: LogbookWriter) -> None:
     first = logbook.begin_run(make_start(1)).run_id
     assert logbook.begin_run(make_start(1)).state == "busy"
     logbook.finish_run(first, Results())
@@ -112,7 +116,7 @@ def test_a_finished_trial_is_recognised(logbook: Logbook) -> None:
     assert logbook.run(more.run_id).summary.attempt == 2
 
 
-def test_a_failed_trial_is_tried_again(logbook: Logbook) -> None:
+def test_a_failed_trial_is_tried_again(logbook: LogbookWriter) -> None:
     first = logbook.begin_run(make_start(1)).run_id
     logbook.fail_run(first, "failed", "ValueError", "no", None)
     second = logbook.begin_run(make_start(1))
@@ -126,7 +130,7 @@ def test_a_failed_trial_is_tried_again(logbook: Logbook) -> None:
     assert logbook.trial("0" * 63 + "f") is None
 
 
-def test_a_rerun_that_fails_does_not_replace_the_finished_one(logbook: Logbook) -> None:
+def test_a_rerun_that_fails_does_not_replace_the_finished_one(logbook: LogbookWriter) -> None:
     first = logbook.begin_run(make_start(1)).run_id
     logbook.finish_run(first, Results())
     second = logbook.begin_run(make_start(1), rerun=True).run_id
@@ -136,7 +140,7 @@ def test_a_rerun_that_fails_does_not_replace_the_finished_one(logbook: Logbook) 
     assert trial.run_id == first
 
 
-def test_a_sweep_counts_each_trial_once(logbook: Logbook) -> None:
+def test_a_sweep_counts_each_trial_once(logbook: LogbookWriter) -> None:
     logbook.finish_run(logbook.begin_run(make_start(0)).run_id, Results())
     sweep = logbook.begin_sweep("first", "python -m runner -m", ["seed=range(0,5)"], 5)
     for trial in range(4):
@@ -160,20 +164,20 @@ def test_a_sweep_counts_each_trial_once(logbook: Logbook) -> None:
         logbook.sweep_status(99)
 
 
-def test_runs_are_chosen_by_conditions(logbook: Logbook) -> None:
+def test_runs_are_chosen_by_conditions(logbook: LogbookWriter) -> None:
     for trial in range(4):
         start = make_start(trial, identifier="ls" if trial % 2 else "plsr")
         logbook.finish_run(logbook.begin_run(start).run_id, Results())
-    assert [run.seed for run in logbook.runs(Run.identifier == "ls")] == [1, 3]
+    assert [run.seed for run in logbook.runs(RunRow.identifier == "ls")] == [1, 3]
     assert [run.seed for run in logbook.runs(newest_first=True, limit=2)] == [3, 2]
-    scale = Run.config[("plant", "scale")].as_float()
-    assert len(logbook.runs(scale == 0.5, Run.seed >= 2)) == 2
+    scale = RunRow.config[("plant", "scale")].as_float()
+    assert len(logbook.runs(scale == 0.5, RunRow.seed >= 2)) == 2
 
 
 def test_a_closed_logbook_gives_up_its_open_runs(url: str, results_dir: Path) -> None:
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start()).run_id
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         summary = logbook.run(run).summary
         assert summary.status == "interrupted"
         assert summary.error == "the program ended before the run did"
@@ -182,11 +186,11 @@ def test_a_closed_logbook_gives_up_its_open_runs(url: str, results_dir: Path) ->
 
 def test_a_closed_logbook_holds_no_lock(url: str, results_dir: Path) -> None:
     """Also where Ctrl-C left a transaction that nobody ends."""
-    with Logbook.open(url, results_dir=results_dir) as interrupted:
+    with LogbookWriter.open(url, results_dir=results_dir) as interrupted:
         interrupted.begin_run(make_start(1))
         left = interrupted._writer.connect()
-        left.execute(delete(Run))
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+        left.execute(delete(RunRow))
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         begun = time.monotonic()
         logbook.begin_sweep("next", "python -m runner", [], 1)
         assert time.monotonic() - begun < 0.5 * BUSY_TIMEOUT_S
@@ -202,7 +206,7 @@ def test_series_are_refused_where_their_columns_differ() -> None:
         Series("x", {"t": np.zeros(2), "u": np.zeros(2)}, {"t": "s"})
 
 
-def test_a_reader_has_no_way_to_write(logbook: Logbook, url: str) -> None:
-    with Logbook.read(url) as reader:
-        assert type(reader) is Reader
+def test_a_reader_has_no_way_to_write(logbook: LogbookWriter, url: str) -> None:
+    with LogbookWriter.read(url) as reader:
+        assert type(reader) is LogbookReader
         assert not hasattr(reader, "begin_run")

@@ -9,16 +9,16 @@ import pytest
 from sqlalchemy import delete, insert, update
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, engine, series_files
+from seatrial.runner.database import LogbookWriter, engine, series_files
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.records import SeriesFile
-from seatrial.runner.database.tables import Base, Metric, Run, Series, Sweep
+from seatrial.runner.database.tables import Base, MetricRow, RunRow, SeriesRow, SweepRow
 from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_results, make_start
 
 
 @pytest.fixture
-def filled(logbook: Logbook) -> Logbook:
+def filled(logbook: LogbookWriter) -> LogbookWriter:
     """Runs 1 and 2 finished, 3 failed, 4 diverged, 5 under way."""
     sweep = logbook.begin_sweep("s", "python -m runner -m", [], 5)
     for trial in range(1, 6):
@@ -44,12 +44,12 @@ def change(url: str, statement: object) -> None:
     writer.dispose()
 
 
-def test_a_sound_logbook_has_no_problems(filled: Logbook) -> None:
+def test_a_sound_logbook_has_no_problems(filled: LogbookWriter) -> None:
     found = filled.verify()
     assert (found.runs, found.series, found.problems) == (5, 3, [])
 
 
-def test_what_happened_to_series_files_is_found(filled: Logbook, results_dir: Path) -> None:
+def test_what_happened_to_series_files_is_found(filled: LogbookWriter, results_dir: Path) -> None:
     folder = results_dir / "series"
     next(folder.glob("run-000001-recording-*.parquet")).write_bytes(b"changed")
     next(folder.glob("run-000002-recording-*.parquet")).unlink()
@@ -83,12 +83,12 @@ def test_what_happened_to_series_files_is_found(filled: Logbook, results_dir: Pa
     assert [path.name for path in verified.leftovers] == ["notes.txt"]
 
 
-def test_rows_that_were_changed_are_found(filled: Logbook, url: str) -> None:
-    change(url, update(Series).where(Series.run_id == 1).values(n_rows=7))
+def test_rows_that_were_changed_are_found(filled: LogbookWriter, url: str) -> None:
+    change(url, update(SeriesRow).where(SeriesRow.run_id == 1).values(n_rows=7))
     (problem,) = filled.verify().problems
     assert "got 100 rows of t, u; expected 7 of t, u" in problem.what
     if parse(url).sqlite:  # PostgreSQL has no way round a foreign key
-        change(url, delete(Run).where(Run.id == 2))
+        change(url, delete(RunRow).where(RunRow.id == 2))
         found = {problem.where: problem.what for problem in filled.verify().problems}
         assert found["table metric"] == "30 rows refer to no run"
         assert found["table coefficient"] == "100 rows refer to no run"
@@ -121,17 +121,17 @@ def test_links_lead_nowhere_else(tmp_path: Path) -> None:
 
 
 def test_a_path_in_the_database_cannot_delete_other_files(
-    filled: Logbook, url: str, results_dir: Path
+    filled: LogbookWriter, url: str, results_dir: Path
 ) -> None:
     (results_dir / "precious").touch()
-    change(url, update(Series).where(Series.run_id == 1).values(path="precious"))
+    change(url, update(SeriesRow).where(SeriesRow.run_id == 1).values(path="precious"))
     assert "expected a file within" in filled.verify().problems[0].what
     pruned = filled.prune([1])
     assert (pruned.runs, pruned.files, pruned.left) == (1, 0, ["precious"])
     assert (results_dir / "precious").exists()
 
 
-def test_prune_deletes_rows_with_their_files(filled: Logbook, results_dir: Path) -> None:
+def test_prune_deletes_rows_with_their_files(filled: LogbookWriter, results_dir: Path) -> None:
     pruned = filled.prune([2, 3, 5, 99])
     assert (pruned.runs, pruned.files, pruned.left) == (2, 1, [])
     assert [run.run_id for run in filled.runs()] == [1, 4, 5]
@@ -144,23 +144,23 @@ def test_prune_deletes_rows_with_their_files(filled: Logbook, results_dir: Path)
     assert filled.begin_run(make_start(2)).run_id == 6  # a number is never given twice
 
 
-def test_what_may_be_pruned(filled: Logbook, url: str) -> None:
+def test_what_may_be_pruned(filled: LogbookWriter, url: str) -> None:
     def numbers(**conditions: object) -> list[int]:
         return [run.run_id for run in filled.prunable(**conditions)]  # type: ignore[arg-type]
 
     old = datetime.now(UTC) - timedelta(days=40)
-    change(url, update(Run).where(Run.id.in_([2, 3])).values(started_at=old))
+    change(url, update(RunRow).where(RunRow.id.in_([2, 3])).values(started_at=old))
     assert numbers() == [1, 2, 3, 4]
     assert numbers(older_than=timedelta(days=30)) == [2, 3]
     assert numbers(older_than=timedelta(days=30), statuses=["failed"]) == [3]
     assert numbers(statuses=["failed", "diverged"]) == [3, 4]
-    assert [run.run_id for run in filled.prunable(Run.seed == 4)] == [4]
-    change(url, update(Run).where(Run.id == 5).values(heartbeat_at=old))
+    assert [run.run_id for run in filled.prunable(RunRow.seed == 4)] == [4]
+    change(url, update(RunRow).where(RunRow.id == 5).values(heartbeat_at=old))
     assert numbers(statuses=["interrupted"]) == [5]
     assert filled.prune([5]).runs == 1
 
 
-def test_many_runs_are_pruned(logbook: Logbook, url: str) -> None:
+def test_many_runs_are_pruned(logbook: LogbookWriter, url: str) -> None:
     row = make_start(0)
     values = {
         **{name: getattr(row, name) for name in ("vessel", "disturbance", "excitation")},
@@ -168,12 +168,12 @@ def test_many_runs_are_pruned(logbook: Logbook, url: str) -> None:
         **{"seed": 0, "config": {}, "overrides": [], "versions": {}, "host": "h", "pid": 1},
         **{"status": "failed", "attempt": 1, "started_at": datetime.now(UTC)},
     }
-    change(url, insert(Run).values([values | {"fingerprint": f"{k:064x}"} for k in range(1200)]))
+    change(url, insert(RunRow).values([values | {"fingerprint": f"{k:064x}"} for k in range(1200)]))
     assert logbook.prune([run.run_id for run in logbook.prunable()]).runs == 1200
     assert logbook.runs() == []
 
 
-def test_export_writes_every_table(filled: Logbook, tmp_path: Path) -> None:
+def test_export_writes_every_table(filled: LogbookWriter, tmp_path: Path) -> None:
     paths = filled.export(tmp_path / "out" / "deep")
     names = {f"{table}.{suffix}" for table in Base.metadata.tables for suffix in ("parquet", "csv")}
     assert {path.name for path in paths} == names
@@ -192,15 +192,15 @@ def test_export_writes_every_table(filled: Logbook, tmp_path: Path) -> None:
     assert runs[2]["traceback"] == "trace"
 
 
-def test_export_to_a_place_that_cannot_be_written(filled: Logbook, tmp_path: Path) -> None:
+def test_export_to_a_place_that_cannot_be_written(filled: LogbookWriter, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogbookError, match="file/out: cannot export"):
         filled.export(tmp_path / "file" / "out")
 
 
-def test_sweeps_are_listed(filled: Logbook) -> None:
+def test_sweeps_are_listed(filled: LogbookWriter) -> None:
     (sweep,) = filled.sweeps()
     assert (sweep.name, sweep.planned, sweep.finished_at) == ("s", 5, None)
-    assert filled.select(Sweep.__table__.select())[0].id == sweep.id
-    assert len(filled.select(Metric.__table__.select())) == 90
+    assert filled.select(SweepRow.__table__.select())[0].id == sweep.id
+    assert len(filled.select(MetricRow.__table__.select())) == 90
     filled.finish_run(5, Results())

@@ -15,9 +15,9 @@ from sqlalchemy import event, update
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, engine, outage
+from seatrial.runner.database import LogbookWriter, engine, outage
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import Run
+from seatrial.runner.database.tables import RunRow
 from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres
@@ -41,7 +41,7 @@ def come_back_later(server: Postgres, seconds: float) -> Timer:
 @pytest.mark.slow
 def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_dir: Path) -> None:
     url = server.new_database()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         sweep_id = logbook.begin_sweep("s", "c", [], 3)
         first = logbook.begin_run(make_start(1), sweep_id).run_id
         server.leave()
@@ -56,7 +56,7 @@ def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_d
         logbook.finish_run(begun.run_id, make_results())
         server.leave()
         timer = come_back_later(server, 1.5)
-        with Logbook.open(url, results_dir=results_dir) as again:  # as each trial does
+        with LogbookWriter.open(url, results_dir=results_dir) as again:  # as each trial does
             assert again.begin_run(make_start(1), sweep_id).state == "finished"
         timer.join()
         server.leave()
@@ -75,7 +75,7 @@ def test_a_server_that_stays_away_is_told_in_one_line(
     monkeypatch.setattr(outage, "PATIENCE_S", 1.0)
     url = server.new_database()
     began = time.monotonic()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start(1)).run_id
         server.leave()
         with pytest.raises(LogbookError, match=r"the server did not come back in 1 s$") as caught:
@@ -88,11 +88,11 @@ def test_a_server_that_stays_away_is_told_in_one_line(
         assert time.monotonic() - waited < 0.9
     assert time.monotonic() - began < 30.0
     server.come_back()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         logbook.begin_run(make_start(3))
         writer = engine.writer(parse(url))
         with writer.begin() as connection:  # as if its process were gone
-            connection.execute(update(Run).where(Run.id == run).values(heartbeat_at=None))
+            connection.execute(update(RunRow).where(RunRow.id == run).values(heartbeat_at=None))
         writer.dispose()
         assert logbook.begin_run(make_start(1)).state == "new"
 
@@ -129,7 +129,7 @@ def test_only_errors_of_the_connection_are_an_outage(error: Exception, outage_st
             outage.repeated(address, task)
 
 
-def lose_answer_of_commit(logbook: Logbook) -> list[str]:
+def lose_answer_of_commit(logbook: LogbookWriter) -> list[str]:
     """The next commit succeeds, but the connection is gone before that is known."""
     lost: list[str] = []
 
@@ -146,7 +146,7 @@ def lose_answer_of_commit(logbook: Logbook) -> list[str]:
 
 def test_what_was_committed_is_not_done_twice(postgres: Postgres, results_dir: Path) -> None:
     url = postgres.new_database()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         lost = lose_answer_of_commit(logbook)
         sweep_id = logbook.begin_sweep("s", "c", [], 1)
         assert lost.pop()
@@ -176,7 +176,7 @@ def test_a_sweep_goes_on_when_the_server_comes_back(
 
     def finished() -> bool:
         try:
-            with Logbook.read(url) as logbook:
+            with LogbookWriter.read(url) as logbook:
                 return any(run.status == "finished" for run in logbook.runs())
         except LogbookError:
             return False
@@ -189,7 +189,7 @@ def test_a_sweep_goes_on_when_the_server_comes_back(
     assert code == 0, out + err
     assert "8 finished" in out
     assert "Traceback" not in err
-    with Logbook.read(url, results_dir=tmp_path / "results") as logbook:
+    with LogbookWriter.read(url, results_dir=tmp_path / "results") as logbook:
         assert [run.attempt for run in logbook.runs()] == [1] * 8
         assert logbook.verify().problems == []
         assert len({row[2] for row in logbook.sql(METRICS).rows}) == 8
@@ -218,13 +218,13 @@ def test_who_is_stopped_does_not_wait_for_the_server(
 def pretend(url: str, run_id: int, **values: object) -> None:
     writer = engine.writer(parse(url))
     with writer.begin() as connection:
-        connection.execute(update(Run).where(Run.id == run_id).values(**values))
+        connection.execute(update(RunRow).where(RunRow.id == run_id).values(**values))
     writer.dispose()
 
 
 @pytest.mark.parametrize(("ahead_s", "state"), [(3600.0, "new"), (10.0, "busy")])
 def test_a_heartbeat_from_the_future_is_no_sign_of_life(
-    logbook: Logbook, url: str, ahead_s: float, state: str
+    logbook: LogbookWriter, url: str, ahead_s: float, state: str
 ) -> None:
     """The database's clock was put back, and nobody has beaten since."""
     run = logbook.begin_run(make_start(1)).run_id
@@ -239,7 +239,7 @@ def test_runs_that_were_alive_when_the_server_left_have_time_for_a_beat(
     server: Postgres, results_dir: Path
 ) -> None:
     url = server.new_database()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         alive, dead = (logbook.begin_run(make_start(n)).run_id for n in (1, 2))
         server.leave()
         server.come_back()

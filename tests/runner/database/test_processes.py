@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import parse
 from tests.runner.database import workers
 from tests.runner.database.samples import make_results, make_start
@@ -25,7 +25,7 @@ def run_all(task: Callable[..., None], url: str, results_dir: Path) -> None:
 @pytest.mark.slow
 def test_eight_processes_write_a_thousand_runs(url: str, results_dir: Path) -> None:
     run_all(workers.write_own, url, results_dir)
-    with Logbook.read(url, results_dir=results_dir) as reader:
+    with LogbookWriter.read(url, results_dir=results_dir) as reader:
         runs = reader.runs()
         assert sorted(run.seed for run in runs) == list(range(1000))
         assert {run.status for run in runs} == {"finished"}
@@ -37,7 +37,7 @@ def test_eight_processes_write_a_thousand_runs(url: str, results_dir: Path) -> N
 
 def test_a_trial_that_eight_processes_start_is_run_by_one(url: str, results_dir: Path) -> None:
     run_all(workers.write_shared, url, results_dir)
-    with Logbook.read(url, results_dir=results_dir) as reader:
+    with LogbookWriter.read(url, results_dir=results_dir) as reader:
         runs = reader.runs()
         assert sorted(run.seed for run in runs) == list(range(100))
         assert {(run.status, run.attempt) for run in runs} == {("finished", 1)}
@@ -46,7 +46,7 @@ def test_a_trial_that_eight_processes_start_is_run_by_one(url: str, results_dir:
 
 def test_a_killed_writer_leaves_a_whole_logbook(url: str, results_dir: Path) -> None:
     """Ten kills at random moments: what was reported finished is whole, and the rest resumes."""
-    Logbook.open(url, results_dir=results_dir).close()
+    LogbookWriter.open(url, results_dir=results_dir).close()
     moments, reported = random.Random(1), set()
     for _ in range(5):
         pair = [Worker(workers.write_until_killed, url, results_dir, n) for n in (0, 1)]
@@ -56,7 +56,7 @@ def test_a_killed_writer_leaves_a_whole_logbook(url: str, results_dir: Path) -> 
             worker.kill()
         reported |= {int(line) for worker in pair for line in worker.said()}
         whole(url, results_dir, reported)
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         interrupted = [run for run in logbook.runs() if run.status == "interrupted"]
         for run in interrupted:
             begun = logbook.begin_run(make_start(run.seed))
@@ -74,7 +74,7 @@ def whole(url: str, results_dir: Path, reported: set[int]) -> None:
         with closing(sqlite3.connect(address.path)) as plain:
             assert plain.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
             assert plain.execute("PRAGMA foreign_key_check").fetchall() == []
-    with Logbook.read(url, results_dir=results_dir) as reader:
+    with LogbookWriter.read(url, results_dir=results_dir) as reader:
         runs = {run.run_id: run for run in reader.runs()}
         for run in runs.values():
             stored = (run.metrics, run.coefficients, run.series)
@@ -93,7 +93,7 @@ def test_a_full_disk_leaves_a_whole_logbook(tmp_path: Path, number: int, place: 
     (line,) = worker.said()
     assert place in line
     assert "full" in line or "too large" in line or "I/O error" in line, line
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         runs = logbook.runs()
         assert {run.metrics for run in runs if run.status == "finished"} <= {30}
         assert {run.metrics for run in runs if run.status != "finished"} == {0}

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, sql_query
+from seatrial.runner.database import LogbookWriter, sql_query
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.reader import Reader
+from seatrial.runner.database.reader import LogbookReader
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import Postgres
 
@@ -73,15 +73,15 @@ WRITING_POSTGRESQL = [
 
 
 @pytest.fixture
-def filled(logbook: Logbook) -> Logbook:
+def filled(logbook: LogbookWriter) -> LogbookWriter:
     logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     return logbook
 
 
-def test_what_writes_is_refused(filled: Logbook, url: str, tmp_path: Path) -> None:
+def test_what_writes_is_refused(filled: LogbookWriter, url: str, tmp_path: Path) -> None:
     sqlite = parse(url).sqlite
     tables = set(filled.sql(_TABLES[sqlite]).rows)
-    with Logbook.read(url) as reader:
+    with LogbookWriter.read(url) as reader:
         for query in WRITING + (WRITING_SQLITE if sqlite else WRITING_POSTGRESQL):
             with pytest.raises(LogbookError, match=r"^sql: ") as caught:
                 reader.sql(query.format(folder=tmp_path))
@@ -112,15 +112,15 @@ _TABLES = {
         ("SELECT term FROM coefficient WHERE id < 0", []),
     ],
 )
-def test_what_reads_is_answered(filled: Logbook, query: str, rows: list[object]) -> None:
+def test_what_reads_is_answered(filled: LogbookWriter, query: str, rows: list[object]) -> None:
     assert filled.sql(query).rows == rows
 
 
-def test_columns_have_their_names(filled: Logbook) -> None:
+def test_columns_have_their_names(filled: LogbookWriter) -> None:
     assert filled.sql("SELECT id AS number, seed FROM run").columns == ("number", "seed")
 
 
-def test_a_mistake_is_told_in_one_line(filled: Logbook) -> None:
+def test_a_mistake_is_told_in_one_line(filled: LogbookWriter) -> None:
     with pytest.raises(LogbookError, match=r"sql: .*nowhere"):
         filled.sql("SELECT * FROM nowhere")
     with pytest.raises(LogbookError, match=r"sql: .*syntax"):
@@ -128,7 +128,7 @@ def test_a_mistake_is_told_in_one_line(filled: Logbook) -> None:
 
 
 def test_sqlite_tells_of_its_tables(tmp_path: Path) -> None:
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         assert ("status",) in logbook.sql("SELECT name FROM pragma_table_info('run')").rows
         assert logbook.sql("PRAGMA table_info(run)").columns[1] == "name"
 
@@ -143,17 +143,17 @@ MANY = (
 )
 
 
-def test_a_query_ends_in_time(filled: Logbook, url: str) -> None:
-    with Logbook.read(url) as reader:
+def test_a_query_ends_in_time(filled: LogbookWriter, url: str) -> None:
+    with LogbookWriter.read(url) as reader:
         start_s = time.monotonic()
         with pytest.raises(LogbookError, match=r"^sql: stopped after 0\.5 s; expected"):
             reader.sql(ENDLESS[parse(url).sqlite], timeout_s=0.5)
         assert 0.4 < time.monotonic() - start_s < 20.0
         assert reader.sql("SELECT count(*) FROM run").rows == [(1,)]  # and the next is answered
-    assert signature(Reader.sql).parameters["timeout_s"].default == 30.0
+    assert signature(LogbookReader.sql).parameters["timeout_s"].default == 30.0
 
 
-def test_an_answer_has_a_limited_number_of_rows(filled: Logbook) -> None:
+def test_an_answer_has_a_limited_number_of_rows(filled: LogbookWriter) -> None:
     for limit, more in ((7, True), (29_999, True), (30_000, False)):
         answer = filled.sql(MANY, limit=limit)
         assert (len(answer.rows), answer.more) == (limit, more)
@@ -161,7 +161,7 @@ def test_an_answer_has_a_limited_number_of_rows(filled: Logbook) -> None:
 
 
 def test_an_answer_has_a_limited_size(
-    filled: Logbook, url: str, monkeypatch: pytest.MonkeyPatch
+    filled: LogbookWriter, url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert sql_query._LARGEST == 2**28
     monkeypatch.setattr(sql_query, "_LARGEST", 2**20)
@@ -183,7 +183,7 @@ def roles(postgres: Postgres, results_dir: Path) -> Iterator[dict[str, str]]:
     import psycopg
 
     url = postgres.new_database()
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     with psycopg.connect(url, autocommit=True) as connection:
         for role, granted in READERS.items():
@@ -198,7 +198,7 @@ def roles(postgres: Postgres, results_dir: Path) -> Iterator[dict[str, str]]:
 def test_files_of_the_server_are_out_of_reach(roles: dict[str, str]) -> None:
     hidden = "SELECT U&\"pg!005fread!005ffile\" UESCAPE '!' ('/etc/hostname')"
     for role in ("sailor", "reader", "copier"):
-        with Logbook.read(roles[role]) as logbook:
+        with LogbookWriter.read(roles[role]) as logbook:
             assert logbook.sql("SELECT count(*) FROM run_overview").rows == [(1,)], role
             for query in (hidden, "SELECT pg_read_file('/etc/hostname')"):
                 with pytest.raises(LogbookError, match=r"sql: refused: (U&|pg_read_file) can"):
@@ -206,7 +206,7 @@ def test_files_of_the_server_are_out_of_reach(roles: dict[str, str]) -> None:
             user = "reader" if role == "reader" else "pg_read_all_data"
             assert logbook.sql("SELECT current_user").rows == [(user,)]
     with (
-        Logbook.read(roles["files"]) as logbook,
+        LogbookWriter.read(roles["files"]) as logbook,
         pytest.raises(LogbookError, match="role files is a member of pg_read_server_files, so a"),
     ):
         logbook.sql("SELECT 1")
@@ -219,13 +219,13 @@ def test_the_role_without_rights_is_refused_by_the_server_too(
     monkeypatch.setattr(sql_query, "_FORBIDDEN", re.compile("(?!)"))
     queries = ("SELECT pg_read_file('/etc/hostname')", "SELECT lo_import('/etc/hostname')")
     for role in ("sailor", "copier", "reader"):
-        with Logbook.read(roles[role]) as logbook:
+        with LogbookWriter.read(roles[role]) as logbook:
             for query in queries:
                 with pytest.raises(LogbookError, match="permission denied for function"):
                     logbook.sql(query)
 
 
 def test_readers_of_postgresql_cannot_write(roles: dict[str, str]) -> None:
-    with Logbook.read(roles["sailor"]) as logbook:
+    with LogbookWriter.read(roles["sailor"]) as logbook:
         for setting in ("default_transaction_read_only", "transaction_read_only"):
             assert logbook.sql(f"SELECT current_setting('{setting}')").rows == [("on",)]

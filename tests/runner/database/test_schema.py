@@ -12,7 +12,7 @@ from sqlalchemy import inspect
 from sqlalchemy.engine import URL
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook, engine, schema, views
+from seatrial.runner.database import LogbookWriter, engine, schema, views
 from seatrial.runner.database.engine import parse
 from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import make_results, make_start
@@ -28,7 +28,10 @@ def execute(url: str, *statements: str) -> None:
 
 def refused(url: str, results_dir: Path, match: str) -> None:
     """Both ways of opening say the same one line."""
-    for opener in (lambda: Logbook.open(url, results_dir=results_dir), lambda: Logbook.read(url)):
+    for opener in (
+        lambda: LogbookWriter.open(url, results_dir=results_dir),
+        lambda: LogbookWriter.read(url),
+    ):
         with pytest.raises(LogbookError, match=match) as caught:
             opener()
         assert "\n" not in str(caught.value)
@@ -37,7 +40,7 @@ def refused(url: str, results_dir: Path, match: str) -> None:
 def test_a_logbook_of_another_schema_names_the_version_that_exports_it(
     url: str, results_dir: Path
 ) -> None:
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         for trial, version in enumerate(("0.8.0", "0.9.1")):
             start = make_start(trial, versions={"seatrial": version}, git_commit=f"{trial}a" * 20)
             logbook.finish_run(logbook.begin_run(start).run_id, Results())
@@ -58,16 +61,16 @@ def test_a_logbook_of_another_schema_names_the_version_that_exports_it(
 def test_views_of_another_catalogue_are_renewed(
     url: str, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Logbook.open(url, results_dir=results_dir) as logbook:
+    with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     views.statements.cache_clear()
     views.digest.cache_clear()
     monkeypatch.setattr(views, "METRIC_NAMES", (*views.METRIC_NAMES, "own_metric"))
     try:
         assert schema.inspect(parse(url)) is schema.Condition.OTHER_VIEWS
-        with Logbook.read(url) as reader, pytest.raises(LogbookError, match="own_metric"):
+        with LogbookWriter.read(url) as reader, pytest.raises(LogbookError, match="own_metric"):
             reader.sql("SELECT own_metric FROM metric_wide")
-        with Logbook.open(url, results_dir=results_dir) as logbook:
+        with LogbookWriter.open(url, results_dir=results_dir) as logbook:
             assert len(logbook.sql("SELECT own_metric FROM metric_wide").rows) == 6
         assert schema.inspect(parse(url)) is schema.Condition.CURRENT
     finally:
@@ -109,10 +112,10 @@ def test_a_missing_logbook_is_not_made_by_reading(
 ) -> None:
     monkeypatch.delenv("SEATRIAL_DATABASE", raising=False)
     with pytest.raises(LogbookError, match=r"there is no logbook here[^,]*$"):
-        Logbook.read(url)
+        LogbookWriter.read(url)
     monkeypatch.setenv("SEATRIAL_DATABASE", url)
     with pytest.raises(LogbookError, match=r"no logbook here.*, or --database SEATRIAL_DATABASE$"):
-        Logbook.open(url, results_dir=results_dir, create=False)
+        LogbookWriter.open(url, results_dir=results_dir, create=False)
     assert not results_dir.exists()
 
 
@@ -120,9 +123,9 @@ def test_an_empty_file_becomes_a_logbook(tmp_path: Path) -> None:
     path = tmp_path / "an odd %41 name?#.db"
     path.touch()
     url = URL.create("sqlite", database=str(path)).render_as_string()
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, Results())
-    with Logbook.read(url) as reader:
+    with LogbookWriter.read(url) as reader:
         assert len(reader.runs()) == 1
     assert path.stat().st_size > 0
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Results
 from tests.runner.database.samples import make_results, make_start
 
 
 @pytest.fixture
-def filled(logbook: Logbook) -> Logbook:
+def filled(logbook: LogbookWriter) -> LogbookWriter:
     """ls and plsr, three seeds each; one run failed, one found below the true model."""
     for trial in range(6):
         start = make_start(trial, identifier="ls" if trial < 3 else "plsr", seed=trial % 3)
@@ -29,7 +29,7 @@ def filled(logbook: Logbook) -> Logbook:
     return logbook
 
 
-def test_the_overview_has_a_row_for_every_run(filled: Logbook) -> None:
+def test_the_overview_has_a_row_for_every_run(filled: LogbookWriter) -> None:
     answer = filled.sql("SELECT * FROM run_overview ORDER BY run_id")
     assert answer.columns == tuple(run_overview.c.keys())
     rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
@@ -41,7 +41,7 @@ def test_the_overview_has_a_row_for_every_run(filled: Logbook) -> None:
     assert {row["superseded"] for row in rows} == {0}
 
 
-def test_metrics_stand_side_by_side(filled: Logbook) -> None:
+def test_metrics_stand_side_by_side(filled: LogbookWriter) -> None:
     answer = filled.sql(
         "SELECT identifier, count(*), avg(force_mse), avg(iaew) FROM metric_wide"
         " WHERE stage = 'validation' AND model = 'identified' AND dof = 'surge'"
@@ -52,7 +52,7 @@ def test_metrics_stand_side_by_side(filled: Logbook) -> None:
     assert set(METRIC_NAMES) <= set(names)
 
 
-def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: Logbook) -> None:
+def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     rows = [
         Coefficient("identified", "surge", "u", 9.0, 0.1, -10.0, "kg/s"),
@@ -72,7 +72,7 @@ def test_headline_names_are_those_of_metrics() -> None:
 @pytest.mark.skipif(not shutil.which("sqlite3"), reason="no sqlite3 shell: apt-get install sqlite3")
 @pytest.mark.parametrize("view", NAMES)
 def test_the_plain_shell_shows_the_views(tmp_path: Path, view: str) -> None:
-    with Logbook.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     said = subprocess.run(
         ["sqlite3", "-header", tmp_path / "results.db", f"select * from {view}"],

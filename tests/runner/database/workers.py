@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, Series
 from tests.runner.database.samples import make_results, make_start
 
@@ -56,18 +56,18 @@ class Worker:
 def _work(task: Callable[..., None], url: str, folder: Path, number: int, said: Path) -> None:
     with said.open("a", buffering=1) as file:
         try:
-            with Logbook.open(url, results_dir=folder) as logbook:
+            with LogbookWriter.open(url, results_dir=folder) as logbook:
                 task(logbook, number, lambda line: file.write(f"{line}\n"))
         except BaseException:
             traceback.print_exc(file=file)
             raise
 
 
-def do_nothing(logbook: Logbook, number: int, say: Say) -> None:
+def do_nothing(logbook: LogbookWriter, number: int, say: Say) -> None:
     """Open and close."""
 
 
-def write_own(logbook: Logbook, number: int, say: Say) -> None:
+def write_own(logbook: LogbookWriter, number: int, say: Say) -> None:
     """125 trials that nobody else does."""
     results = replace(make_results(), series=())
     for trial in range(number * 125, (number + 1) * 125):
@@ -76,7 +76,7 @@ def write_own(logbook: Logbook, number: int, say: Say) -> None:
         logbook.finish_run(begun.run_id, results)
 
 
-def write_shared(logbook: Logbook, number: int, say: Say) -> None:
+def write_shared(logbook: LogbookWriter, number: int, say: Say) -> None:
     """100 trials that every other worker tries as well, at the same time."""
     for trial in range(100):
         begun = logbook.begin_run(make_start(trial))
@@ -86,7 +86,7 @@ def write_shared(logbook: Logbook, number: int, say: Say) -> None:
             logbook.finish_run(begun.run_id, Results(note=str(number)))
 
 
-def write_until_killed(logbook: Logbook, number: int, say: Say) -> None:
+def write_until_killed(logbook: LogbookWriter, number: int, say: Say) -> None:
     """Trials with series, and what is finished is said."""
     for trial in range(number * 1000, (number + 1) * 1000):
         begun = logbook.begin_run(make_start(trial))
@@ -95,7 +95,7 @@ def write_until_killed(logbook: Logbook, number: int, say: Say) -> None:
             say(begun.run_id)
 
 
-def write_until_full(logbook: Logbook, number: int, say: Say) -> None:
+def write_until_full(logbook: LogbookWriter, number: int, say: Say) -> None:
     """Trials until a file cannot grow: the database for number 0, a series file for number 1."""
     limit = 200_000 if number == 0 else 2_000_000
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))

@@ -9,7 +9,7 @@ import pytest
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import Quaternion
 from seatrial.models.vessel.thruster import FirstOrderLag, SecondOrderLag
-from seatrial.runner.database import Reader
+from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.equations import Equations
 from seatrial.runner.export.stored_model import read_model
 from tests.runner.compare.conftest import Program
@@ -33,7 +33,7 @@ def exported(
     file = tmp_path / "vessel.c"
     words = ("--to", "c", "-o", file, "--model", model, "--database", database)
     assert program("model", str(run), *words) == (0, f"{file}\n{file.with_suffix('.h')}\n", "")
-    with Reader.read(database) as logbook:
+    with LogbookReader.read(database) as logbook:
         vessel = read_model(logbook, run, model).parameters
     return Theirs(file, Ours(vessel, WIND, CURRENT))
 

@@ -10,7 +10,7 @@ import pytest
 
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.pose import Quaternion
-from seatrial.runner.database import Reader
+from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.stored_model import read_model
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
@@ -59,7 +59,7 @@ def test_another_program_accepts_and_simulates_it(
 
     assert validate_fmu(str(file)) == []
     model = request.node.callspec.params["file"][1]
-    with Reader.read(f"sqlite:///{sailed}/results/results.db") as logbook:
+    with LogbookReader.read(f"sqlite:///{sailed}/results/results.db") as logbook:
         ours = Ours(read_model(logbook, run, model).parameters, WIND, CURRENT)
     limits = [ours.vessel.limits_by_dof[dof] for dof in ours.dofs]
     rng = np.random.default_rng(1)

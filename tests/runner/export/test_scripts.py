@@ -14,7 +14,7 @@ import pytest
 import scipy.io
 
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.database import Reader
+from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.stored_model import read_model
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
@@ -45,7 +45,7 @@ class Exporter:
 
     def ours(self, run: int, model: str) -> Ours:
         """Our kernels for the same model, with Euler angles in six degrees of freedom."""
-        with Reader.read(self.database) as logbook:
+        with LogbookReader.read(self.database) as logbook:
             vessel = read_model(logbook, run, model).parameters
         return Ours(replace(vessel, attitude="euler"), WIND, np.zeros(2))
 

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner import options
-from seatrial.runner.database import Reader
+from seatrial.runner.database import LogbookReader
 from seatrial.runner.record.coefficient_rows import vessel_of
 from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
@@ -51,7 +51,7 @@ def test_every_coefficient_comes_back_to_the_last_digit(
     assert (code, out, err) == (0, f"{output}\n", "")
     node = OmegaConf.to_container(OmegaConf.load(output))  # as Hydra reads it
     assert isinstance(node, dict)
-    with Reader.read(f"sqlite:///{here}/results/results.db") as logbook:
+    with LogbookReader.read(f"sqlite:///{here}/results/results.db") as logbook:
         stored = vessel_of([r for r in logbook.coefficients(run) if r.model == model], model)
         config = logbook.run(run).config["vessel"]
     vessel = options.part(VesselParameters, node)

@@ -13,7 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 
 import seatrial as st
-from seatrial.runner.database import Logbook
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.hydra_errors import CONF
 from tests.runner.command import Command
 
@@ -195,7 +195,7 @@ def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
 
 
 def test_an_empty_logbook_says_so(seatrial: Command, tmp_path: Path) -> None:
-    Logbook.open(f"sqlite:///{tmp_path}/empty.db", results_dir=tmp_path).close()
+    LogbookWriter.open(f"sqlite:///{tmp_path}/empty.db", results_dir=tmp_path).close()
     logbook = st.open("empty.db")
     assert "no runs in the logbook yet" in logbook._repr_html_()
     with pytest.raises(st.ConfigurationError, match="no runs in the logbook yet"):

@@ -11,7 +11,7 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
-from seatrial.runner.database import Logbook, Reader
+from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.export.stored_model import read_model
 from seatrial.runner.record.coefficient_rows import state_space_coefficients, vessel_of
@@ -26,10 +26,10 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
         fingerprint="f" * 64, **trial.names, seed=3, config={}, overrides=[], git_commit=None,
         git_dirty=None, versions={}, command="",
     )  # fmt: skip
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         begun = logbook.begin_run(start)
         logbook.finish_run(begun.run_id, results)
-    with Reader.read(url, results_dir=tmp_path) as reader:
+    with LogbookReader.read(url, results_dir=tmp_path) as reader:
         for model in ("nominal", "identified"):
             rows = [row for row in reader.coefficients(begun.run_id) if row.model == model]
             vessel = vessel_of(rows, model)
@@ -47,7 +47,7 @@ def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> No
     """A rudder's parameter has a row with its standard error, and the stored vessel has it."""
     trial = composed(
         "vessel=kvlcc2", "excitation=rudder_zigzag", "excitation.duration_s=60", "controller=none",
-        "evaluation=none", "identifier=least_squares", "identifier.horizon=50",
+        "evaluation=none", "identifier=output_error", "identifier.horizon=50",
         "identifier.free=[yaw.rU,rudder.a_H]", "identifier.horizons=[]", "disturbance=noise",
     )  # fmt: skip
     results = trials.run(trial)
@@ -67,10 +67,10 @@ def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> No
         config={"vessel": node, "integration_step_s": 0.1}, overrides=[], git_commit=None,
         git_dirty=None, versions={}, command="",
     )  # fmt: skip
-    with Logbook.open(url, results_dir=tmp_path) as logbook:
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         begun = logbook.begin_run(start)
         logbook.finish_run(begun.run_id, results)
-    with Reader.read(url, results_dir=tmp_path) as reader:
+    with LogbookReader.read(url, results_dir=tmp_path) as reader:
         model = read_model(reader, begun.run_id)
         values = {(r.dof, r.term): r.value for r in reader.coefficients(begun.run_id)
                   if r.model == "identified"}  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.simulation.manoeuvre_sheet import FINDING
+from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC
 from seatrial.runner import trial as trials
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.record import manoeuvre_results
@@ -77,7 +77,9 @@ def test_a_measure_is_compared_with_the_one_of_its_name() -> None:
     length = manoeuvre_results.length_of(trial)
     assert length is not None
     found = manoeuvre_results.manoeuvres(problem, identified, length)
-    values = {(f.name.removeprefix(FINDING), f.label.rpartition(", ")[2]): f.value for f in found}
+    values = {
+        (f.name.removeprefix(DIAGNOSTIC), f.label.rpartition(", ")[2]): f.value for f in found
+    }
     recorded = {name for name, model in values if model == "measured"}
     reached = {name for name in recorded if values[name, "identified model"] is not None}
     assert "initial_turning" in reached

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from seatrial.models.findings import Finding
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.closed_loop import Design, SimulatedMission
+from seatrial.runner.closed_loop import ControlDesign, SimulatedMission
 from seatrial.runner.record import deployment_metrics
 
 N, H = 6, 0.5
@@ -29,10 +29,13 @@ def sailed() -> SimulatedMission:
     calm = Weather(*(np.zeros((N, 3)) for _ in range(4)))
     times = 1e-6 * np.array([1.0, 9, 3, 9, 5, 9])
     voyage = Voyage(H * np.arange(N), log, PLANAR, calm, True, times)
-    remarks = (Finding("spectral_radius", "all", 1.01), Finding("model_order", "all", 6.0))
-    design = Design(
+    diagnostics = (
+        Diagnostic("spectral_radius", "all", 1.01),
+        Diagnostic("model_order", "all", 6.0),
+    )
+    design = ControlDesign(
         PLANAR, needed=np.array([50.0, 500.0, 1.0]), limits=(100.0, 400.0, 8.0), every=2,
-        remarks=remarks,
+        diagnostics=diagnostics,
     )  # fmt: skip
     return SimulatedMission(voyage, H, design, failures=4)
 
@@ -85,7 +88,7 @@ def test_a_mission_with_stands_has_the_figures_of_its_steps() -> None:
     calm = Weather(*(np.zeros((n, 3)) for _ in range(4)))
     voyage = Voyage(H * np.arange(n), log, PLANAR, calm, True)
     found = deployment_metrics.response_metrics(
-        SimulatedMission(voyage, H, Design(PLANAR, np.zeros(3))), "identified"
+        SimulatedMission(voyage, H, ControlDesign(PLANAR, np.zeros(3))), "identified"
     )
     surge = {m.name: (m.value, m.unit) for m in found if m.dof == "surge"}
     assert surge["early_share"] == (pytest.approx(10.0), "%")

@@ -16,7 +16,7 @@ def test_a_model_that_cannot_be_simulated_has_every_row_without_a_value() -> Non
     problem = Problem(recording, recording, nominal, None)
     impossible = replace(nominal, theta=-nominal.theta)
     predicted = predictions(problem, Identified(impossible, impossible), None)
-    rows, reasons = predicted.metrics, predicted.findings
+    rows, reasons = predicted.metrics, predicted.diagnostics
     named = {
         model: {(row.name, row.dof): row.value for row in rows if row.model == model}
         for model in ("nominal", "identified")

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.benchmark.position import position_score
 from seatrial.runner.compare.benchmark.scores import (
     MEAN_MOTION,
     PERSISTENCE,
     chance,
     interval,
     pooled,
+    position_score,
     score,
 )
 from seatrial.runner.record.rows import Series

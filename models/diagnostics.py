@@ -1,6 +1,6 @@
 """Numbers that an identifier, a controller or an excitation reports about its own result.
 
-A finding is stored unchanged as a row of the table `diagnostic`.
+A diagnostic is stored unchanged as a row of the table `diagnostic`.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ TRAINING_TIME = "training_time"  # wall-clock time of the identification, machin
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnostic:
     """A reported number, such as the error at model order `i`.
 
     For an error surface, `i` is the order and `j` the number of variables. For a Pareto set, `i`
