@@ -3,7 +3,7 @@
     inertia      M_0 / factor <= (M + M') / 2 <= factor M_0       linear matrix inequalities
     symmetry     |M_ij - M_ji| <= factor |M_0ij - M_0ji|
     dissipation  nu' d(nu) >= 0                                   at sampled velocities
-    restoring    moments of roll and pitch that right the nominal the vessel do so
+    restoring    moments of roll and pitch that right the nominal vessel do so
 
 M_0 is the nominal inertia; d(nu) are the forces that depend on velocities alone. A Coriolis force
 does no work, so it may be part of d. Restoring forces, weather and constants are left out. A table
@@ -266,7 +266,7 @@ class PhysicalConstraints:
         return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("symmetry",) * len(b))
 
     def _righting(self) -> Rows:
-        """Moments of roll and pitch that right the nominal the vessel do so."""
+        """Moments of roll and pitch that right the nominal vessel do so."""
         table, directions = self.free.nominal, self.free.slopes
         A, b = [], []
         for i, term in enumerate(table.terms):

@@ -63,7 +63,7 @@ class Fit:
     rest: Array  # (N, n) measured - predicted
     sigma: Array  # (n,), or (N, n) where it differs by file
     evaluations: int
-    precision: Array  # (m,) of the prior: weight of (p - p_believed)^2 beside the residuals
+    precision: Array  # (m,) of the prior: weight of (p - p_nominal)^2 beside the residuals
     inflation: float  # samples that say as much as one independent sample, in this weight
 
 

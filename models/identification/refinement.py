@@ -136,7 +136,7 @@ class Refined:
 
     @property
     def change(self) -> Array:
-        """p - p_believed, shape (m,)."""
+        """p - p_nominal, shape (m,)."""
         return self.point.change
 
     @property

@@ -1,7 +1,7 @@
 """Regression of the free parameters of a nominal model, with a prior and physical constraints.
 
 The acceleration, the velocity and the force of every sample give one equation per degree of
-freedom that is linear in the parameters dp = p - p_believed, with the structure of the nominal
+freedom that is linear in the parameters dp = p - p_nominal, with the structure of the nominal
 model (`free_parameters`): its Coriolis forces follow the inertia. One quadratic program
 
     minimise sum_k |W (epsilon_k - Phi_k L dp)|^2 + tau sum_j (dp_j / s_j)^2
