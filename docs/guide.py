@@ -1,7 +1,7 @@
 """Run the commands of README.md and of the guide's pages, as their reader would.
 
 `python -m docs.guide docs/howto/sweeps.md` runs those of a page in an empty folder and writes their
-outputs into it. Tests run every page so and compare (`tests/test_guide_howto.py`). On a page,
+outputs into it. Tests run every page so and compare (`tests/test_guide.py`). On a page,
 
 - blocks of `console` hold commands (`$ `, continued by a backslash) and their outputs, in which a
   line `...` stands for any lines; without an output only the exit code is compared;

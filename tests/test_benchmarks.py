@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from docs.benchmarks import figure_rows, ratio_row, read, shown_seconds
+from docs.benchmarks import figure_rows, ratio_row, read
 
 RATIO = {
     "kind": "ratio", "item": "2", "what": "a surface", "ours": "blocked", "peer": "one by one",
@@ -53,10 +53,3 @@ def test_what_falls_short_says_by_how_much_and_why(tmp_path: Path) -> None:
 def test_a_file_without_benchmarks_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="contains no passed benchmark"):
         read(written(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"), [(12.0, "12 s"), (0.0123, "12.3 ms"), (4.2e-6, "4.2 us"), (3e-10, "0.3 ns")]
-)
-def test_times_have_a_unit_of_their_size(value: float, shown: str) -> None:
-    assert shown_seconds(value) == shown

@@ -12,7 +12,6 @@ from docs.coverage import (
     Count,
     Model,
     Share,
-    cases,
     covered,
     proportion,
     read,
@@ -93,11 +92,6 @@ def test_models_are_counted_by_what_they_say_of_their_intervals() -> None:
     ]
     (failed,) = shares_of(case, "iv", [], 4)
     assert (failed.seeds, failed.failed) == (0, 4)
-
-
-def test_only_vessels_that_take_wind_have_it() -> None:
-    windy = {case.vessel for case in cases() if "wind" in case.disturbance}
-    assert windy == {"milliampere", "modulus_ship"}
 
 
 def test_every_identifier_says_what_its_interval_is_of() -> None:

@@ -73,17 +73,13 @@ def asked(checkout: Path) -> str:
     return (checkout / "asked").read_text()
 
 
-def test_no_python(checkout: Path) -> None:
+@pytest.mark.parametrize("version", [None, "3.10", "3.14"])
+def test_no_python_or_one_that_is_too_old_or_too_new(checkout: Path, version: str | None) -> None:
+    if version:
+        pretend_python(checkout, "python3", version, venv=True)
     answer = make(checkout, ".venv/bin/python")
     assert answer.returncode != 0
     assert "seatrial: no Python 3.11, 3.12 or 3.13 found" in answer.stderr
-
-
-def test_only_an_old_or_too_new_python(checkout: Path) -> None:
-    pretend_python(checkout, "python3", "3.10", venv=True)
-    assert "no Python 3.11, 3.12 or 3.13 found" in make(checkout, ".venv/bin/python").stderr
-    pretend_python(checkout, "python3", "3.14", venv=True)
-    assert "no Python 3.11, 3.12 or 3.13 found" in make(checkout, ".venv/bin/python").stderr
 
 
 def test_no_venv_module_names_the_package(checkout: Path) -> None:
@@ -102,13 +98,6 @@ def test_the_newest_that_can_is_taken(checkout: Path) -> None:
     assert answer.returncode == 0, answer.stderr
     assert "setting up .venv with Python 3.12" in answer.stdout
     assert "python3.12 -m venv .venv" in asked(checkout)
-
-
-def test_another_python_can_be_named(checkout: Path) -> None:
-    pretend_python(checkout, "python3.13", "3.13", venv=True)
-    pretend_python(checkout, "mine", "3.11", venv=True)
-    assert make(checkout, ".venv/bin/python", "PYTHON=mine").returncode == 0
-    assert "mine -m venv .venv" in asked(checkout)
 
 
 def test_it_installs_again_only_for_a_change(checkout: Path) -> None:
@@ -143,7 +132,7 @@ def test_the_nightly_work_goes_on_after_a_failure(checkout: Path) -> None:
     for folder in (".venv", ".venv-ray"):
         set_up(checkout, folder, name=folder)
         script = checkout / folder / "bin" / "python"
-        script.write_text(script.read_text() + 'case "$*" in *nightly*) exit 1 ;; esac\n')
+        script.write_text(script.read_text() + 'case "$*" in *"-m nightly"*) exit 1 ;; esac\n')
     (checkout / "conf" / "experiment").mkdir(parents=True)
     answer = make(checkout, "nightly")
     assert answer.returncode == 2
@@ -176,27 +165,6 @@ def test_experiments_on_outside_data_are_left_out_without_them(checkout: Path) -
     assert make(checkout, "published", "SEATRIAL_DATA=/data").returncode == 0
     ran = re.findall(r"experiment=(\w+)", asked(checkout))
     assert sorted(ran) == ["measured", "simulated", "simulated"]
-
-
-def test_the_guide_is_built_strictly_after_its_figures(checkout: Path) -> None:
-    set_up(checkout)
-    (checkout / "docs").mkdir()  # the folder is not the target
-    answer = make(checkout, "docs")
-    assert answer.returncode == 0, answer.stderr
-    said = asked(checkout).splitlines()
-    assert [line.removeprefix("stub -m ") for line in said if "-m" in line] == [
-        "pip install --quiet --editable .[docs]", "docs.gallery", "mkdocs build --strict",
-    ]  # fmt: skip
-
-
-def test_constraints_are_names_and_versions_only() -> None:
-    for file in CONSTRAINTS:
-        lines = (ROOT / file).read_text().splitlines()
-        pins = [line for line in lines if not line.startswith("#")]
-        assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", pin) for pin in pins)
-        names = [pin.partition("==")[0].lower().replace("_", "-") for pin in pins]
-        assert len(names) == len(set(names))
-        assert "setuptools" in names  # for builds of packages that come as sources
 
 
 @pytest.mark.parametrize(("code", "sweeps"), [(0, 5), (1, 5), (2, 1)])
@@ -242,8 +210,8 @@ def test_the_suite_sees_no_outside_data_and_nothing_is_run_twice(checkout: Path)
     ran = re.findall(r"^(\S+) -m pytest .* -m (.*)$", asked(checkout), re.M)
     beside = f"{checkout}/here/../shared/data"
     assert ran == [
-        ("unset", "not slow and not nightly and not data"),
-        ("unset", "not slow and not nightly and not data"),
-        (beside, "data and not slow and not nightly"),
-        ("/data", "data and not slow and not nightly"),
+        ("unset", "not (slow or nightly or data)"),
+        ("unset", "not (slow or nightly or data)"),
+        (beside, "data and not (slow or nightly)"),
+        ("/data", "data and not (slow or nightly)"),
     ]

@@ -10,7 +10,6 @@ import pytest
 from docs.notebooks import FOLDER, executed
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
-NAMES = ["first_trial", "own_identifier", "own_recording", "own_vessel", "paper_figure"]
 MACHINE = re.compile(r"/(root|home|tmp|usr|work|opt|Users|var)/|[A-Z]:\\\\|site-packages")
 
 
@@ -24,10 +23,6 @@ def outputs(notebook: Any) -> list[list[tuple[str, ...]]]:
         ]
         for cell in notebook.cells
     ]
-
-
-def test_there_are_five() -> None:
-    assert [path.stem for path in NOTEBOOKS] == NAMES
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

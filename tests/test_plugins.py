@@ -135,31 +135,6 @@ def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_an_installed_package_needs_no_variable(tmp_path: Path) -> None:
-    """An entry point adds the options, the metrics and the figures of a package."""
-    source, folder = written(tmp_path / "source"), tmp_path / "empty"
-    package, about = tmp_path / "site" / "fleet", tmp_path / "site" / "fleet-1.dist-info"
-    for path in (package, about, folder):
-        path.mkdir(parents=True)
-    (package / "__init__.py").write_text("from fleet.speeds import LargestSpeed\n")
-    for name in ("speeds.py", "speed_figure.py", "pd_python.py"):
-        shutil.copy(source / name, package)
-    options = package / "conf" / "controller" / "fleet_pd.yaml"
-    options.parent.mkdir(parents=True)
-    text = (source / "conf" / "controller" / "pd_python.yaml").read_text()
-    options.write_text(text.replace("pd_python.Pd", "fleet.pd_python.Pd"))
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: fleet\nVersion: 1\n")
-    (about / "entry_points.txt").write_text("[seatrial.plugins]\nfleet = fleet\n")
-    installed = {"PYTHONPATH": str(tmp_path / "site")}
-    assert "fleet_pd" in run(folder, "seatrial.runner", "--help", **installed)
-    metric = "metrics=[{_target_: fleet.LargestSpeed}]"
-    run(folder, "seatrial.runner", *SHORT, "controller=fleet_pd", metric, **installed)
-    results = "seatrial.runner.compare"
-    assert NOTE in run(folder, results, "table", "--metric", "speed_max", **installed)
-    assert "speeds.png" in run(folder, results, "plot", "speeds", **installed)
-
-
-@pytest.mark.slow
 def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
     folder = written(tmp_path)
     run(folder, "seatrial.runner", *SURGE, "identifier=fit")

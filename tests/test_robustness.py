@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from docs.refresh import BLOCK
 from docs.robustness import Case, Cells, Outcome, cell, outcomes, page, ratios
 from seatrial.runner.compare.results import open_results
 
@@ -91,13 +90,3 @@ def test_ratios_of_errors() -> None:
     # no prediction is worse than any; better than a model without one
     assert ratios({}, {"surge": 0.1}, {"surge": 1.0}) == {"surge": math.inf}
     assert ratios({"surge": 0.1}, {}, {"surge": 1.0}) == {"surge": 0.0}
-
-
-def test_the_page_has_a_block_for_each_command() -> None:
-    text = (ROOT / "docs" / "identification.md").read_text()
-    commands = [found["command"] for found in BLOCK.finditer(text)]
-    assert commands == [
-        "python -m docs.coverage",
-        "python -m docs.manoeuvring_trials",
-        "python -m docs.robustness",
-    ]

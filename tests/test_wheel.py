@@ -30,6 +30,7 @@ assert estimator.score(test) > 0.99
 assert ferry.dofs == ("surge", "sway", "yaw")
 """
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+OFFLINE = ("--no-deps", "--no-index")
 FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
 
 
@@ -81,14 +82,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     answer = run(sys.executable, "-c", build, folder=copy)
     assert answer.returncode == 0, answer.stderr
     (sources,) = folder.glob("*.tar.gz")
-    answer = run(
-        *(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-index"),
-        *("--no-build-isolation", sources),
-        folder=folder,
-    )
-    assert answer.returncode == 0, answer.stderr
-    (built,) = folder.glob("*.whl")
-    return built
+    return built(sources, folder)
 
 
 @pytest.fixture(scope="module")
@@ -112,12 +106,7 @@ def binaries(wheel: Path) -> Path:
             if ".." not in file.parts and not link.exists():
                 link.parent.mkdir(parents=True, exist_ok=True)
                 link.symlink_to(Path(str(required.locate_file(part))).resolve())
-    answer = run(
-        *(sys.executable, "-m", "pip", "--python", folder / "bin" / "python"),
-        *("install", "--no-deps", "--no-index", wheel),
-        folder=wheel.parent,
-    )
-    assert answer.returncode == 0, answer.stderr
+    install(folder / "bin" / "python", wheel)
     return folder / "bin"
 
 
@@ -182,9 +171,11 @@ def test_plug_ins_need_no_fork(
     monkeypatch.delenv("SEATRIAL_PLUGINS")
     empty = tmp_path / "empty"
     empty.mkdir()
-    install(binaries, package(tmp_path))
+    source = package(tmp_path)
+    install(binaries / "python", built(source, source))
     assert "fleet_fit" in said("seatrial", "--help", folder=empty)
     assert "speeds: Largest speed" in said("seatrial-results", "plot", "--help", folder=empty)
+    assert "speed_max" in said("seatrial-results", "metrics", folder=empty)
     said("seatrial", *surge, "identifier=fleet_fit", folder=empty)
 
 
@@ -192,7 +183,7 @@ def package(folder: Path) -> Path:
     """A package of the plug-ins in a folder, with the entry point of the guide."""
     source = folder / "source"
     (source / "fleet" / "conf" / "identifier").mkdir(parents=True)
-    (source / "fleet" / "__init__.py").touch()
+    (source / "fleet" / "__init__.py").write_text("from fleet.speeds import LargestSpeed\n")
     for name in ("my_fit.py", "speeds.py", "speed_figure.py"):
         shutil.copy(folder / name, source / "fleet")
     options = (folder / "conf" / "identifier" / "my_fit.yaml").read_text()
@@ -211,19 +202,19 @@ def package(folder: Path) -> Path:
     return source
 
 
-def install(binaries: Path, source: Path) -> None:
-    """Install a package, built with what is installed here."""
-    offline = ("--no-deps", "--no-index")
-    answer = run(
-        *(sys.executable, "-m", "pip", "wheel", *offline, "--no-build-isolation", source),
-        folder=source,
-    )
+def built(source: Path, folder: Path) -> Path:
+    """The wheel of a source in a folder, built with what is installed here."""
+    words = ("wheel", *OFFLINE, "--no-build-isolation", source)
+    answer = run(sys.executable, "-m", "pip", *words, folder=folder)
     assert answer.returncode == 0, answer.stderr
-    (built,) = source.glob("*.whl")
-    answer = run(
-        *(sys.executable, "-m", "pip", "--python", binaries / "python", "install", *offline, built),
-        folder=source,
-    )
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def install(python: Path, wheel: Path) -> None:
+    """Install a wheel into the environment of an interpreter."""
+    words = ("--python", python, "install", *OFFLINE, wheel)
+    answer = run(sys.executable, "-m", "pip", *words, folder=wheel.parent)
     assert answer.returncode == 0, answer.stderr
 
 

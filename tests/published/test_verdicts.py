@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from docs.published import __main__ as program
-from docs.published import printed as printing
 from docs.published.page import objective_figure, times_figure
 from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdict_of
 from seatrial.models.diagnostics import Diagnostic
@@ -20,7 +19,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
-from tests.runner.compare.browsers import complaints, open_page
 
 ONE = Printed(
     experiment="mine", document="Somebody (2020)", table="Table 1", page="7", row="with model",
@@ -314,20 +312,6 @@ def test_what_a_user_gets_wrong_is_one_line(
         assert (code, out, err.count("\n")) == (2, "", 1)
         assert complaint in err
     assert (book / "results.db").read_bytes() == before
-
-
-def test_the_page_of_all_printed_figures_opens_on_a_phone(
-    browser: Any, book: Path, tmp_path: Path, asked: Callable[..., tuple[int, str, str]]
-) -> None:
-    """Without complaints or requests, and with nothing that makes it scroll sideways."""
-    page = tmp_path / "index.html"
-    assert asked(printing.FOLDER, "--page", page, "--summary")[0] == 0
-    open_page(browser, page, 390, mobile=True)
-    assert complaints(browser) == []
-    assert browser.execute_script("return performance.getEntriesByType('resource').length") == 0
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
-    text = browser.execute_script("return document.body.textContent")
-    assert all(name in text for name in read_folder())
 
 
 def test_figures_of_the_sources(tmp_path: Path) -> None:

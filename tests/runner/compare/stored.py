@@ -10,6 +10,7 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.cells import cells
 from seatrial.runner.compare.benchmark.task import task_of
+from seatrial.runner.compare.search_candidates import Objective
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
@@ -149,10 +150,9 @@ def fill_plain(logbook: LogbookWriter) -> None:
 def fill_sailed(logbook: LogbookWriter) -> None:
     """Nine runs of a search, with everything that a figure can show."""
     overrides = [
-        "search.metric=force_mse:surge,force_mse:yaw",
-        "search.stage=validation,validation",
+        Objective("force_mse", dof, "validation", "identified", "median", "lower").override
+        for dof in ("surge", "yaw")
     ]
-    overrides += ["search.better=lower,lower", "search.model=identified", "search.statistic=median"]
     sweep = logbook.begin_sweep("search", "seatrial -m", overrides, 9)
     for seed in range(2):
         for identifier in ("ls", "plsr"):

@@ -1,14 +1,12 @@
-"""The page of the benchmark: what is on it, and how it behaves on a desk and on a phone."""
+"""The page of the benchmark: what is on it, and that it loads nothing."""
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from seatrial.runner import benchmark
-from tests.runner.compare.browsers import complaints, open_page
-from tests.runner.compare.conftest import Program
+from seatrial.runner.compare.__main__ import run
 
 pytestmark = pytest.mark.slow
 TASK = """
@@ -47,23 +45,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tasks.mkdir(parents=True)
     (tasks / "ferry.yaml").write_text(TASK)
     (tasks / "surge.yaml").write_text(OTHER)
+    words = ["--task", "ferry", "--task", "surge"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        assert benchmark.main([*WORDS, "--launcher", "basic"]) == 0
+        assert benchmark.main([*words, "--launcher", "basic"]) == 0
+        assert run(["leaderboard", *words, "--page", "index.html"]) == 0
     return folder / "index.html"
-
-
-WORDS = ("--task", "ferry", "--task", "surge")
-
-
-@pytest.fixture(autouse=True)
-def written(page: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page as the command writes it."""
-    monkeypatch.chdir(page.parent)
-    if not page.exists():
-        code, out, err = program("leaderboard", *WORDS, "--page", page)
-        assert code == 0, err
-        assert "A ferry along way-points" in out
 
 
 def test_the_page_holds_everything_and_loads_nothing(page: Path) -> None:
@@ -80,34 +67,3 @@ def test_the_page_holds_everything_and_loads_nothing(page: Path) -> None:
     assert len(ids) == len(set(ids))
     references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
     assert {one or other for one, other in references} <= set(ids)
-
-
-@pytest.mark.parametrize(("width", "mobile"), [(390, True), (1280, False)])
-def test_it_is_legible_on_a_phone_and_a_desk(
-    browser: Any, page: Path, width: int, mobile: bool
-) -> None:
-    open_page(browser, page, width, mobile)
-    assert complaints(browser) == []
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-    entries = browser.execute_script("return performance.getEntriesByType('resource').length")
-    assert entries == 0
-    sizes = browser.execute_script(
-        "return [...document.querySelectorAll('figure svg')].map((svg) => {"
-        " const box = svg.getBoundingClientRect();"
-        " return [box.width, box.width / svg.viewBox.baseVal.width] })"
-    )
-    assert len(sizes) >= 6
-    for wide, scale in sizes:
-        assert wide > 300
-        assert scale * 10.0 >= 9.0  # the 10 pt letters of the figures [CSS px]
-
-
-def test_the_figure_of_the_ranks_is_drawn_by_name(page: Path, program: Program) -> None:
-    folder = page.parent
-    database = f"sqlite:///{folder}/results/benchmark/results.db"
-    code, out, err = program(
-        "plot", "critical_difference", "--database", database, "--output", folder / "figures"
-    )
-    assert code == 0, err
-    names = {Path(line).name for line in out.split()}
-    assert {"critical_difference.svg", "critical_difference-ferry.svg"} <= names

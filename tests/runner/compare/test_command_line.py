@@ -33,17 +33,6 @@ def test_runs_lists_the_newest_first_and_failures_too(program: Program, plain: P
     assert "the newest 2; --limit shows more" in out
 
 
-def test_runs_of_a_status_show_the_error_on_one_line(program: Program, plain: Path) -> None:
-    code, out, _ = program("runs", *database(plain), "--status", "failed")
-    assert code == 0
-    assert "singular matrix in the middle" in out
-    assert "exceeds" not in out
-
-
-def test_a_plain_path_is_a_database_too(program: Program, plain: Path) -> None:
-    assert program("runs", "--database", plain / "results.db")[0] == 0
-
-
 def test_show_tells_all_about_a_run(program: Program, plain: Path) -> None:
     code, out, _ = program("show", "4", *database(plain))
     assert code == 0
@@ -158,6 +147,7 @@ REFUSED = (
     (["plot", "bars", "--metric", "speed"], "no finished run has speed"),
     (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
     (["plot", "residual", "--run", "99"], "no runs match"),
+    (["plot", "residual", "--run", "5"], "run 5 has no series residual"),
     (["tables"], "No such command 'tables'"),
     (["published", "--summary"], "published is gone: in a checkout, use make published"),
     (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),

@@ -1,22 +1,20 @@
-"""What holds of a figure whatever its data: labels apart, hulls to scale, limits at their value."""
+"""What holds of a figure whatever its data: one vessel, hulls to scale, limits at their value."""
 
-from collections.abc import Callable, Sequence
-from itertools import combinations, product
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.recording import consistency
-from seatrial.runner.compare.figures import drawings_of, figures
-from seatrial.runner.compare.plots import paper, quality, style
+from seatrial.runner.compare.figures import drawings_of
+from seatrial.runner.compare.plots import quality
 from seatrial.runner.compare.plots.request import PlotRequest
-from seatrial.runner.compare.plots.style import Drawing, draw_limit, drawn, prefixed
+from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.plots.track import LEAST_SHARE, drawn_length, outline
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import LogbookWriter
@@ -31,17 +29,12 @@ T = np.arange(0.0, 100.0, 0.5)
 def draw(tmp_path: Path) -> Callable[..., list[Drawing]]:
     """Draw a kind of figure of a logbook that a function fills."""
 
-    def call(kind: str, fill: Fill, width_mm: float | None = None, **options: Any) -> list[Drawing]:
+    def call(kind: str, fill: Fill, **options: Any) -> list[Drawing]:
         with stored.logbook_at(tmp_path) as logbook:
             fill(logbook)
-        with (
-            open_results(f"sqlite:///{tmp_path}/results.db") as results,
-            drawn(width_mm=width_mm),
-        ):
+        with open_results(f"sqlite:///{tmp_path}/results.db") as results, drawn():
             drawings: list[Drawing] = drawings_of(kind)(results, PlotRequest(**options))
             for drawing in drawings:
-                if width_mm is not None:
-                    paper.fit(drawing.figure)
                 drawing.figure.draw_without_rendering()
         return drawings
 
@@ -53,71 +46,23 @@ def heading(figure: Figure) -> str:
     return " ".join(title.get_text().split())
 
 
-def coefficients_of(vessels: Sequence[str], identifiers: Sequence[str]) -> Fill:
-    def fill(logbook: LogbookWriter) -> None:
-        for vessel in vessels:
-            for k, identifier in enumerate(identifiers):
-                far = [stored.coefficient("u", (-1.0) ** k * (90.0 + k), 3.0, 10.0, unit="kg/s")]
-                near = [stored.coefficient("u_dot", 1000.0 + k, 5.0, 1000.0)]
-                stored.finish(logbook, stored.start(identifier, vessel=vessel), (), near + far)
-
-    return fill
-
-
-MANY = [f"method_{letter}" for letter in "abcdefghijkl"]
-
-
-@pytest.mark.parametrize("width_mm", [None, 85.0])
-def test_no_two_labels_of_coefficients_overlap(
-    draw: Callable[..., list[Drawing]], width_mm: float | None
-) -> None:
-    (drawing,) = draw("coefficients", coefficients_of(["milliampere"], MANY), width_mm)
-    for axes in drawing.figure.axes:
-        labels = [*axes.texts, *(label for label in axes.get_yticklabels() if label.get_text())]
-        boxes = [label.get_window_extent() for label in labels]
-        assert len(axes.texts) == len(MANY)  # all values of u are beyond the axis
-        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
-
-
-def test_many_series_differ_in_colour_and_in_marker(draw: Callable[..., list[Drawing]]) -> None:
-    (drawing,) = draw("coefficients", coefficients_of(["milliampere"], MANY))
-    marks = [container.lines[0] for container in drawing.figure.axes[0].containers]
-    assert len({mark.get_color() for mark in marks}) == len(MANY)
-    assert len({mark.get_marker() for mark in marks}) == len(MANY)
-
-
-@pytest.mark.parametrize("rows", ["identifier", "vessel"])
-def test_a_panel_of_coefficients_has_one_vessel(
-    draw: Callable[..., list[Drawing]], rows: str
+@pytest.mark.parametrize(
+    ("kind", "rows"), [("coefficients", "identifier"), ("coefficients", "vessel"), ("bars", None)]
+)
+def test_a_figure_has_one_vessel(
+    draw: Callable[..., list[Drawing]], kind: str, rows: str | None
 ) -> None:
     """Also where no mean would mix them: each vessel has an identifier of its own."""
 
     def fill(logbook: LogbookWriter) -> None:
-        coefficients_of(["milliampere"], ["ls"])(logbook)
-        coefficients_of(["supply_vessel"], ["plsr"])(logbook)
-
-    drawings = draw("coefficients", fill, rows=rows)
-    titles = [heading(drawing.figure) for drawing in drawings]
-    assert len(titles) == 2
-    assert ["milliampere" in title for title in titles] == [True, False]
-    assert ["supply_vessel" in title for title in titles] == [False, True]
-
-
-def test_bars_of_two_vessels_are_two_figures(draw: Callable[..., list[Drawing]]) -> None:
-    def fill(logbook: LogbookWriter) -> None:
         for vessel, identifier in (("milliampere", "ls"), ("supply_vessel", "plsr")):
             run = stored.start(identifier, vessel=vessel)
-            stored.finish(logbook, run, [stored.force_mse(4.0)])
+            found = [stored.coefficient("u_dot", 1000.0, 5.0, 1000.0)]
+            stored.finish(logbook, run, [stored.force_mse(4.0)], found)
 
-    titles = [heading(drawing.figure) for drawing in draw("bars", fill)]
+    titles = [heading(one.figure) for one in draw(kind, fill, **({"rows": rows} if rows else {}))]
     assert ["milliampere" in title for title in titles] == [True, False]
-    assert all("Force residual on the held-out part" in title for title in titles)
-
-
-def whiskers(axes: Axes) -> list[tuple[float, float]]:
-    """Lower and upper ends of all whiskers."""
-    segments = [s for lines in axes.collections for s in lines.get_segments()]  # type: ignore[attr-defined]
-    return [(float(s[0, 1]), float(s[1, 1])) for s in segments]
+    assert ["supply_vessel" in title for title in titles] == [False, True]
 
 
 def test_one_seed_has_no_whisker_and_no_whisker_reaches_the_floor(
@@ -131,9 +76,9 @@ def test_one_seed_has_no_whisker_and_no_whisker_reaches_the_floor(
     (drawing,) = draw("bars", fill)
     (axes,) = drawing.figure.axes
     assert axes.get_yscale() == "log"
-    ((low, high),) = whiskers(axes)
-    assert low == pytest.approx(34.0)
-    assert high == pytest.approx(34.0 + np.std([1.0, 1.0, 100.0], ddof=1))
+    (whisker,) = [s for lines in axes.collections for s in lines.get_segments()]
+    deviation = np.std([1.0, 1.0, 100.0], ddof=1)
+    np.testing.assert_allclose(whisker[:, 1], [34.0, 34.0 + deviation])
 
 
 def test_the_residual_shown_is_of_median_improvement(draw: Callable[..., list[Drawing]]) -> None:
@@ -156,35 +101,6 @@ def residual(size: float) -> Series:
     columns |= {"residual_nominal_surge": 3.0 * size * np.sin(T)}
     columns |= {"residual_identified_surge": size * np.sin(T)}
     return Series("residual", columns, {"t": "s", "train": ""} | dict.fromkeys([*columns][2:], "N"))
-
-
-def test_values_stand_at_their_lines(draw: Callable[..., list[Drawing]]) -> None:
-    """In kN, for the residual is above 10 kN."""
-
-    def fill(logbook: LogbookWriter) -> None:
-        stored.finish(logbook, stored.start("ls"), (), (), (), [residual(1e5)])
-
-    (drawing,) = draw("residual", fill)
-    (axes,) = drawing.figure.axes
-    assert axes.get_ylabel() == "Surge [kN]"
-    low, high = axes.get_ylim()
-    levels = {
-        line.get_color(): line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == "--"
-    }
-    for text in axes.texts:
-        height = low + text.get_position()[1] * (high - low)
-        assert height == pytest.approx(levels[text.get_color()], rel=1e-6)
-        assert f"rms {levels[text.get_color()]:.3g} kN" == text.get_text()
-
-
-def test_texts_beside_a_panel_are_apart_and_inside_of_it() -> None:
-    for n in (1, 2, 3, 5):
-        for heights in (np.full(n, 0.98), np.full(n, -3.0), np.linspace(0.4, 0.45, n)):
-            moved = style.apart(heights, 0.17)
-            assert np.all(np.diff(moved) >= 0.17 - 1e-12)
-            assert np.all((moved >= 0.0) & (moved <= 1.0))
-        own = np.linspace(0.1, 0.9, n)
-        np.testing.assert_allclose(style.apart(own, 0.17), own, atol=1e-12)
 
 
 def test_a_hull_is_a_whole_multiple_of_the_vessel_and_can_be_seen() -> None:
@@ -223,53 +139,6 @@ def sail(identified: float, limit: float = 2.5e5) -> Fill:
     return fill
 
 
-@pytest.mark.parametrize(("identified", "panels"), [(200.0, 1), (201.0, 2)])
-def test_models_that_sail_alike_share_a_panel(
-    draw: Callable[..., list[Drawing]], identified: float, panels: int
-) -> None:
-    (drawing,) = draw("track", sail(identified))
-    assert len(drawing.figure.axes) == panels
-
-
-def test_hulls_on_a_track_have_the_length_of_the_vessel(draw: Callable[..., list[Drawing]]) -> None:
-    (drawing,) = draw("track", sail(200.0))
-    (axes,) = drawing.figure.axes
-    hulls = [patch for patch in axes.patches if isinstance(patch, Polygon)]
-    assert len(hulls) > 10
-    for hull in hulls:
-        corners = np.asarray(hull.get_xy())
-        assert np.hypot(*(corners[0] - 0.5 * (corners[2] + corners[3]))) == pytest.approx(50.0)
-        assert axes.get_window_extent().contains(*axes.transData.transform(corners[0]))
-
-
-def test_the_start_lies_over_hulls_and_track(draw: Callable[..., list[Drawing]]) -> None:
-    (drawing,) = draw("track", sail(200.0))
-    (axes,) = drawing.figure.axes
-    (start,) = [line for line in axes.lines if line.get_label() == "start"]
-    others = [a for a in (*axes.lines, *axes.patches, *axes.collections) if a is not start]
-    assert start.get_zorder() > max(artist.get_zorder() for artist in others)
-    np.testing.assert_allclose(start.get_xydata(), [[200.0, 0.0]])
-
-
-@pytest.mark.parametrize("stretch", [0.05, 1.0, 20.0])
-def test_a_track_is_as_tall_as_its_content(
-    draw: Callable[..., list[Drawing]], stretch: float
-) -> None:
-    """Whatever the shape of the track, no height between title and note is left unused."""
-
-    def fill(logbook: LogbookWriter) -> None:
-        series = [voyage("nominal", 200.0), voyage("identified", 201.0)]
-        for one in series:
-            one.columns["x"][:] *= stretch  # and so the reference, which is the same array
-        stored.finish(logbook, stored.start(config={"vessel": {"length_m": 20.0}}), series=series)
-
-    (drawing,) = draw("track", fill)
-    for axes in drawing.figure.axes:
-        slot, used = axes.get_position(original=True), axes.get_position()
-        unused = (slot.height - used.height) * drawing.figure.get_figheight()
-        assert unused < 0.1  # [inch]
-
-
 def test_forces_of_ships_are_in_kilonewtons_with_their_limits(
     draw: Callable[..., list[Drawing]],
 ) -> None:
@@ -280,51 +149,6 @@ def test_forces_of_ships_are_in_kilonewtons_with_their_limits(
     assert np.max(line.get_ydata()) == pytest.approx(200.0, rel=1e-3)
     limits = [line.get_ydata()[0] for line in force.lines if line.get_label() == "limit"]
     assert limits == [-250.0, 250.0]
-
-
-def test_a_limit_far_above_the_forces_is_written(draw: Callable[..., list[Drawing]]) -> None:
-    (drawing,) = draw("response", sail(201.0, limit=9e6))
-    _, force = drawing.figure.axes
-    assert [text.get_text() for text in force.texts] == ["limit 9000 kN"]
-    assert force.get_ylim()[1] < 250.0
-
-
-def test_units_have_a_prefix_from_ten_thousand_on() -> None:
-    assert prefixed("N", 9999.0) == ("N", 1.0)
-    assert prefixed("N", 1e4) == ("kN", 1e3)
-    assert prefixed("Nm", 1e6) == ("MNm", 1e6)
-    assert prefixed("m", 1e9) == ("m", 1.0)
-
-
-def test_orders_show_what_matters(draw: Callable[..., list[Drawing]]) -> None:
-    """Selected order 4 of 30, and errors that grow by ten orders of magnitude from 10 on."""
-
-    def fill(logbook: LogbookWriter) -> None:
-        mse = [100.0 / k if k < 10 else 10.0**k for k in range(1, 31)]
-        found = [Diagnostic("order_mse", "surge", v, "N^2", i=k + 1) for k, v in enumerate(mse)]
-        found.append(Diagnostic("selected_order", "surge", 4.0))
-        stored.finish(logbook, stored.start("plsr"), diagnostics=found)
-
-    (drawing,) = draw("orders", fill)
-    (axes,) = drawing.figure.axes
-    assert axes.get_xlim() == (0.5, 8.5)
-    low, high = axes.get_ylim()
-    assert 1.0 < low < 100.0 / 8.0
-    assert 100.0 < high < 1000.0
-
-
-def test_spectra_end_where_amplitudes_no_longer_matter(draw: Callable[..., list[Drawing]]) -> None:
-    """A sine of 0.05 Hz; the sampling allows 1 Hz."""
-
-    def fill(logbook: LogbookWriter) -> None:
-        t = np.arange(0.0, 1000.0, 0.5)
-        columns = {"t": t, "tau_surge": np.sin(2.0 * np.pi * 0.05 * t)}
-        series = Series("recording", columns, {"t": "s", "tau_surge": "N"})
-        stored.finish(logbook, stored.start(), series=[series])
-
-    (drawing,) = draw("excitation", fill)
-    _, spectrum = drawing.figure.axes
-    assert 0.05 < spectrum.get_xlim()[1] < 0.15
 
 
 def test_inputs_of_a_steered_vessel_have_an_excitation(draw: Callable[..., list[Drawing]]) -> None:
@@ -402,18 +226,3 @@ def test_a_robust_limit_is_six_deviations_of_normal_noise() -> None:
     noise[:100] = 1e6
     assert quality.robust_limit(noise) == pytest.approx(6.0 * 0.5, rel=0.05)
     assert quality.robust_limit(np.zeros(9)) is None
-
-
-def test_a_limit_is_drawn_at_its_value() -> None:
-    axes = Figure().subplots()
-    draw_limit(axes, 3e5, 2e5, "kN", 1e3)
-    assert [line.get_ydata()[0] for line in axes.lines] == [-300.0, 300.0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", sorted({*figures()} - {"critical_difference"}))  # of many vessels
-def test_titles_name_the_vessel(sailed: Path, kind: str) -> None:
-    with open_results(f"sqlite:///{sailed}/results.db") as results, drawn():
-        for drawing in drawings_of(kind)(results, PlotRequest()):
-            text = heading(drawing.figure)
-            assert "milliampere" in text or kind == "search"

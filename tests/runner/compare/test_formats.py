@@ -11,9 +11,6 @@ from seatrial.runner.compare.grid import (
     TextTable,
     grid_of,
     number_text,
-    one_line,
-    unit_text,
-    with_unit,
 )
 
 NASTY = 'a|b & 50 % of $x_1^2$ <b>"{é}\\'
@@ -35,12 +32,6 @@ def test_figures_have_four_significant_digits() -> None:
         (float("nan"), "nan"), (float("-inf"), "-inf"), (12, "12"),
     ):  # fmt: skip
         assert number_text(value) == text
-
-
-def test_units_are_printed_as_they_are_read() -> None:
-    assert unit_text("(Nm)^2") == "(Nm)²"
-    assert with_unit("mse", "") == with_unit("mse", "1") == "mse"
-    assert one_line("a\n b" + "c" * 99, 10) == "a bcccccc…"
 
 
 def test_rich_keeps_brackets_and_is_never_cut_in_a_pipe() -> None:

@@ -17,7 +17,6 @@ from seatrial.runner.compare.results import Queries
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
-from tests.runner.compare.conftest import Program
 
 T = np.arange(0.0, 60.0, 0.5)
 SIZES = {"surge": ("x", 10.0), "sway": ("y", 10.0), "yaw": ("psi", np.radians(20.0))}
@@ -99,10 +98,6 @@ def test_response_has_three_panels_an_axis(results: Queries) -> None:
     assert set(line(axes[6], "wind")) == {7.0}
 
 
-def test_without_identification_there_is_one_line(results: Queries) -> None:
-    assert labels(axes_of(response, results, run=1)[0]) == ["set-point", "nominal model"]
-
-
 def test_without_wind_there_are_two_panels_and_a_reference_of_its_own_is_shown(
     results: Queries,
 ) -> None:
@@ -136,13 +131,6 @@ def test_rows_are_any_factors(results: Queries) -> None:
     assert labels(axes[0]) == ["set-point", "none", "setpoint"]  # of mpc_integral alone
 
 
-def test_a_facet_without_rivals_is_left_out(results: Queries) -> None:
-    with drawn():
-        request = PlotRequest(rows="controller", facet="seed")
-        (made,) = controllers.drawings(results, request)
-    assert made.name == "controllers-seed-0"
-
-
 def test_one_controller_is_nothing_to_compare(results: Queries) -> None:
     with pytest.raises(ConfigurationError, match="no two finished runs that differ in controller"):
         axes_of(controllers, results, rows="controller", where="seed=1")
@@ -150,15 +138,3 @@ def test_one_controller_is_nothing_to_compare(results: Queries) -> None:
         axes_of(controllers, results, rows="controller", model="adaptive")
     with pytest.raises(ConfigurationError, match="'controler' is not known"):
         axes_of(controllers, results, rows="controler")
-
-
-def test_the_command_line_compares_controllers_unless_told_else(
-    program: Program, folder: Path, tmp_path: Path
-) -> None:
-    database = ("--database", f"sqlite:///{folder}/results.db", "--output", tmp_path)
-    code, out, _ = program("plot", "controllers", "--where", "seed=0", *database)
-    assert code == 0
-    assert out.split() == [str(tmp_path / "controllers.png"), str(tmp_path / "controllers.svg")]
-    code, out, _ = program("plot", "response", "--run", "1", "--dof", "surge", *database)
-    assert code == 0
-    assert "response-run-1.png" in out

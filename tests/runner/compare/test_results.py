@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import event, func, select
+from sqlalchemy import event
 
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.database.tables import MetricRow
 from tests.runner.database.samples import make_results, make_start
 
 ASKED: dict[str, Callable[[LogbookWriter], object]] = {
@@ -74,9 +73,3 @@ def test_no_query_reads_a_whole_table_of_figures(filled: LogbookWriter, asked: s
         assert not [step for step in read if f" {table}" in step], steps
     if asked in ONE_RUN:
         assert not [step for step in read if " run" in step], steps
-
-
-def test_a_plan_without_an_index_is_seen(filled: LogbookWriter) -> None:
-    with plans(filled) as steps:
-        filled.select(select(func.sum(MetricRow.value)).where(MetricRow.unit == "N^2"))
-    assert steps == ["SCAN metric"]

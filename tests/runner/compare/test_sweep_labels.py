@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import open_results
 from tests.runner.compare import stored
 
 Program = Callable[..., tuple[int, str, str]]
@@ -63,27 +61,11 @@ def test_an_unknown_label_is_refused(program: Program, labelled: Path) -> None:
             assert said == (2, "", f"seatrial-results: {message}\n")
 
 
-def test_a_tag_without_sweeps_is_refused(tmp_path: Path) -> None:
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.finish(logbook, stored.start())
-    with (
-        open_results(f"sqlite:///{tmp_path}/results.db") as results,
-        pytest.raises(ConfigurationError, match="--tag: got 'x', expected none: no sweep has tags"),
-    ):
-        results.selected(None, None, "x")
-
-
 def test_runs_are_listed_with_name_and_tags(program: Program, labelled: Path) -> None:
     _, out, _ = program("runs", "--database", labelled / "results.db", "--format", "csv")
     header, *rows = (line.split(",") for line in out.replace('"thesis, calm"', "both").splitlines())
     shown = [(row[header.index("sweep")], row[header.index("tags")]) for row in rows]
     assert shown == [("sweep", "")] + 3 * [("noisy", "thesis")] + 2 * [("calm sea", "both")]
-
-
-def test_a_name_that_nobody_gave_takes_no_room(program: Program, labelled: Path) -> None:
-    command = ("runs", "--database", labelled / "results.db", "--format", "md")
-    assert "| sweep |" in program(*command)[1]
-    assert "| sweep |" not in program(*command, "--sweep", "3")[1]
 
 
 def test_a_table_is_of_all_sweeps_with_the_tag(program: Program, labelled: Path) -> None:
