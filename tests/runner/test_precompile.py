@@ -97,7 +97,7 @@ def test_workers_on_an_empty_cache_compile_nothing(tmp_path: Path) -> None:
     notes = tmp_path / "notes"
     process = sweep(
         *("identifier=none,ls", "evaluation=none", "seed=0,1", "disturbance=noise"),
-        *("hydra/launcher=joblib", "hydra.launcher.n_jobs=4"),
+        *("hydra/launcher=processes", "hydra.launcher.n_jobs=4"),
         folder=tmp_path,
         PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}",
         SEATRIAL_CACHE=str(tmp_path / "cache"),

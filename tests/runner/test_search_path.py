@@ -108,7 +108,7 @@ def test_of_two_folders_of_the_user_the_first_wins(
     option(seatrial.folder / "named", "identifier/twice", OTHER)
     monkeypatch.setenv("SEATRIAL_CONF", "named")
     answer = seatrial("identifier=twice", "--cfg", "job")
-    assert "output_error.LeastSquares" in answer.out
+    assert "least_squares.LeastSquares" in answer.out
     assert answer.err.startswith("seatrial: conf: identifier/twice.yaml not used")
     answer = seatrial("--config-dir", "conf", "identifier=twice", "--cfg", "job")
     assert "problem.NoIdentifier" in answer.out
