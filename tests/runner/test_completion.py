@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.compare.__main__ import run as run_results
-from seatrial.runner.record.catalogue import MANOEUVRE, METRICS
+from seatrial.runner.record.catalogue import all_declared
 from tests.runner.command import Command
 from tests.runner.compare import stored
 
@@ -75,7 +75,7 @@ def test_commands_figures_and_metrics(
         ("table --metric e_pos_m", {"e_pos_mae", "e_pos_mse"}),
         ("table --metric force_mse,e_pos_ma", {"force_mse,e_pos_mae"}),
         ("table --statistic med", {"median"}),
-        ("table --metric ", {metric.name for metric in (*METRICS, *MANOEUVRE)}),
+        ("table --metric ", {metric.name for metric in all_declared()}),
     ):
         for name, value in asked(words).items():
             monkeypatch.setenv(name, value)
